@@ -93,27 +93,33 @@ def test_tilt_and_torsion_are_euler_angles_of_scipy():
     assert np.allclose(tilt_torsion(rotation), angles, atol=1e-15)
 
 
-def test_vectors_agree_with_the_positions_of_all_links(mechanism):
+def test_inputs_agree_with_the_positions_of_all_links(mechanism):
     """Inputs by inverse kinematics agree with the positions of all links, in every mode.
 
-    Inverse kinematics computes inputs for a pose in closed form. The reference is a
-    position solver of the mechanism with a wrist, a chain of three virtual pairs from the
-    base to the output. Its inputs are the angles of the wrist: azimuth and tilt if the
-    output is a direction (`wrist.points`), otherwise Euler angles z-y-z. A working mode has
-    one sign per leg. Errors grow with 1 / type_1, the distance of a leg from its dead
-    centre (0 to 1).
+    Inverse kinematics computes inputs for a pose of the output in closed form. The
+    reference is a position solver that places all links. For this solver, virtual pairs
+    from the base to the output drive the output into the pose. Their angles are azimuth and
+    tilt if the pose is a direction, otherwise Euler angles z-y-z.
+
+    A working mode has one sign per leg. `type_1` is the distance of a leg from its dead
+    centre (0 to 1). Errors grow with 1 / type_1.
     """
     kinematics = sk.InverseKinematics(mechanism)
     poses = random_poses(kinematics, 60, 3)
-    coordinates = azimuth_tilt(poses) if kinematics.wrist.points else euler_zyz(poses)
+    poses_are_directions = kinematics.wrist.points
+    if poses_are_directions:
+        virtual_angles = azimuth_tilt(poses)
+    else:
+        virtual_angles = euler_zyz(poses)
     inverse = kinematics.at(poses)
     assert len(inverse.modes) == 2 ** len(kinematics.legs)
     for k, signs in enumerate(inverse.modes):
         # The mode is selected by its signs; 0 is its number.
-        positions = kinematics.solver.evaluate(AssemblyMode(0, signs), coordinates)
+        positions = kinematics.solver.evaluate(AssemblyMode(0, signs), virtual_angles)
         assert np.array_equal(positions.status, inverse.status[k])
         differences = positions.values[:, kinematics.driven] - inverse.inputs[k]
         is_valid = inverse.status[k] == Status.OK
+        # Angles that differ by whole turns are the same.
         differences = np.abs(np.angle(np.exp(1j * differences[is_valid])))
         assert np.max(differences * inverse.type_1[k][is_valid], initial=0.0) < 2e-13
         assert np.all(np.isnan(inverse.inputs[k][~is_valid]))
@@ -231,21 +237,25 @@ def test_the_type_ii_measure_is_the_least_singular_value_of_the_leg_planes(
 ):
     """The measure of type II is sigma_min(N) / sqrt(3), with the leg normals as rows of N.
 
-    `wrist_in_random_poses` has a wrist, poses and their inverse kinematics. By definition
-    the measure is sqrt(S / S_locked). Suppose that pairs have play: the links of a pair
-    turn relative to each other not only about its axis, but also at a small further angular
-    velocity, the misfit. Let the platform turn at the angular velocity w with |w| = 1. S is
-    the least sum of squared misfits over all w while the cranks are locked, S_locked the
-    same if all pairs are.
+    `wrist_in_random_poses` has a wrist, poses and their inverse kinematics. Three legs join
+    the platform of the wrist to its base. Each leg has three pairs: that of the crank,
+    which is an input, and two passive ones.
 
-    1. Cranks locked: both passive axes of a leg are in its plane, so only its three misfits
-    turn the platform about the normal n of the plane. Their components along n add up to
-    n.w. Their squares add up to the least sum, (n.w)^2 / 3, if each is n.w / 3.
+    Suppose that pairs have play: besides its rotation, each pair adds a small angular
+    velocity in any direction, its misfit. The angular velocity w of the platform is the sum
+    of the rotations and misfits along each leg. S is the least sum of squared misfits of
+    all pairs, for the best w with |w| = 1, if the cranks cannot rotate. S_locked is the
+    same if no pair can rotate. By definition the measure is sqrt(S / S_locked).
 
-    2. All legs together: S is the least |N w|^2 / 3, which is sigma_min(N)^2 / 3.
+    1. S, one leg: both passive axes are in the plane of the leg. So their rotations have no
+    component along the normal n of this plane, and the three misfits alone must give n.w.
+    The sum of their squares is least if each is n.w / 3, and is then (n.w)^2 / 3.
 
-    3. All pairs locked: the three misfits of each leg add up to w, and each is w / 3.
-    S_locked = 3 legs x 3 pairs x (1/3)^2 = 1.
+    2. S, all legs: the sum over the legs is |N w|^2 / 3. Its least value for |w| = 1 is
+    sigma_min(N)^2 / 3.
+
+    3. S_locked: the three misfits of each leg add up to w. Their squares are least if each
+    is w / 3. The sum for 3 legs of 3 pairs is 3 x 3 x (1/3)^2 = 1.
     """
     mechanism, poses, inverse = wrist_in_random_poses
     is_valid = inverse.status[mode] == Status.OK
@@ -421,8 +431,8 @@ def test_all_mid_plane_symmetric_solutions_are_found():
     In `two_dof_spm` base and output link can be mirror images of each other about a plane,
     the mid-plane, in which the elbows of all legs are. The direction of the output then
     determines this plane. If the legs reach it, each leg has two possible elbows. Solutions
-    are counted by the modes of the two driven legs, so there are 2 x 2 with this
-    orientation. If the legs do not reach the plane, no solution is symmetric.
+    are counted by their inputs, which depend on the elbows of the two driven legs only. So
+    there are 2 x 2. If the legs do not reach the plane, no solution is symmetric.
     `mid_plane_form` computes this in closed form.
     """
     mechanism = sk.load("two_dof_spm")
@@ -439,8 +449,9 @@ def test_all_mid_plane_symmetric_solutions_are_found():
     solutions = sk.InverseKinematics(mechanism).solutions(directions)
     assert np.max(np.abs(solutions.directions - directions[solutions.row])) < 1e-14
     for row, orientation in enumerate(form.orientations(normals)):
-        symmetric_solutions = count_solutions_with_orientation(solutions, row, orientation)
-        assert symmetric_solutions == (2 * 2 if is_reached[row] else 0)
+        expected_count = 2 * 2 if is_reached[row] else 0
+        count = count_solutions_with_orientation(solutions, row, orientation)
+        assert count == expected_count
     # A working mode has five signs: one for each of the four dyads (two links each), and
     # one for the last link, a bar between two axes.
     assert {len(signs) for signs in solutions.signs} == {5}

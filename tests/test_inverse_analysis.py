@@ -118,7 +118,12 @@ def test_rates_and_type_i_measures_invert_the_velocities_of_the_output(solver, r
 
     `regular` has solutions of inverse kinematics of the mechanism of `solver`. For their
     joint angles, forward kinematics gives the velocities of the output per rate of the
-    inputs. The measure of type I follows from the same matrix.
+    inputs.
+
+    The measure of type I (`type_1`) is compared too. It is the least angular speed of the
+    output while one input has the rate 1 and the others have any rates. It also follows
+    from the velocities by forward kinematics. If the output is a direction, which is in
+    `regular.directions`, a rotation about this direction is ignored.
     """
     position_solver = ForwardKinematics(solver.mechanism).solver
     motion = make_motion(position_solver, regular.values)

@@ -37,14 +37,37 @@ SAME_INPUT_RAD = 1e-6
 """Inputs that differ by less are the same: a double zero is known to half the digits."""
 
 
+def is_among(q, inputs):
+    """Whether an input is equal to one of several inputs, up to `SAME_INPUT_RAD`."""
+    return any(abs(q - other) < SAME_INPUT_RAD for other in inputs)
+
+
+def find_proven_saddles(proven):
+    """Return the inputs of all proven saddles in the range, and those of the crossings.
+
+    Near a saddle the configuration curves are the zeros of a function g of two coordinates
+    that has a saddle point. If g is 0 there, its level sign is 0 and two curves cross.
+    """
+    saddle_inputs = []
+    crossing_inputs = []
+    for saddle in proven.saddles:
+        q = proven.wrap_into_range(proven.input_angle(saddle.centre))
+        if q is None:
+            continue
+        saddle_inputs.append(q)
+        if saddle.level_sign == 0:
+            crossing_inputs.append(q)
+    return saddle_inputs, crossing_inputs
+
+
 def find_contradictions(text, low, high):
     """Compare the inputs at which a run says that modes meet with a proof.
 
     A mode is a way to assemble the links. `certify_curves` proves by interval arithmetic.
     It encloses all saddles and turning points (dead centres) of the configuration curves.
-    Near a saddle the curves are the zeros of a function g of two coordinates that has a
-    saddle point. If g is 0 there, its level sign is 0 and two curves cross. Otherwise they
-    pass each other at a small distance.
+    At a saddle two curves cross, or pass each other at a tiny distance. The run must name
+    the inputs of all saddles at which curves cross. It computes in float64, in which both
+    cases may look alike, so it may also name the input of another saddle.
 
     Parameters
     ----------
@@ -66,34 +89,27 @@ def find_contradictions(text, low, high):
     )
     proven = certify_curves(decimal_mechanism(text), (str(low), str(high)))
     named_inputs = [meeting.input for meeting in position_analysis.mode_meetings]
-    # (input, level sign) of the proven saddles within the range
-    saddles = []
-    for saddle in proven.saddles:
-        q = proven.wrap_into_range(proven.input_angle(saddle.centre))
-        if q is not None:
-            saddles.append((q, saddle.level_sign))
+    saddle_inputs, crossing_inputs = find_proven_saddles(proven)
 
     def is_doubtful(q):
         """Whether the run says that it may have missed turning points near an input."""
         return any(start <= q <= stop for start, stop in turning_points.doubtful)
 
     messages = []
-    for q, level_sign in saddles:
-        is_named = any(abs(q - named) < SAME_INPUT_RAD for named in named_inputs)
-        if level_sign == 0 and not (is_named or is_doubtful(q)):
+    for q in crossing_inputs:
+        if not (is_among(q, named_inputs) or is_doubtful(q)):
             messages.append(f"crossing at {q} is not named")
-    for named in named_inputs:
-        if not any(abs(named - q) < SAME_INPUT_RAD for q, _ in saddles):
-            messages.append(f"no curves cross at {named}")
-    all_inputs = np.concatenate([turning_points.turning_inputs, named_inputs])
+    for q in named_inputs:
+        if not is_among(q, saddle_inputs):
+            messages.append(f"no curves cross at {q}")
+    known_inputs = [*turning_points.turning_inputs, *named_inputs]
     for q in proven.turning_points:
-        is_listed = np.any(np.abs(all_inputs - q) < SAME_INPUT_RAD)
-        if not (is_listed or is_doubtful(q)):
+        if not (is_among(q, known_inputs) or is_doubtful(q)):
             messages.append(f"dead centre at {q} is not known")
     # The claim of the run may be "complete: all modes, which meet nowhere in the range".
     claim = position_analysis.claim
     if claim.guarantee is Guarantee.COMPLETE and "nowhere" in str(claim):
-        messages += [f"curves cross at {q}" for q, sign in saddles if sign == 0]
+        messages += [f"curves cross at {q}" for q in crossing_inputs]
     if not all(meeting.resolved for meeting in position_analysis.mode_meetings):
         messages.append("it is not known which modes continue each other")
     return messages, len(named_inputs)
@@ -312,7 +328,9 @@ def test_followed_curve_agrees_with_the_smooth_mode():
     At a crossing two modes (ways to assemble the links) meet, here in the flat state with
     all angles 0. The mode has samples 4 and 5 just before and after it. From sample 4 the
     curve of configurations is followed in arc length, without the signs of dyads that
-    distinguish modes. One end of the followed part is within 0.05 rad of the flat state.
+    distinguish modes. It is not followed into the crossing itself, where it has no unique
+    tangent. One end of the followed part must be within 0.05 rad of it.
+
     Slopes are the changes of all angles per change of the input. Both are difference
     quotients, which agree to 5e-3.
     """

@@ -107,9 +107,12 @@ def test_curves_that_are_short_along_the_input_are_met():
 def test_modes_with_the_stated_share_of_starts_are_rarely_missed():
     """A mode with at least the stated share of random starts is missed in under 1 of 100.
 
-    A mode is a way to assemble the links. A search states a share of starts: a mode that
-    more starts lead to is known. 150 searches draw from 12 modes with random known shares
-    until the statistics ask for no more starts.
+    A mode is a way to assemble the links. The share of a mode is the part of all starts
+    that lead to this mode. A search meets modes with large shares soon. At its end it
+    states the largest share (`missed_share`) that a mode may have and still be missed.
+
+    150 searches draw from 12 modes with random known shares, until the statistics ask for
+    no more starts. Modes with at least the stated share should have been met.
     """
     random = np.random.default_rng(5)
     missed_count = 0
@@ -120,14 +123,15 @@ def test_modes_with_the_stated_share_of_starts_are_rarely_missed():
         number_by_mode = {}  # modes are numbered in the order in which they are met
         while statistics.needs_more_starts:
             drawn_modes = random.choice(12, STARTS_PER_ROUND, p=shares)
-            numbers = [
-                number_by_mode.setdefault(int(mode), len(number_by_mode))
-                for mode in drawn_modes
-            ]
-            statistics.add(STARTS_PER_ROUND, np.array(numbers), len(number_by_mode))
-        likely = {k for k, share in enumerate(shares) if share >= statistics.missed_share}
-        likely_count += len(likely)
-        missed_count += len(likely - set(number_by_mode))
+            for mode in drawn_modes.tolist():
+                if mode not in number_by_mode:
+                    number_by_mode[mode] = len(number_by_mode)
+            numbers = np.array([number_by_mode[mode] for mode in drawn_modes.tolist()])
+            statistics.add(STARTS_PER_ROUND, numbers, len(number_by_mode))
+        likely_modes = set(np.flatnonzero(shares >= statistics.missed_share).tolist())
+        met_modes = set(number_by_mode)
+        likely_count += len(likely_modes)
+        missed_count += len(likely_modes - met_modes)
     assert likely_count > 1000
     assert missed_count < 0.01 * likely_count
 

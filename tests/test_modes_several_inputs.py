@@ -522,8 +522,9 @@ def test_close_configurations_of_opposite_sign_stay_two_nodes(signs, equal):
     """Configurations 1e-7 rad apart are the same unless their determinant signs differ.
 
     Two assembly modes that meet at inputs 1e-15 rad away are also about 1e-7 rad apart, but
-    the determinants of their Jacobians have opposite signs. `signs` are these signs (0 if
-    unsure). `equal` has for each configuration the number of the first one equal to it.
+    the determinants of their Jacobians have opposite signs. `signs` are these signs. An
+    unsure sign, 0, differs from neither sign. `equal` has for each configuration the number
+    of the first one equal to it.
     """
     graph, configurations = graph_of("five_bar", (2, 2))
     count = len(signs)
@@ -689,8 +690,8 @@ def test_the_limit_of_configurations_at_one_input_is_reported(monkeypatch):
 def test_over_the_limit_the_modes_with_most_samples_remain(monkeypatch):
     """If there are more modes than the limit, here 5, those that close most often remain.
 
-    The limit is the larger one of `MAX_ASSEMBLY_MODES` and of the number of modes that have
-    `MOST_MODE_ROWS` rows in total. So the latter is set to 0.
+    The limit is the larger one of two numbers: `MAX_ASSEMBLY_MODES`, and `MOST_MODE_ROWS`
+    divided by the number of samples. Here the first is set to 5 and the second to 0.
     """
 
     def count_closed_samples():
@@ -705,6 +706,7 @@ def test_over_the_limit_the_modes_with_most_samples_remain(monkeypatch):
         ]
         return sorted(counts), position_analysis.search
 
+    # All modes first, then with the limit.
     all_counts, _ = count_closed_samples()
     assert len(all_counts) > 5
     monkeypatch.setattr("spherekit.positions.modes_over_samples.MOST_MODE_ROWS", 0)

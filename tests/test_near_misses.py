@@ -76,8 +76,10 @@ def test_near_misses_of_type_i_are_the_least_velocity_coefficients(name, pole):
     with this tangent. The expected minima are those of parabolas through 3601 samples
     (`least_velocity_coefficients`). The warning names the least angle.
 
-    In mode 4 of "single_flier" an arbitrary factor of the relation of both rates vanishes
-    at 359 deg, although the mechanism is regular. This must not be reported.
+    The analysis computes a relation c w_out = d w_in between the rates of output and input.
+    Both c and d contain a common factor, which depends on how they are computed. In mode 4
+    of "single_flier" this factor vanishes at 359 deg. The output does not stand still
+    there, so this must not be reported.
     """
     misses, warnings = near_misses(name)
     expected = least_velocity_coefficients(name, pole)

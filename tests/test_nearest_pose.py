@@ -189,18 +189,21 @@ def test_nothing_is_offered_where_nothing_is_reached():
 
 @dataclass(frozen=True)
 class UnreachablePoint:
-    """A point that a search moves outwards along its axis until its pose is reachable.
+    """A point that a search moves along its axis until its pose is reachable.
 
-    Numbers are distances from the asked pose along the axis, in rad.
+    The axis leads outwards from the asked pose. Numbers are distances (rad) from the asked
+    pose along this axis. A test states one distance beyond which all poses of the axis are
+    reachable.
 
     Attributes
     ----------
     distance
-        The point, whose pose is not reachable.
+        Where the point is. Its pose is not reachable.
     start
-        Reachable pose that the point came from. It is the end of the way.
+        Larger distance, of a pose from which the point came. The search moves the point
+        outwards up to this distance at most.
     reachable_beyond
-        Poses of the axis are reachable beyond this distance.
+        Poses at larger distances than this one are reachable.
     """
 
     distance: float
@@ -209,7 +212,7 @@ class UnreachablePoint:
 
     @property
     def can_reach(self):
-        """Whether a reachable pose is on the way to the start."""
+        """Whether a reachable pose is between the point and the start."""
         return self.reachable_beyond < self.start
 
 

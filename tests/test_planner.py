@@ -37,9 +37,11 @@ def test_a_plan_for_one_pole_has_only_its_ancestors():
     """A plan for one pole has only the steps that this pole needs.
 
     A pole is the axis of the relative rotation of two links. A step of the kind `LinePole`
-    intersects great circles through other poles (Aronhold-Kennedy). These poles must be
-    those of earlier steps, and a later step must use the result. This is checked for each
-    pole of each eight-bar.
+    intersects great circles (Aronhold-Kennedy). The pole of links i and j is on a great
+    circle through the poles of i and k and of j and k, for each third link k. `via` are the
+    third links of a step, and `sources` the poles that its great circles go through. These
+    poles must be those of earlier steps, and a later step must use the result. This is
+    checked for each pole of each eight-bar.
     """
     planned = sk.plan(sk.load("stephenson"), ["5/2"])
     intersections = [step.pole for step in planned.steps if isinstance(step, LinePole)]
@@ -55,7 +57,7 @@ def test_a_plan_for_one_pole_has_only_its_ancestors():
             intersected = set()  # poles of steps of the kind `LinePole`
             for step in plan(mechanism, [pole]).steps:
                 if isinstance(step, LinePole):
-                    assert len(step.via) >= 2
+                    assert len(step.via) >= 2  # an intersection needs two great circles
                     assert set(step.sources) <= available
                     used |= set(step.sources)
                     intersected.add(step.pole)
@@ -184,11 +186,14 @@ def test_pruned_plans_do_not_take_one_circle_twice():
     """A plan for one pole never intersects a great circle with itself.
 
     A pole is the axis of the relative rotation of two links. A step of a plan intersects
-    great circles through known poles. In this train of bevel gears, four links turn about
-    one vertical axis, and two planets about axes of their carrier. All great circles
-    through the vertical axis and a planet's axis are the same one. A step that intersected
-    it with itself would give no pole. So the requested poles must be computed, and well
-    conditioned.
+    great circles through known poles. A plan for one pole is pruned: only the steps that
+    the pole needs remain, and only the great circles that these steps need.
+
+    In this train of bevel gears, three gears and the carrier turn about one vertical axis,
+    so the poles of any two of them are this axis. Two planets turn about axes of the
+    carrier. Many great circles go through the vertical axis and the axis of a planet. They
+    are all the same circle. A step that intersected it with itself would give no pole. So
+    the requested poles must be computed, and well conditioned.
     """
     up, down, first, second = (0, 0, 1.0), (0, 0, -1.0), (1.0, 0, 0), (0, 1.0, 0)
     # The axes of a gear and a planet are at right angles, and so the half angles of their

@@ -65,15 +65,32 @@ def test_a_pole_is_recovered_from_its_coordinates(chart):
     assert is_finite_point.any()
 
 
+def difference_of_lines(line, other_line):
+    """Return how much two lines of the chart differ; 0 if they are the same.
+
+    A line is stated by its slope epsilon and by theta (rad). tan theta is its signed
+    distance from the origin. A line also has the slope epsilon + pi, with the opposite sign
+    of the distance.
+    """
+    epsilon, theta = line
+    other_epsilon, other_theta = other_line
+    turn = epsilon - other_epsilon  # 0 or pi if the slopes are the same
+    slope_difference = abs(np.exp(2j * turn) - 1.0)
+    sign = np.cos(turn)  # 1 or -1 if the slopes are the same
+    distance_difference = abs(np.tan(theta) * sign - np.tan(other_theta))
+    return slope_difference + distance_difference
+
+
 def test_great_circles_have_the_slope_and_angle_of_the_line_through_two_poles():
-    """The great circles of a pole have the chart angles of the lecture by R.
+    """The great circles of a pole have the chart angles of a lecture (Di Gregorio, 2019).
 
-    Di Gregorio.
+    The plane of a gnomonic chart touches the sphere, here on the axis z. A pole (axis of
+    the relative rotation of two links) is a point p of the chart, as a complex number. A
+    great circle through two poles p and p' is a line in the chart. Two angles state a line:
+    its slope epsilon = Arg(p - p'), and theta. tan theta = Im[p exp(-j epsilon)] is its
+    signed distance from the origin.
 
-    A pole (axis of the relative rotation of two links) is a point p of a gnomonic chart, as
-    a complex number. A great circle through two poles is a line with the slope epsilon =
-    Arg(p - p') and tan theta = Im[p exp(-j epsilon)]. `LINES_OF_POLES` names the two great
-    circles of each pole. The plane of the chart touches the sphere on the axis z.
+    `LINES_OF_POLES` names the two great circles of each pole, by two poles each.
     """
     frame = sk.run("four_bar", "poles:chart=z", samples=17).frame()
     rows = rows_by_pole(frame)
@@ -83,28 +100,24 @@ def test_great_circles_have_the_slope_and_angle_of_the_line_through_two_poles():
         for first_pole, second_pole in lines:
             p = complex_points(rows[first_pole])
             epsilon = np.angle(p - complex_points(rows[second_pole]))
-            expected.append((epsilon, np.arctan(np.imag(p * np.exp(-1j * epsilon)))))
+            theta = np.arctan(np.imag(p * np.exp(-1j * epsilon)))
+            expected.append((epsilon, theta))
         for row in range(len(rows[pole])):
-            circles = [
-                [rows[pole][f"circle_{number}_{angle}"].iloc[row] for angle in
-                 ("epsilon", "theta")]
-                for number in (1, 2)
-            ]  # fmt: skip
+            columns = rows[pole].iloc[row]
+            lines_of_table = [
+                (columns["circle_1_epsilon"], columns["circle_1_theta"]),
+                (columns["circle_2_epsilon"], columns["circle_2_theta"]),
+            ]
             # Poles at infinity make the points of the chart, not the columns, inaccurate.
             points = [complex_points(rows[key])[row] for line in lines for key in line]
             if max(map(abs, points)) > 1e4:
                 continue
             for epsilon, theta in expected:
-                # A line has the slope epsilon up to half a turn, with which theta changes
-                # its sign.
+                expected_line = (epsilon[row], theta[row])
                 differences = [
-                    abs(np.exp(2j * (circle[0] - epsilon[row])) - 1.0)
-                    + abs(
-                        np.tan(circle[1]) * np.cos(circle[0] - epsilon[row])
-                        - np.tan(theta[row])
-                    )
-                    for circle in circles
+                    difference_of_lines(line, expected_line) for line in lines_of_table
                 ]
+                # One of both lines of the table is the expected one.
                 assert min(differences) < 1e-7
                 compared_count += 1
     assert compared_count > 50

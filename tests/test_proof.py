@@ -53,29 +53,32 @@ def certified_modes_of(name, pair, inputs, tolerance=0.0):
 def test_all_complex_modes_are_proven_and_the_real_ones_are_those_found(
     name, pair, inputs, bound
 ):
-    """All complex modes are proven, and the real ones are those that elimination gives.
+    """All complex modes are proven, and the real ones are those that are found without.
 
     Modes are solutions of the closure equations, so they can be complex. Only the real ones
-    can be assembled. `pair` is the driven pair, and None for the inputs of the file.
-    `bound` is the number of complex modes. The proven angles are balls (intervals about a
-    centre) of less than 1e-15 rad. An independent checker accepts the certificate (file of
-    a proof).
+    can be assembled. They are compared with those of `enumerate_assemblies`, which computes
+    all real modes in float64 without a proof. The proven angles are balls (intervals about
+    a centre) of less than 1e-15 rad. An independent checker accepts the certificate (file
+    of a proof).
+
+    `pair` is the driven pair, and None for the inputs of the file. `inputs` are the input
+    angles (deg), and `bound` is the number of complex modes.
     """
     modes = certified_modes_of(name, pair, inputs)
     assert modes.mode_bound == bound == len(modes.roots) and modes.is_complete
     assert modes.completeness.guarantee is Guarantee.CERTIFIED
     mechanism = modes.decimal_mechanism.mechanism
     solver = PositionSolver(mechanism, plan_assembly(mechanism))
-    assemblies = enumerate_assemblies(
-        solver, np.radians([float(value) for value in inputs])
-    )
+    inputs_rad = np.radians([float(value) for value in inputs])
+    assemblies = enumerate_assemblies(solver, inputs_rad)
     assert len(assemblies.values) == len(modes.real)
     # (real modes, variables) the angles of the real modes.
     balls = np.array(modes.angles())
     assert max(map(upper_magnitude, (balls - exact_centres(balls)).flat)) < 1e-15
-    centres = centre_floats(balls)
-    for values in assemblies.values:
-        assert sum(np.max(np.abs(wrap(row - values))) < 1e-9 for row in centres) == 1
+    proven_modes = centre_floats(balls)
+    for found_mode in assemblies.values:
+        gaps = np.max(np.abs(wrap(proven_modes - found_mode)), axis=1)
+        assert np.sum(gaps < 1e-9) == 1
     check(recorded(modes_certificate(modes)))
 
 

@@ -185,11 +185,12 @@ def test_two_equal_dyads_stretched_at_one_input_leave_a_small_range_undecided():
     before this input and in none after it. So there are 4 modes (ways to assemble the
     links) before it, and their configuration curves cross there.
 
-    spherekit bounds the distance (rad) at which the curves miss each other by `gap`, which
-    is nearly zero. But it proves a crossing only where all axes of a loop of four pairs are
-    in one plane, which is not so here. The sign that says on which side the curves miss
-    each other (`level_sign`) is therefore None. The result is complete except for a range
-    of the input below 1e-4 rad (`completeness.box`).
+    A saddle is a place where curves cross, or nearly so. spherekit finds one here. It
+    bounds the distance (rad) at which the curves may miss each other by `gap`, which is
+    nearly zero. But it proves a crossing only where all axes of a loop of four pairs are in
+    one plane, which is not so here. So it does not know whether they cross, or on which
+    side they miss each other (`level_sign` is None). The result is complete except for a
+    range of the input below 1e-4 rad (`completeness.box`).
     """
     mechanism = two_dyads(ground=60, crank=50, turn=140, coupler=40, rocker=35)
     curves = certify_curves(mechanism, ("80", "110"))
@@ -225,8 +226,9 @@ FOUR_BAR = mechanism_text("four_bar_proof_adversaries")
 def test_special_four_bars_have_the_modes_of_the_closed_form(arcs, crossings, still):
     """Proven intervals with two modes are those in which the triangle inequality holds.
 
-    A mode is a way to assemble the links. Coupler and rocker close the loop, in two modes,
-    if the arc between crank and fixed axis is between the difference and the sum of their
+    A mode is a way to assemble the links. The diagonal of the four-bar is the arc from the
+    axis at the tip of the crank to the fixed axis of the rocker. Coupler and rocker close
+    the loop, in two modes, if the diagonal is between the difference and the sum of their
     arcs.
 
     Parameters
@@ -248,7 +250,11 @@ def test_special_four_bars_have_the_modes_of_the_closed_form(arcs, crossings, st
     ground, crank, coupler, rocker = np.radians(arcs)
     for low, high, count in curves.intervals:
         for q in np.random.default_rng(4).uniform(low, high, 20):
-            cosine = np.cos(ground) * np.cos(crank)
-            cosine += np.sin(ground) * np.sin(crank) * np.cos(q)
-            closes = np.cos(coupler + rocker) < cosine < np.cos(coupler - rocker)
-            assert count == 2 * closes
+            cosine_of_diagonal = np.cos(ground) * np.cos(crank)
+            cosine_of_diagonal += np.sin(ground) * np.sin(crank) * np.cos(q)
+            is_shorter_than_sum = np.cos(coupler + rocker) < cosine_of_diagonal
+            is_longer_than_difference = cosine_of_diagonal < np.cos(coupler - rocker)
+            if is_shorter_than_sum and is_longer_than_difference:
+                assert count == 2
+            else:
+                assert count == 0

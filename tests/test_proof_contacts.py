@@ -19,12 +19,13 @@ from spherekit.proof.certified_modes import certify_modes
 from spherekit.proof.decimal_mechanism import read_decimals
 from spherekit.runs.proven_poles import check_provable, prove_poles
 
-DISCS = mechanism_text("proof_contacts_discs")
-BARS = {"a": (70.0, 0.0, 25.0), "b": (75.0, 55.0, 31.5), "c": (50.0, 0.0, 19.0)}
+FILE_TEXT = mechanism_text("proof_contacts_discs")
+LINK_DISCS = {"a": (70.0, 0.0, 25.0), "b": (75.0, 55.0, 31.5), "c": (50.0, 0.0, 19.0)}
 """Discs a and b on link 1, and c on link 2: arc and angle of the centre, and radius (deg).
 
 Arcs and angles are polar coordinates in the axes of the link."""
-PLATE = {"a": (0.0, 0.0, 14.0), "b": (35.0, 0.0, 20.25), "c": (28.0, 62.0, 26.0)}
+PLATE_DISCS = {"a": (0.0, 0.0, 14.0), "b": (35.0, 0.0, 20.25), "c": (28.0, 62.0, 26.0)}
+"""The discs of the plate (link 3) that touch them."""
 
 
 def disc(arc, turn, radius):
@@ -41,27 +42,33 @@ def plate(internal=""):
     for name, link in (("a", "1"), ("b", "1"), ("c", "2")):
         words = 'contact = "internal"\n' if name == internal else ""
         more += f'[pairs.{name}]\ntype = "Cs"\nlinks = ["{link}", "3"]\n{words}'
-        more += f"[pairs.{name}.profiles.{link}]\n{disc(*BARS[name])}"
-        more += f"[pairs.{name}.profiles.3]\n{disc(*PLATE[name])}"
+        more += f"[pairs.{name}.profiles.{link}]\n{disc(*LINK_DISCS[name])}"
+        more += f"[pairs.{name}.profiles.3]\n{disc(*PLATE_DISCS[name])}"
     empty = dict.fromkeys(("on_1", "arcs_1", "angles_1", "on_2", "arcs_2", "body"), "")
-    return DISCS.format(name="plate", more=more, **empty)
+    return FILE_TEXT.format(name="plate", more=more, **empty)
 
 
 def bars(internal=""):
     """Return the text of a mechanism file like `plate`, with bars in place of contacts.
 
-    In `plate`, a link lies on three discs, in sliding contact. A bar joins the centres of
-    two discs in contact. It has the arc of the sum of both radii, or of their difference if
-    one disc is inside the other. `internal` is the name (a, b or c) of such a contact; if
-    it is empty, there is none. `DISCS` is the common text of both files, with fields to
-    fill in for axes and sizes of the links.
+    The mechanism has three sliding contacts a, b and c. In each, a disc of the plate (link
+    3) touches a disc of another link: link 1 in a and b, link 2 in c. `PLATE_DISCS` has the
+    discs of the plate by contact, and `LINK_DISCS` those of the links 1 and 2: arc and
+    angle of the centre in the axes of the link, and the radius (deg).
+
+    A bar joins the centres of two discs in contact. It has the arc of the sum of both
+    radii, or of their difference if one disc is inside the other. `internal` is the name of
+    such a contact; if it is empty, there is none. `FILE_TEXT` is the common text of both
+    files, with fields to fill in for axes and sizes of the links.
     """
     link_and_pair_tables = ""
     for name, link in (("a", "1"), ("b", "1"), ("c", "2")):
-        sense = -1 if name == internal else 1
-        _, _, link_radius = BARS[name]
-        _, _, plate_radius = PLATE[name]
-        bar_arc = abs(link_radius + sense * plate_radius)
+        _, _, link_radius = LINK_DISCS[name]
+        _, _, plate_radius = PLATE_DISCS[name]
+        if name == internal:
+            bar_arc = abs(link_radius - plate_radius)
+        else:
+            bar_arc = link_radius + plate_radius
         link_and_pair_tables += (
             f'[links.bar_{name}]\naxes = ["{name}_{link}", "{name}_3"]\n'
             f"arcs = [{bar_arc}]\n"
@@ -70,14 +77,14 @@ def bars(internal=""):
             link_and_pair_tables += (
                 f'[pairs.{name}_{end}]\ntype = "R"\nlinks = ["{end}", "bar_{name}"]\n'
             )
-    # Polar coordinates (deg) of centres: arcs from the first axis of a link, and angles.
-    # The third number is the radius.
-    arc_a, _, _ = BARS["a"]
-    arc_b, angle_b, _ = BARS["b"]
-    arc_c, _, _ = BARS["c"]
-    plate_arc_b, _, _ = PLATE["b"]
-    plate_arc_c, plate_angle_c, _ = PLATE["c"]
-    return DISCS.format(
+    # A link with bars has the centres of its discs as further axes. Its file has an arc for
+    # each axis after the first one, and an angle for each axis after the second one.
+    arc_a, _, _ = LINK_DISCS["a"]
+    arc_b, angle_b, _ = LINK_DISCS["b"]
+    arc_c, _, _ = LINK_DISCS["c"]
+    plate_arc_b, _, _ = PLATE_DISCS["b"]
+    plate_arc_c, plate_angle_c, _ = PLATE_DISCS["c"]
+    return FILE_TEXT.format(
         name="bars",
         on_1=', "a_1", "b_1"',
         arcs_1=f"{arc_a}, {arc_b}",

@@ -252,11 +252,16 @@ def kite_with_dyads(count):
 def test_a_configuration_in_a_box_is_bounded_by_its_euclidean_distance():
     """The stated error of a configuration in a proof covers the errors of all variables.
 
-    A box about an arc of a curve may have sides in any directions, so its bound is a
-    Euclidean distance. The crank of the kite is constant on a curve. A stand-in for an arc
-    of this curve notes with which error the configuration of 7 variables is said to be
-    inside. Five of these are only known to be within `SOLUTION_RADIUS_RAD`, so the error
-    has to be at least sqrt(5) times that.
+    The mechanism is a kite (four-bar) and five further four-bars on the same crank. With
+    the crank "a" at 0, the rocker "r0" of the kite can turn alone. So the crank is constant
+    on a curve of configurations.
+
+    `is_constant` proves this from one piece of the curve. It computes a configuration near
+    the centre of the piece, and asks the piece whether it contains this configuration up to
+    an error. The sides of a piece may have any directions, so this error is a Euclidean
+    distance. Here a stand-in for a piece records the error. The angles of the five further
+    rockers are only known to be within `SOLUTION_RADIUS_RAD`, so the error has to be at
+    least sqrt(5) times that.
     """
     count = 5
     mechanism = kite_with_dyads(count)
@@ -265,13 +270,19 @@ def test_a_configuration_in_a_box_is_bounded_by_its_euclidean_distance():
     text = FOUR_BAR.format(70, 30, 80, 60)
     motion = sk.trace(decimal_mechanism(text).mechanism, path=np.radians([[50.0]]))
     rocker_angle = motion.values[0, motion.mechanism.pair_number["34"]]
-    centre = np.full(len(names), rocker_angle)
-    centre[names.index("a")] = 0.0
-    centre[names.index("r0")] = 1.0
+    # A configuration of the curve: any angle of "r0" will do.
+    angles = {"a": 0.0, "r0": 1.0}
+    for k in range(1, count + 1):
+        angles[f"r{k}"] = rocker_angle
+    centre = np.array([angles[name] for name in names])
     errors = []
-    piece = SimpleNamespace(
-        centre=centre, contains=lambda _position, error: errors.append(error) or True
-    )
+
+    def contains(_position, error):
+        """Record the error, and say that the configuration is inside."""
+        errors.append(error)
+        return True
+
+    piece = SimpleNamespace(centre=centre, contains=contains)
     assert Crossings(equations).is_constant([piece], names.index("a"))
     (error,) = errors
     assert error >= np.sqrt(count) * SOLUTION_RADIUS_RAD

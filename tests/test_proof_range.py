@@ -357,6 +357,9 @@ def test_rates_along_pieces_are_within_their_bounds():
     Newton's method from the closure equations, and differentiated implicitly. The first
     derivatives of the variables by s are the rates, the second ones the derivatives of the
     rates.
+
+    The piece states bounds of both derivatives. It also bounds the length of y, the
+    distance of the arc from the straight line centre + s t (`euclidean_distance`).
     """
     curves = curves_over_range("stephenson", pair="16", ends=("0", "60"))
     random = np.random.default_rng(3)

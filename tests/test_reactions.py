@@ -80,7 +80,9 @@ def test_the_sign_of_a_contact_force_says_whether_it_presses(torque):
     This is also so in a run of several blocks. `pressed` returns the mechanism.
     """
     mechanism = pressed(torque)
-    result = reactions(motion_by_polynomial_laws(mechanism, (0.5,), [0.0, 0.1]))
+    # The only input starts at 0.5 rad; the rows are at two times (s). Row 0 is tested.
+    motion = motion_by_polynomial_laws(mechanism, starts=(0.5,), t=[0.0, 0.1])
+    result = reactions(motion)
     contact = mechanism.pair_number["contact"]
     frame = result.frames[0, contact]
     # The columns of the frame are tangent, normal and contact point.

@@ -199,10 +199,10 @@ def test_bad_requests_name_the_nearest_match(models, call):
 def test_damaged_files_of_stored_models_are_refused(models, tmp_path):
     """Files of stored models with a wrong version or content, or cut off, are refused.
 
-    A file is an archive of NumPy with a header in JSON and a checksum. The array
-    "coefficients_k" has the series of group k of functions, one function per column.
-    Changed files get a valid checksum (`write_changed`), so that the content itself is
-    refused.
+    A file is an archive of NumPy with a header in JSON and a checksum. Functions are stored
+    in groups. The array "coefficients_k" has the series of the functions of group k; its
+    last axis, the columns, is the number of the function. Changed files get a valid
+    checksum (`write_changed`), so that the content itself is refused.
     """
     valid_file = tmp_path / "good.npz"
     models[0].save(valid_file)
@@ -216,9 +216,11 @@ def test_damaged_files_of_stored_models_are_refused(models, tmp_path):
         write_archive(tmp_path / name, file_format, fields, {**arrays, **changed_arrays})
         return tmp_path / name
 
-    # A number of the inertia "B", which is a function of group 0.
+    # A model divides its range into cells. In each cell a function is a Chebyshev series.
+    # The inertia "B" is function 8 of group 0; one of its coefficients becomes NaN.
     with_nan = arrays["coefficients_0"].copy()
-    with_nan[3, 2, 8] = np.nan
+    some_cell, some_order, function_of_inertia = 3, 2, 8
+    with_nan[some_cell, some_order, function_of_inertia] = np.nan
     # Group 1 has five functions, and so five columns.
     too_few_columns = arrays["coefficients_1"][..., :3]
     np.savez(tmp_path / "foreign.npz", a=np.zeros(3))

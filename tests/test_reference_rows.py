@@ -427,15 +427,53 @@ def test_wrong_arguments_of_reference_rows_are_refused():
         exact_direction(exact, (0, 1), np.zeros((len(motion), 3)))
 
 
+def assert_pole_agrees_with_reference(field, reference, exact, pole):
+    """Assert that a pole in float64 agrees with that of reference rows in 20 digits.
+
+    Its direction must agree within the error bound of float64. Its velocity coefficient may
+    differ by 60 roundings times the condition number, and is NaN in the same rows.
+    Coefficient times direction must be the relative angular velocity of both links in the
+    reference rows.
+
+    Parameters
+    ----------
+    field, reference
+        `PoleField` in float64, and that of the reference rows, which has no error bounds.
+    exact
+        The reference rows, with the angular velocities of all links.
+    pole
+        Numbers of the two links.
+    """
+    coefficient = field.velocity_coefficient[pole]
+    reference_coefficient = reference.velocity_coefficient[pole]
+    is_known = np.isfinite(coefficient)
+    assert np.array_equal(is_known, np.isfinite(reference_coefficient))
+    difference = np.abs(coefficient - reference_coefficient)
+    rounding = 60 * EPS * exact.condition
+    assert np.all(difference[is_known] < rounding[is_known])
+
+    u = reference.direction[pole]
+    distance = np.linalg.norm(field.direction[pole] - u, axis=1)
+    is_within = distance <= field.direction_error[pole]
+    assert np.all(is_within | np.isnan(distance))
+    # Error bounds are about float64, so the reference has none.
+    assert np.all(np.isnan(reference.direction_error[pole]))
+
+    rate = reference_coefficient[:, None] * u
+    has_rate = np.isfinite(rate[:, 0])
+    first, second = pole
+    exact_rate = centre_floats(exact.w[:, second] - exact.w[:, first])
+    assert np.allclose(rate[has_rate], exact_rate[has_rate], rtol=0.0, atol=1e-15)
+
+
 @pytest.mark.parametrize("name", ["stephenson", "two_dof_spm", "roller_cam", "shaped_cam"])
 def test_pole_fields_of_reference_rows_agree_with_float64_within_its_bounds(name):
     """Poles computed from many digits agree with the float64 evaluation of poles.
 
-    A pole is the axis of the relative rotation of two links. `exact_rows_by_input` computes
-    rows in 20 digits. Their pole directions must lie within the float64 error bounds.
-    Velocity coefficients may differ by 60 roundings times the condition number, and are NaN
-    for the same rows. Coefficient times direction is the relative angular velocity of both
-    links. At the end, the poles of a row without a reference must get its status.
+    A pole is the axis of the relative rotation of two links. The reference are rows in 20
+    digits (`exact_rows_by_input`), one set for each input that moves alone, and the poles
+    in them (`exact_field`). Each pole is compared by `assert_pole_agrees_with_reference`.
+    At the end, the poles of a row without a reference must get its status.
     """
     motion = traced(name, 5)
     mechanism = motion.mechanism
@@ -448,26 +486,8 @@ def test_pole_fields_of_reference_rows_agree_with_float64_within_its_bounds(name
         pole_request = request(mechanism, mechanism.pairs[number].name, poles, rates=poles)
         field = evaluate(motion, pole_request).rows(chosen)
         reference = exact_field(exact, pole_request, field)
-        rounding = 60 * EPS * exact.condition
         for pole in poles:
-            coefficient = field.velocity_coefficient[pole]
-            reference_coefficient = reference.velocity_coefficient[pole]
-            is_known = np.isfinite(coefficient)
-            assert np.array_equal(is_known, np.isfinite(reference_coefficient))
-            difference = np.abs(coefficient - reference_coefficient)
-            assert np.all(difference[is_known] < rounding[is_known])
-
-            u = reference.direction[pole]
-            distance = np.linalg.norm(field.direction[pole] - u, axis=1)
-            is_within = distance <= field.direction_error[pole]
-            assert np.all(is_within | np.isnan(distance))
-            assert np.all(np.isnan(reference.direction_error[pole]))
-
-            rate = reference_coefficient[:, None] * u
-            has_rate = np.isfinite(rate[:, 0])
-            first, second = pole
-            exact_rate = centre_floats(exact.w[:, second] - exact.w[:, first])
-            assert np.allclose(rate[has_rate], exact_rate[has_rate], rtol=0.0, atol=1e-15)
+            assert_pole_agrees_with_reference(field, reference, exact, pole)
         refined = exact_motion(motion, chosen, exact)
         assert np.max(np.abs(refined.values - motion.values[chosen])) < 1e-13
         # `two_dof_spm` is over-constrained: its sizes are consistent in float64 only.
@@ -569,7 +589,10 @@ def test_poles_found_from_a_common_axis_have_the_error_of_its_rounding():
 
     In this random mechanism both axes of the crank are equal but for rounding. So the crank
     turns idle, and all other links move by 1e-16 only. Where their poles (axes of relative
-    rotation) are depends on rounding. The reference is a computation in many digits.
+    rotation) are depends on rounding. spherekit states them nevertheless, with error
+    bounds. The errors against a computation in many digits must be within these bounds, so
+    no ratio of error and bound may exceed 1. `KINDS` are the kinds of numbers with a bound,
+    such as directions.
     """
     _, mechanism = random_mechanism(72)
     position_analysis = PositionAnalysis(

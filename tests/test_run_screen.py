@@ -316,9 +316,9 @@ def test_a_path_of_several_inputs_says_where_it_is_singular(capsys):
     """The places of singularities that a run of the five-bar prints are right.
 
     The five-bar has two inputs, and its output is a direction (pointer). At a singularity
-    of type I, both inputs move the pointer in the same direction. Then the determinant of
-    both velocities and the pointing direction is zero (`pointing_determinant`, by
-    differences).
+    of type I, both inputs move the pointer in the same direction. Then both velocities and
+    the pointing direction lie in one plane, and their determinant is zero
+    (`pointing_determinant`, by differences).
     """
     printed = print_run(capsys, "five_bar")
     assert "No singularity of type II (locked inputs do not hold the output)" in printed
@@ -327,19 +327,13 @@ def test_a_path_of_several_inputs_says_where_it_is_singular(capsys):
         in printed
     )
     (line,) = (line for line in printed.splitlines() if "Singularities of type I " in line)
-    places = [
-        tuple(map(float, place))
-        for place in re.findall(
-            r"mode \d near inputs 21 = ([\d.]+), 51 = ([\d.]+) deg", line
-        )
-    ]
-    assert len(places) == 2
-    # At a type I singularity both inputs move the pointer in the same direction: the two
-    # angular velocities of its link and the pointing direction lie in one plane.
+    places = re.findall(r"mode (\d) near inputs 21 = ([\d.]+), 51 = ([\d.]+) deg", line)
+    assert [mode for mode, _, _ in places] == ["0", "1"]
     plan = sk.plan("five_bar")
-    output = next(iter(plan.mechanism.outputs))
-    for number, place in enumerate(places):
-        assert abs(pointing_determinant(output, number, np.radians(place))) < 2e-3
+    (output,) = plan.mechanism.outputs
+    for mode, first_deg, second_deg in places:
+        inputs = np.radians([float(first_deg), float(second_deg)])
+        assert abs(pointing_determinant(output, int(mode), inputs)) < 2e-3
     # At these places the leg of pair 51 is in line, so input 51 alone does not move the
     # pointer. Its least velocity ratio must be 0, although samples have only small values.
     for mode in sk.run("five_bar").summary["overview"]["modes"].values():
@@ -476,9 +470,11 @@ def test_over_constrained_mechanisms_say_both_mobilities(capsys):
 def test_a_sweep_has_words_and_says_where_figures_depend_on_samples(capsys):
     """A sweep prints its figures in words, and warns where they depend on the samples.
 
-    The swept arc of the crank changes the type of the four-bar, and many modes end at dead
-    centres. Figures of such modes depend on which samples exist. The warnings vanish if
-    `--where` selects modes that close at all samples.
+    The arc of the crank (link 2) is swept over 10, 20, ..., 60 deg. It changes the type of
+    the four-bar, and many modes exist at a part of the samples only, because they end at
+    dead centres. Figures of such modes depend on which samples exist. At 30 and 50 deg
+    (designs 2 and 4) the four-bar can fold flat: it is a change-point four-bar, of which
+    the sweep warns too.
     """
     words = ["--vary", "links.2.arc=10:60:6", "-a", "singularities", "-a", "poles"]
     assert main(["sweep", "four_bar", *words, "--samples", "91"]) == 0
@@ -491,11 +487,13 @@ def test_a_sweep_has_words_and_says_where_figures_depend_on_samples(capsys):
     assert "exists at" not in printed
     assert "leaves out modes that exist at a part of the samples only. As a rule" in printed
     assert "Warning: Designs 2, 4 are change-point four-bars and have a" in printed
+    # Both warnings vanish with modes that close at all samples, of the first two designs.
     whole = ["--where", "closes > 0.999", "--where", "links_2_arc < 25"]
     assert main(["sweep", "four_bar", *words, "--samples", "91", *whole]) == 0
     printed = capsys.readouterr().out
     assert "leaves out modes" not in printed and "Warning" not in printed
-    # With a long driven link no design exists over the whole turn of the input.
+    # With a long driven link no mode exists over the whole turn of the input. Then a column
+    # "exists at" says at how many samples a mode exists.
     partial = ["--vary", "links.2.arc=55:60:3", "-a", "poles", "--samples", "91"]
     assert main(["sweep", "four_bar", *partial]) == 0
     printed = capsys.readouterr().out
@@ -506,8 +504,9 @@ def test_a_sweep_has_words_and_says_where_figures_depend_on_samples(capsys):
 def test_a_simulation_says_events_end_error_and_energy(capsys):
     """The screen says what moves the mechanism, its range, its events and its accuracy.
 
-    The four-bar moves under the loads of its file, from 0.3 rad at 1 rad/s for 2 s. Details
-    of the computation (engine, expected steps) are printed with ``--verbose`` only.
+    The four-bar moves under the loads of its file, from 0.3 rad at 1 rad/s for 2 s. Its two
+    assembly modes (ways to assemble the links) have the names p0 and p1 in the file.
+    Details of the computation (engine, expected steps) are printed with ``--verbose`` only.
     """
     words = ["--start", "q=0.3rad,dq=1rad/s", "--duration", 2]
     printed = print_run(capsys, "four_bar", "-a", "eksergian", *words)
@@ -517,12 +516,9 @@ def test_a_simulation_says_events_end_error_and_energy(capsys):
     )
     assert cause in printed
     assert "starts in assembly mode 0 (p1). Mode 1 (p0) is not simulated" in printed
-    (low, high), *_ = (
-        sk.run("four_bar", "eksergian", start={"q": 0.3, "dq": 1.0}, duration=2)
-        .summary["inputs"]
-        .values()
-    )
-    low_deg, high_deg = np.degrees([low, high])
+    run = sk.run("four_bar", "eksergian", start={"q": 0.3, "dq": 1.0}, duration=2)
+    (range_of_input,) = run.summary["inputs"].values()
+    low_deg, high_deg = np.degrees(range_of_input)
     assert f"Input 21 moves between {low_deg:.2f} and {high_deg:.2f} deg." in printed
     assert "It ran to the end, 2 s." in printed
     assert "2 events: all links stop and turn back at t (s) = 0.2533, 1.688" in printed

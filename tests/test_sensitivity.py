@@ -172,9 +172,13 @@ def test_tolerances_of_the_analysis_follow_from_its_derivatives():
 
     By default the spread (standard deviation) of a size is 0.1 degrees and its largest
     deviation three times as much. The contribution of a size is its derivative times its
-    spread. Columns of `tolerances` are the root of the sum of squared contributions
-    (`spread`), three times their sum (`worst`), and the size that contributes most. The
-    spread of 64 random mechanisms (`drawn_spread`) agrees to ten percent.
+    spread. Columns of the table `tolerances` are:
+
+    - `spread`: the root of the sum of squared contributions,
+    - `worst`: three times the sum of the contributions,
+    - `matters_most`: the size that contributes most; equal ones are joined by "+",
+    - `share`: its squared contribution as a part of the squared spread,
+    - `drawn_spread`: the spread of 64 random mechanisms, which agrees to ten percent.
     """
     # The analysis keeps to the rules for plugins.
     assert conformance("sensitivity:draws=16", mechanisms=["four_bar"], samples=5)
@@ -424,13 +428,15 @@ def test_sensitivities_of_a_reference_pose_are_those_of_its_link_sizes(name):
     of_sizes = Sensitivity(sized, (), quantities)
     assert of_pose.keys == of_sizes.keys
     samples = sample_rows(motion)
+    # Gradients are (sizes, quantities, rows).
     values, gradients = of_pose.at(samples, motion.values)
     values_by_sizes, gradients_by_sizes = of_sizes.at(samples, motion.values)
     assert np.allclose(values, values_by_sizes, rtol=1e-10, atol=1e-10)
     largest = np.max(np.abs(gradients))
     assert np.max(np.abs(gradients - gradients_by_sizes)) < 1e-9 * largest
-    # Each size changes the first quantity somewhere, so the comparison is not of zeros.
-    assert np.all(np.max(np.abs(gradients[:, 0]), axis=0) > 1e-2)
+    # In each row some size changes the first quantity, so the comparison is not of zeros.
+    gradients_of_first_quantity = np.abs(gradients[:, 0])
+    assert np.all(np.max(gradients_of_first_quantity, axis=0) > 1e-2)
 
 
 def four_bar_with_spring_and_inertia(stiffness=3.0, rest=40.0, tensor=0.4):
@@ -537,41 +543,54 @@ ROLLED = (
 
 
 @pytest.mark.many
-@pytest.mark.parametrize("kind, pairs", [("Cs", SLID), ("Cr", ROLLED)])
-def test_profiles_of_a_reference_pose_touch_where_they_are_nearest(kind, pairs, tmp_path):
+@pytest.mark.parametrize("kind, pair_lines", [("Cs", SLID), ("Cr", ROLLED)])
+def test_derivatives_of_a_cam_mechanism_in_a_reference_pose_are_differences(
+    kind, pair_lines, tmp_path
+):
     """Derivatives of a cam mechanism by its sizes agree with central differences.
 
     The mechanism is stated in a pose in which a cam and its follower touch. With a changed
     size they would not touch exactly in this pose. The points of both profiles that are
     nearest there become the point of contact. Differences over one and over two steps are
     combined, so that their errors of second order cancel.
+
+    In a sliding contact (Cs), the follower turns about a pivot on the frame. In a rolling
+    contact (Cr), a further link "arm" is between follower and frame. `pair_lines` are the
+    lines of the file for the pairs of these links.
     """
-    # A sliding contact (Cs) has no link "arm", so this link is removed from the file.
-    text = POSED.replace("TYPE", kind).replace("inputs.shaft", pairs + "inputs.shaft")
+    text = POSED.replace("TYPE", kind)
+    text = text.replace("inputs.shaft", pair_lines + "inputs.shaft")
+    if kind == "Cr":
+        link_on_frame = "arm"
+    else:
+        link_on_frame = "follower"
+        text = text.replace(", arm = {}", "")  # the file declares this link
     path = tmp_path / "posed.toml"
-    path.write_text(text if kind == "Cr" else text.replace(", arm = {}", ""))
+    path.write_text(text)
     mechanism = sk.load(path)
-    driven = "arm" if kind == "Cr" else "follower"
     keys = [f"{CAM}.cosines.0", f"{CAM}.cosines.2", "pairs.pivot.latitude"]
-    quantities = ["theta_pivot", "rate_pivot", f"acceleration_coefficient_{driven}_frame"]
+    quantities = [
+        "theta_pivot",
+        "rate_pivot",
+        f"acceleration_coefficient_{link_on_frame}_frame",
+    ]
     sensitivity = Sensitivity(mechanism, keys, quantities)
     motion = sk.trace(mechanism, samples=3)
     motion = motion.rows(np.flatnonzero(~motion.failed))
     # A sample is input, rate, acceleration and time. Rate and acceleration get arbitrary
     # values, so that both have an effect.
     samples = sample_rows(motion) * [1.0, 1.3, 1.0, 1.0] + [0.0, 0.0, 0.7, 0.0]
-    _, gradients = sensitivity.at(samples, motion.values)
+    _, gradients = sensitivity.at(samples, motion.values)  # (sizes, quantities, rows)
     step = 2.0**-10
-    # A draw is a mechanism with deviating sizes, a row of `deviations`. One of three sizes
-    # deviates by one or two steps to either side.
-    deviations = step * np.concatenate(
-        [np.eye(3), -np.eye(3), 2 * np.eye(3), -2 * np.eye(3)]
-    )
-    # (quantities, rows, 12 draws): the four steps of each of the three sizes.
-    drawn = sensitivity.scattered(samples, motion.values, deviations.T)
-    drawn_by_step = drawn.reshape(*drawn.shape[:2], 4, 3)
-    above, below, far_above, far_below = np.moveaxis(drawn_by_step, 2, 0)
-    expected = (8.0 * (above - below) - (far_above - far_below)) / (12.0 * step)
-    expected = np.moveaxis(expected, 2, 0)
+
+    def quantities_at(steps):
+        """Return (sizes, quantities, rows): each size alone deviates by some steps."""
+        deviations = steps * step * np.eye(3)
+        drawn = sensitivity.scattered(samples, motion.values, deviations)
+        return np.moveaxis(drawn, 2, 0)
+
+    near_difference = quantities_at(1) - quantities_at(-1)
+    far_difference = quantities_at(2) - quantities_at(-2)
+    expected = (8.0 * near_difference - far_difference) / (12.0 * step)
     scale = np.max(np.abs(expected), axis=2, keepdims=True)
     assert np.max(np.abs(gradients - expected) / scale) < 1e-6
