@@ -162,7 +162,9 @@ class BlockRows:
             self._quality_function = kernel.row_quality
         mode_count = len(position_analysis.assembly_modes)
         sample_count = n // mode_count
-        slice_size = _choose_slice_size(self._quality_function.width)
+        # The results of a whole slice shall stay in the cache of the processor.
+        numbers_per_row = self._quality_function.width
+        slice_size = _choose_slice_size(numbers_per_row)
         self.slices = split_rows(mode_count, sample_count, slice_size)
 
     def fill(self, samples: Indices) -> list[SliceReversals]:
@@ -185,10 +187,12 @@ class BlockRows:
         one link rotates relative to another. A pole is a line, so its computed direction
         may change its sign from row to row.
         """
-        # The result of a slice is None if some of its rows have to be solved first.
+        # The result of a slice is None if some of its rows have to be solved first. Threads
+        # only make compiled functions faster.
         reversals_by_slice = thread_map(
-            self._fill_slice, self.slices, self.kernel.is_compiled
+            self._fill_slice, self.slices, uses_threads=self.kernel.is_compiled
         )
+        # The rows that `_fill_slice` has not certified are solved one after another.
         self._solve_uncertified(samples)
         examined_slices: list[SliceReversals] = []
         for row_slice, reversals in zip(self.slices, reversals_by_slice, strict=True):
@@ -287,7 +291,9 @@ class BlockRows:
         rows
             The n rows of the slice, as a range of rows of the block.
         columns
-            (width, n) the numbers that `_evaluate_slice` has computed for these rows.
+            (width, n) the numbers that the kernel (compiled functions) has computed for
+            these rows: closure residuals, error bounds and angular velocities. They are
+            changed in place in rows that are moved to another configuration here.
 
         Returns
         -------
@@ -298,8 +304,11 @@ class BlockRows:
         is_out_of_reach = self._find_out_of_reach(mode, rows, columns)
         self.status[row_numbers[is_out_of_reach]] = Status.OUT_OF_REACH
         if not self.kernel.has_closed_form:
-            # Predicted configurations have errors, so their loops may be slightly open.
+            # Configurations were predicted by interpolation, so loops may be slightly open.
+            # A step of Newton's method closes them. It changes the pair variables of these
+            # rows, and the numbers in `columns`, in place.
             self._close_rows(columns, row_numbers)
+        # Closure residuals and errors of the configurations are kept for later.
         self._store_closure(rows, columns)
         is_certified = self._find_certified_rows(columns)
         self.is_certified[rows] = is_certified
@@ -741,13 +750,16 @@ class BatchRunner:
     def block_size(self) -> int:
         """Number of samples that are computed together as a block, limited by memory.
 
-        The memory is that of `_bytes_per_row`. The second limit is
-        `PositionAnalysis.block`, the block of a run without compiled functions. A recorded
-        run has at most this number of samples. Other runs have at most `MAX_BLOCK_FACTOR`
-        times this number.
+        There are two limits:
+
+        - The numbers of a block need at most `BLOCK_BYTES`.
+        - A block has at most `MAX_BLOCK_FACTOR` times the samples of a block in a run
+          without compiled functions (`PositionAnalysis.block`). In a recorded run, the
+          rotation matrices of all links are read, which need more memory. So its blocks are
+          not larger than without compiled functions.
         """
         position_analysis = self.sampling.position_analysis
-        # Each sample has one row in each assembly mode.
+        # Each sample has one row in each assembly mode (way to assemble the mechanism).
         bytes_per_sample = self._bytes_per_row * len(position_analysis.assembly_modes)
         fitting_size = BLOCK_BYTES // bytes_per_sample
         largest_size = position_analysis.block
@@ -778,16 +790,18 @@ class BatchRunner:
         Parameters
         ----------
         size
-            Number of samples in the first block. If it is not `block_size`, all blocks have
-            this size.
+            Number of samples in the first block. Blocks only become larger if this is
+            `block_size`, the size that the program chooses. If the caller wants another
+            size, all blocks have it.
         first_sample
             Number of the first sample.
         """
         # A recording, and analyses that read rotation matrices, need memory for each row
         # even if no column of a pole is read.
         needs_memory_without_poles = self.is_recorded or self.reads_frames
-        may_grow = size == self.block_size and not needs_memory_without_poles
-        largest_size = MAX_BLOCK_GROWTH * size if may_grow else size
+        largest_size = size
+        if size == self.block_size and not needs_memory_without_poles:
+            largest_size = MAX_BLOCK_GROWTH * size
         samples_of_blocks = self._split_samples(first_sample, size, largest_size)
         # The next block may be computed in another thread while the caller uses a block.
         return prefetch(self.motion_at, samples_of_blocks, self.looks_ahead)
@@ -797,7 +811,8 @@ class BatchRunner:
     ) -> Iterator[Indices]:
         """Yield the numbers (n,) of the samples of each block of a run.
 
-        The size of a block depends on whether columns of earlier blocks were read.
+        The numbers of a block (its columns) are computed when an analysis reads them, and
+        only then need memory. While no analysis reads columns, the blocks become larger.
 
         Parameters
         ----------
@@ -812,6 +827,8 @@ class BatchRunner:
         while start < sample_count:
             end = min(start + size, sample_count)
             yield np.arange(start, end)
+            # The caller has used the block or an earlier one before it asks for the next.
+            # So it is known now whether columns were read.
             start = end
             size = self._choose_next_size(size, first_size, largest_size)
 
@@ -869,15 +886,22 @@ class BatchRunner:
         For each input, an object with the attributes of `PoleField`.
         """
         pending_poles = self.pending_poles.pop(id(motion))
+        # The poles in all rows that are not certified are computed here. `requests` states
+        # for each input which poles are needed.
         uncertified_poles = UncertifiedPoles(
             self.kernel, motion, self.requests, pending_poles.uncertified
         )
-        sign_functions = [
-            self._make_sign_function(
+        # A pole is a line, so its computed direction can have either sense. For each input,
+        # a function gives the signs +1 or -1 by which directions have to be multiplied. To
+        # continue the signs from row to row, it also needs the uncertified rows.
+        sign_functions = []
+        for input_index, sign_continuation in enumerate(sign_continuations):
+            sign_function = self._make_sign_function(
                 motion, input_index, uncertified_poles, pending_poles, sign_continuation
             )
-            for input_index, sign_continuation in enumerate(sign_continuations)
-        ]
+            sign_functions.append(sign_function)
+        # The directions of the uncertified rows get their signs now. Those of the certified
+        # rows get them when they are computed, so `columns` keeps the functions.
         uncertified_poles.apply_signs(sign_functions, motion.samples)
         columns = KernelColumns(
             self.kernel, motion, self.requests, uncertified_poles, sign_functions
@@ -899,7 +923,9 @@ class BatchRunner:
     ) -> SignFunction:
         """Return the function that gives each pole direction its sign.
 
-        A pole is an axis of rotation, a line, so its direction is known up to a sign.
+        A pole is the axis of the relative rotation of two links. It is a line, so its
+        direction is known up to a sign. A row is one sample in one assembly mode (way to
+        assemble the mechanism).
 
         - On a path of samples, signs are such that directions are continuous from row to
           row.
@@ -916,22 +942,33 @@ class BatchRunner:
         uncertified_poles
             The poles in the rows that the kernel (compiled functions) does not certify.
         pending_poles
-            The rows at which directions are compared with those of the row before. A row is
-            one sample in one assembly mode.
+            Which rows have a configuration, and at which rows directions are compared with
+            those of the row before.
         sign_continuation
             The last directions of the previous block. It is updated in place.
+
+        Returns
+        -------
+        Function of pole directions and their rows. It returns the signs +1 or -1 by which
+        the directions have to be multiplied.
         """
         if not motion.is_path:
             return signs_by_first_axis_sums(
                 motion, pending_poles.is_assembled, sign_continuation
             )
+        # Reversible poles are all poles that are no pair axis. Pair axes have the direction
+        # that the mechanism file states.
+        reversible_poles = self.kernel.input_columns[input_index].reversible_poles
+        # Function of row numbers that returns the poles in these rows. Their signs are
+        # still missing.
+        evaluate_poles = partial(
+            evaluate_unsigned_poles, self.kernel, motion, uncertified_poles, input_index
+        )
         return continue_signs(
             motion,
-            self.kernel.input_columns[input_index].reversible_poles,
+            reversible_poles,
             pending_poles.compared_rows_by_input[input_index],
-            partial(
-                evaluate_unsigned_poles, self.kernel, motion, uncertified_poles, input_index
-            ),
+            evaluate_poles,
             sign_continuation,
         )
 
@@ -981,13 +1018,18 @@ class BatchRunner:
             For each slice of successive rows, the rows between which the direction of a
             pole may reverse, and the largest error bounds of poles.
         """
+        # Numbers of the rows with a configuration, but with too large error bounds.
         uncertified = rows.uncertified
         is_uncertified = np.zeros(len(motion), dtype=bool)
         is_uncertified[uncertified] = True
-        # Arrays of this shape have an axis for the modes and an axis for the samples.
+        # Rows are sorted by mode. Arrays of this shape have an axis for the modes and an
+        # axis for the samples.
         shape = (len(motion.assembly_modes), motion.samples)
+        # A row fails if it has no configuration.
         is_assembled = ~rows.has_failed.reshape(shape)
         is_uncertified = is_uncertified.reshape(shape)
+        # Poles are requested for each input that moves while the other inputs are locked.
+        # `requests` has one entry for each of these inputs.
         input_count = len(self.requests)
         # A pole is a line, so its computed direction may reverse from one row to the next.
         # These are the rows in which it has to be compared with the row before. In a grid

@@ -85,16 +85,21 @@ class OutputRows(ArrayRows):
 
         The next block needs the row to find out whether the output turns back between the
         blocks. The list has place (time, first input or sample number), angle, rate, inputs
-        and velocity ratios. NaN becomes None, because the list is stored as JSON. If the
-        output rests in the last row, place and rate are those of the last row in which it
-        moves.
+        and velocity ratios. NaN becomes None, because the list is stored as JSON.
+
+        If the output rests in the last row, place and rate are those of the last row in
+        which it moves. With them, the next block sees whether the rate changes its sign
+        after the rest. The other numbers serve to continue the angle, and stay those of the
+        last row.
         """
         place, rate = self.places[-1], self.rates[-1]
+        # Rows in which the rate is not zero up to rounding.
         moving = self.find_moving()
         is_moving = abs(rate) > RESTING_RATIO
         if not is_moving and len(moving):
-            place = self.places[moving[-1]]
-            rate = self.rates[moving[-1]]
+            last_moving = moving[-1]
+            place = self.places[last_moving]
+            rate = self.rates[last_moving]
         numbers = [place, self.angles[-1], rate, *self.inputs[-1], *self.ratios[-1]]
         return [float(x) if np.isfinite(x) else None for x in numbers]
 
@@ -429,9 +434,10 @@ class ExaminedRows:
     ) -> None:
         """Extend the range of the angle of an output, and note where the output rests.
 
-        Rows (samples) without a configuration divide the path into segments. The first
-        segment of a block continues the last segment of the block before, through
-        `overview.last_row`.
+        The path is divided into segments. Either all rows (samples) of a segment have a
+        configuration, or none has, and their angles are NaN. The first segment of a block
+        continues the last segment of the block before. Therefore `overview.last_row` keeps
+        the last row that was added; it is None if this row has no configuration.
 
         Parameters
         ----------
@@ -444,12 +450,17 @@ class ExaminedRows:
             angles take their place, for example on a path of several inputs.
         """
         for segment in path.segments():
-            if len(segment.angles) and np.isfinite(segment.angles[0]):
+            angles = segment.angles
+            # The first row represents all rows of the segment.
+            has_configurations = len(angles) > 0 and np.isfinite(angles[0])
+            if has_configurations:
                 self._add_segment(overview, segment, has_rates)
             else:
                 # The next segment starts anew, without a row before it.
                 overview.last_row = None
-                overview.smooth_angle.add(np.full(len(segment.angles), np.nan))
+                # `smooth_angle` lays parabolas through successive angles. NaN interrupts
+                # them.
+                overview.smooth_angle.add(np.full(len(angles), np.nan))
 
     def _add_segment(
         self, overview: OutputOverview, segment: OutputRows, has_rates: bool
@@ -457,7 +468,12 @@ class ExaminedRows:
         """Add successive rows of a path to the overview of an output.
 
         All of these rows have a configuration. The range of the angle is extended, and
-        places at which the output turns back are noted.
+        places at which the output turns back are noted. A place is the time, the first
+        input or the number of a sample.
+
+        - With known rates, the place and the angle of a turning point are interpolated.
+        - Without rates, only the place is found, from the differences of successive angles.
+          How far the range extends between rows is then estimated by parabolas.
 
         Parameters
         ----------
@@ -466,8 +482,7 @@ class ExaminedRows:
         segment
             The rows. Their angles may still have jumps of whole turns.
         has_rates
-            Whether the rates are known. Otherwise the differences of successive angles take
-            their place.
+            Whether the rates are known.
         """
         repeated_rows = 0
         if overview.last_row is not None:
@@ -478,18 +493,18 @@ class ExaminedRows:
         segment = replace(segment, angles=self._remove_jumps(segment))
         overview.widen_angle(segment.angles)
         if has_rates:
+            # The rate changes its sign between the two rows of a reversal.
             for before, after in segment.find_reversals():
+                # This also extends the range to the angle of the turning point.
                 self._add_turning_point(overview, segment, before, after)
         else:
-            # The change of the angle since the row before is the rate of a row. The first
-            # row has no row before it in the segment, and keeps its rate.
-            first_rate = segment.rates[0]
-            steps = np.diff(segment.angles)
-            segment = replace(segment, rates=np.append(first_rate, steps))
-            # The greatest and the least angle between rows are estimated by parabolas.
+            segment = _take_steps_as_rates(segment)
+            # `smooth_angle` makes the parabolas. The row of the block before was added to
+            # it already.
             overview.smooth_angle.add(segment.angles[repeated_rows:])
             for before, after in segment.find_reversals():
                 overview.add_rest(_place_of_rest(segment, before, after))
+        # The next segment continues from this row.
         overview.last_row = segment.last_row()
 
     def _remove_jumps(self, segment: OutputRows) -> Floats:
@@ -517,8 +532,9 @@ class ExaminedRows:
     ) -> None:
         """Note that an output turns back between two rows, and extend its range to there.
 
-        If the rate is linear between both rows, the place and the angle of the turning
-        point are interpolated. Otherwise only the two rows are noted.
+        If the rate is nearly linear between both rows, the place and the angle of the
+        turning point are interpolated. Otherwise only the two rows are noted. In both cases
+        the error of the angle at the turning point is noted, too.
 
         Parameters
         ----------
@@ -531,16 +547,20 @@ class ExaminedRows:
         """
         rate_before = segment.rates[before]
         rate_after = segment.rates[after]
+        # The rates are derivatives of the angle by the time or by the single input. A place
+        # is the time in the first case.
         path = segment.places if self.plan.moves_over_time else segment.inputs[:, 0]
         step = path[after] - path[before]
         # For a linear rate, the trapezoidal rule yields the step of the angle exactly.
         linear_angle_step = 0.5 * (rate_before + rate_after) * step
         angle_step = segment.angles[after] - segment.angles[before]
         error = abs(linear_angle_step - angle_step)
+        # The rate counts as linear if the error is a small share of this angle.
         variation = abs((rate_after - rate_before) * step)
         is_linear = error <= MAX_RATE_CURVATURE * variation
         if not is_linear:
-            # A rough bound of how far the angle goes beyond its values in the two rows.
+            # Let the rate only rise or only fall between the two rows. Then the angle goes
+            # beyond its values in both rows by at most a quarter of `variation`.
             overview.add_turning_error(0.25 * variation)
             first_place = float(segment.places[before])
             overview.add_uncertain_rest(first_place, float(segment.places[after]))
@@ -551,6 +571,16 @@ class ExaminedRows:
         share = rate_before / (rate_before - rate_after)
         extreme = segment.angles[before] + 0.5 * rate_before * share * step
         overview.widen_angle(np.array([extreme]))
+
+
+def _take_steps_as_rates(segment: OutputRows) -> OutputRows:
+    """Return successive rows with the step of the angle from the row before as the rate.
+
+    The first row of the segment has no row before it, and keeps its rate.
+    """
+    first_rate = segment.rates[0]
+    steps = np.diff(segment.angles)
+    return replace(segment, rates=np.append(first_rate, steps))
 
 
 def _place_of_rest(path: OutputRows, before: int, after: int) -> float:
@@ -586,7 +616,9 @@ def _link_rates(motion: Motion) -> Floats:
     that loops stay closed) do not determine the velocities.
     """
     linearisation = motion.linearisation
+    # (n, equations, variables) derivatives of the closure equations by the pair variables.
     jacobian = linearisation.jacobian
+    # The passive variables are the pair variables that are not inputs.
     passive = list(motion.passive_variables)
     rates = []
     for pair in motion.assembly.inputs:
@@ -595,10 +627,14 @@ def _link_rates(motion: Motion) -> Floats:
         variable_rates = np.zeros((len(motion), motion.values.shape[1]))
         variable_rates[:, driven] = 1.0
         if passive:
-            # The passive variables (joint angles that are not inputs) close the loops.
+            # The passive variables change so that the loops stay closed. The inverse is
+            # that of the columns of the passive variables in the Jacobian.
             closing = -motion.closure_inverse @ jacobian[:, :, driven, None]
             variable_rates[:, passive] = closing[:, :, 0]
-        rates.append(linearisation.tree.body_rates(motion.vectors, variable_rates))
+        # (n, variables, 3) the angular velocity between the two links of a pair, per unit
+        # rate of each variable. For a revolute pair it is the axis.
+        velocity_vectors = motion.vectors
+        rates.append(linearisation.tree.body_rates(velocity_vectors, variable_rates))
     return np.stack(rates, axis=1)
 
 

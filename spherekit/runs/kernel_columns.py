@@ -123,28 +123,34 @@ class UncertifiedPoles:
         """Evaluate the poles in the rows where the compiled functions are too inaccurate.
 
         A pole is the axis about which one link rotates relative to another. A kernel
-        (compiled functions) evaluates most rows. These rows are evaluated by slower, more
-        careful functions.
+        (compiled functions) evaluates the poles in most rows of a block. In uncertified
+        rows, its error bounds are too large. There slower, more careful functions evaluate
+        the poles.
+
+        A pole is a line, so its direction can have two senses. If it is the axis of a pair
+        (joint), the mechanism file fixes the sense. All other poles are called reversible.
 
         Parameters
         ----------
         kernel
-            The kernel. It knows which poles have no fixed sense of direction (reversible).
+            The kernel. It knows for each moving input which poles are reversible.
         motion
             The configurations of the block. A row is one sample in one assembly mode.
         requests
             The poles to evaluate, for each input that moves while the others are locked.
         rows
-            (u,) numbers of the rows that the kernel does not certify, rising.
+            (u,) numbers of the uncertified rows in the block, rising.
         """
         self.rows = rows
         self._reversible_poles = [
             input_columns.reversible_poles for input_columns in kernel.input_columns
         ]
+        # One field for each moving input, with all numbers of its poles in these rows.
         self.fields: list[PoleField] = []
         if len(rows):
             configurations = motion.rows(rows)
             for request, poles in zip(requests, self._reversible_poles, strict=True):
+                # The senses must be those that the kernel gives to reversible poles.
                 field = _evaluate_with_senses_of_kernel(configurations, request, poles)
                 self.fields.append(field)
 

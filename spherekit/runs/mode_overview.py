@@ -261,9 +261,12 @@ class OutputOverview:
         """Note singularities of type I: places where a determinant passes through zero.
 
         It is the determinant of the output's velocity Jacobian (velocity per unit rate of
-        each input) at successive samples. A place is the time (s), the first input (rad) or
-        the number of a sample. In a simulation, the determinant is infinite where an input
-        turns back. A change of its sign is then no singularity of type I.
+        each input) at successive samples. At type I inputs can move while the output rests.
+        A place is the time (s), the first input (rad) or the number of a sample.
+
+        In a simulation, an input can turn back while the output moves on. There the rate of
+        the input is zero, so the velocity per unit rate is infinite and changes its sign.
+        This is no singularity of type I. Samples before and after it are not compared.
 
         Parameters
         ----------
@@ -271,14 +274,13 @@ class OutputOverview:
             (m,) determinants at the m samples of a block, NaN where there is none.
         senses
             (m,) sign of the product of the rates of all inputs in a simulation, otherwise
-            0. This sign changes where an input turns back. Samples with different signs
-            are therefore not compared.
+            0. A change of this sign shows that an input turns back.
         places
             (m,) places of the samples.
         """
         if not len(determinants):
             return
-        # The last sample of the block before is compared, too.
+        # `last_determinant` has the last sample of the block before. It is compared, too.
         if self.last_determinant is not None:
             place, determinant, sense = self.last_determinant
             places = np.append(place, places)
@@ -289,9 +291,14 @@ class OutputOverview:
                 self.type_1_places.append(place)
             else:
                 self.further_type_1_places += 1
-        is_known = bool(np.isfinite(determinants[-1]))
-        last = [float(places[-1]), float(determinants[-1]), float(senses[-1])]
-        self.last_determinant = last if is_known else None
+        # The next block continues from the last sample.
+        self.last_determinant = None
+        if np.isfinite(determinants[-1]):
+            self.last_determinant = [
+                float(places[-1]),
+                float(determinants[-1]),
+                float(senses[-1]),
+            ]
 
 
 def find_zero_crossings(
@@ -300,9 +307,12 @@ def find_zero_crossings(
     """Return the places at which a determinant passes through zero between two samples.
 
     It is the determinant of the velocity Jacobian: the velocity of the output per unit rate
-    of each input. At a zero, the output has a singularity of type I. The determinant is
-    infinite where an input turns back, and may also change its sign there. Samples of
-    different senses are therefore not compared.
+    of each input. At a zero, the output has a singularity of type I: it can rest while
+    inputs move.
+
+    In a simulation, an input can turn back while the output moves on. There the rate of the
+    input is zero, so the velocity per unit rate is infinite and changes its sign. This is
+    no zero. Samples before and after it are not compared.
 
     Parameters
     ----------
@@ -310,7 +320,8 @@ def find_zero_crossings(
         (m,) determinants at successive samples. Samples without one have NaN, and are not
         compared with their neighbours.
     senses
-        (m,) sign of the product of the rates of all inputs in a simulation, otherwise 0.
+        (m,) sign of the product of the rates of all inputs in a simulation, otherwise 0. A
+        change of this sign shows that an input turns back.
     places
         (m,) place of each sample: its time (s), the first input (rad) or its number.
 
@@ -324,8 +335,10 @@ def find_zero_crossings(
     for row in np.flatnonzero(has_other_sign & has_same_sense).tolist():
         before = determinants[row]
         after = determinants[row + 1]
+        # A linear determinant is zero at this share of the step.
         share = before / (before - after)
-        crossings.append(float(places[row] + share * (places[row + 1] - places[row])))
+        step = places[row + 1] - places[row]
+        crossings.append(float(places[row] + share * step))
     return crossings
 
 

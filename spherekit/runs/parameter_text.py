@@ -226,15 +226,19 @@ def read_simple_value(hint: Any, text: str, angle_unit: AngleUnit) -> Any:
     ValueError
         If the text is no value of this type.
     """
+    # A type such as `Degrees` states the kind of the quantity, and in which unit Python
+    # uses the number. The result is converted to this unit.
     if (unit := field_unit_of(hint)) is not None:
-        return read_quantity(text, unit.dimension, angle_unit, unit.angle_unit)
+        return read_quantity(text, unit.dimension, angle_unit, target=unit.angle_unit)
     if hint is bool and text.lower() in BOOLEAN_BY_TEXT:
         return BOOLEAN_BY_TEXT[text.lower()]
     if hint in (int, float, str):
+        # For other texts than numbers, int and float raise `ValueError` themselves.
         return hint(text)
     if hint is NoneType and text.lower() == "none":
         return None
-    for value in get_args(hint) if get_origin(hint) is Literal else ():
-        if str(value) == text:
-            return value
+    if get_origin(hint) is Literal:
+        for value in get_args(hint):
+            if str(value) == text:
+                return value
     raise ValueError(text)

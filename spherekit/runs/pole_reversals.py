@@ -250,19 +250,24 @@ def _bound_relative_velocities(
 def _keeps_all_directions(bounds: VelocityBounds) -> bool:
     """Return whether no two relative velocities within the bounds can be opposite.
 
-    The bounds are those of the relative angular velocity of two links at many samples. If
-    its directions at any two samples are surely less than a right angle apart, the pole
-    (axis of this rotation) does not reverse. Because of rounding, the cosine of the angle
-    between them has to be at least `MIN_DIRECTION_COSINE`. The least possible scalar
-    product, divided by the square of the greatest possible length, is a lower bound on this
-    cosine.
+    For each pole, the bounds limit the three components of the relative angular velocity of
+    its two links at many samples. The pole is the axis of this rotation. If its directions
+    at any two samples are less than a right angle apart, the pole surely does not reverse.
+    Because of rounding, the cosine of the angle between them has to be at least
+    `MIN_DIRECTION_COSINE`.
+
+    Let a and b be two velocities within the bounds. The cosine of the angle between them is
+    their scalar product, divided by the product of their lengths. The scalar product has a
+    lower bound, and each length has an upper bound. Both together bound the cosine.
     """
-    # Sums over the components x, y and z, for each pole.
+    # (poles, 3) the least product of one component of a and the same component of b.
     least_products = _least_products(bounds.least, bounds.greatest)
     least_scalar_product = np.sum(least_products, axis=1)
+    # (poles, 3) the greatest square of each component of a velocity.
     greatest_squares = np.maximum(
         bounds.least * bounds.least, bounds.greatest * bounds.greatest
     )
+    # No product of the lengths of a and b is greater than this.
     greatest_squared_length = np.sum(greatest_squares, axis=1)
     least_allowed = MIN_DIRECTION_COSINE * greatest_squared_length
     return bool(np.all(least_scalar_product >= least_allowed))

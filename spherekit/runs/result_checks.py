@@ -144,6 +144,7 @@ def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
         The values that the analysis returned: an array, or an `Interleaved` column. An
         `Interleaved` column has an array for each of several subjects, such as poles, and
         their rows alternate in the table. With the right type it is returned unchanged.
+        With another type it is converted to one array, which is checked like any array.
 
     Raises
     ------
@@ -151,13 +152,8 @@ def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
         If the values have another type or shape.
     """
     kind = column.kind
-    if isinstance(data, Interleaved):
-        if kind == "text":
-            has_type = data.dtype.kind == "U"
-        else:
-            has_type = data.dtype == DTYPE_BY_KIND[kind]
-        if has_type:
-            return data
+    if isinstance(data, Interleaved) and _has_type_of_kind(data, kind):
+        return data
     try:
         values = np.asarray(data)
     except ValueError:
@@ -168,20 +164,36 @@ def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
         raise PluginError(
             f"{where} has the shape {values.shape}, but needs one value in each row"
         )
-    # NumPy's letters are f, i, u and b for floats, signed and unsigned integers and
-    # booleans, and U for texts. Texts may also be Python objects, and floats without a
-    # fraction are accepted as whole numbers.
-    fits = values.dtype.kind in ("U" if kind == "text" else "fiub")
-    if kind == "text" and not fits:
-        fits = all(isinstance(text, str) for text in values)
-    elif kind != "number" and values.dtype.kind == "f":
-        fits = bool(np.all(values == np.floor(values)))
-    if not fits and len(values):
+    # An empty array fits to any kind.
+    if len(values) and not _has_values_of_kind(values, kind):
         (first,) = values[:1].tolist()
         raise PluginError(
             f"{where} was declared to contain {WORDS_BY_KIND[kind]}, but contains {first!r}"
         )
     return values.astype(DTYPE_BY_KIND.get(kind, str), copy=False)
+
+
+def _has_type_of_kind(column: Interleaved, kind: str) -> bool:
+    """Return whether a column already has the data type that belongs to its kind."""
+    if kind == "text":
+        return column.dtype.kind == "U"  # NumPy's letter for texts
+    return bool(column.dtype == DTYPE_BY_KIND[kind])
+
+
+def _has_values_of_kind(values: Array, kind: str) -> bool:
+    """Return whether values (n,) can be converted to the kind of a column.
+
+    Texts may also be Python objects. Floats without a fraction are accepted as whole
+    numbers.
+    """
+    # NumPy's letters are f, i, u and b for floats, signed and unsigned integers and
+    # booleans, and U for texts.
+    type_letter = values.dtype.kind
+    if kind == "text":
+        return type_letter == "U" or all(isinstance(text, str) for text in values)
+    if kind != "number" and type_letter == "f":
+        return bool(np.all(values == np.floor(values)))
+    return type_letter in "fiub"
 
 
 def compute_findings(

@@ -166,7 +166,8 @@ class RunPlan:
             # computes the poles when they are read.
             return source.fields(motion, sign_continuations)
         if self.max_poles is not None:
-            # The run only measures the size of its tables, so few poles are enough.
+            # The run only measures the size of its tables, so numbers need not be right.
+            # Only few poles are evaluated, and all others get similar numbers.
             return self._fill_in_poles(motion, self.max_poles)
         return self._evaluate_all_poles(motion, sign_continuations)
 
@@ -362,9 +363,13 @@ class RunPlan:
             "samples": "x".join(map(str, sampling.shape)),
             "assembly_modes": [[mode.number, mode.label] for mode in modes],
         }
+        # `crossings` says how an assembly mode (way to assemble the mechanism) continues
+        # where curves of configurations cross. With "end", the default, it keeps the signs
+        # of its dyads (groups of two links). With "pass" it follows its smooth curve.
         # The default has no key, so that runs of earlier versions can be resumed.
         if position_analysis.crossings == "pass":
             identity["crossings"] = "pass"
+        # `timing` has the times of the samples, and the rates of the inputs.
         time_checksums = []
         if timing is not None:
             time_checksums = [hash_array(values) for values in vars(timing).values()]
@@ -377,6 +382,7 @@ class RunPlan:
             "input_values": hash_array(sampling.inputs),
             "times": time_checksums,
             "samples_in_a_block": self.block_size,
+            # Only a `BatchRunner` has a kernel (compiled functions for many rows).
             "kernel": source.kernel.engine if isinstance(source, BatchRunner) else None,
         }
 

@@ -19,6 +19,7 @@ from spherekit.runs.batch import Batch, PoleFields, run_status
 from spherekit.runs.contract import Analyses, Findings
 from spherekit.runs.kernel_columns import LazyField, largest_errors
 from spherekit.runs.motion_overview import MotionOverview
+from spherekit.runs.needs import Needs
 from spherekit.status import STATUS_MEANING, Status
 from spherekit.storage.json_data import as_json
 from spherekit.tables.table import (
@@ -300,8 +301,12 @@ class RunState:
     ) -> None:
         """Count the rows of a table of an analysis in a block, and those that failed.
 
-        A row fails if it has a status other than OK. If the mechanism has no configuration
-        at its sample, this is no failure of the analysis and is not counted.
+        A row fails if it has a status other than OK, with two exceptions that are no
+        failures of the analysis:
+
+        - The mechanism has no configuration at the sample of the row. The row then has the
+          same status as the configuration.
+        - The row has the status of a pole, and `count_block` counts it.
 
         Parameters
         ----------
@@ -312,20 +317,15 @@ class RunState:
         batch
             The samples that the analysis has read. None if failed rows are not counted.
         has_rows_of_batch
-            Whether the rows belong to the samples of the batch. Then a row with the status
-            of its configuration is not counted as failed.
+            Whether the rows belong to the samples of the batch. Only then is it known
+            whether the mechanism has a configuration at the sample of a row.
         """
         self.counts[ROWS, analysis_name, table.name] += row_count(data)
         if batch is None:
             return
-        # A pole is the axis of the relative rotation of two links. If the analysis reads
-        # poles, its rows can have the statuses of poles. These are not counted here, as
-        # `count_block` counts them.
-        needs = batch.needs
-        ignored = [Status.OK]
-        if needs.directions | needs.rates | needs.planes:
-            ignored += [Status.NO_POLE, Status.ILL_CONDITIONED]
-        # Rows of these tables belong to configurations, which may have failed themselves.
+        ignored = _find_ignored_statuses(batch.needs)
+        # Tables in assembly modes (ways to assemble the mechanism) have a row for each
+        # configuration.
         has_configurations = has_rows_of_batch and table.in_assembly_modes
         key = (FAILED, analysis_name, table.name)
         status_columns = [column for column in table.columns if column.kind == "status"]
@@ -334,10 +334,10 @@ class RunState:
             # each pole. Poles may share one array, which is then examined only once. Its
             # counts are multiplied by the number of these poles.
             for codes, pole_count in _status_arrays(data[column.name]):
-                failures = codes
+                counted_codes = codes
                 if has_configurations:
-                    failures = _select_failures(codes, data, column, batch)
-                self._count_statuses(key, failures, weight=pole_count, ignored=ignored)
+                    counted_codes = _omit_failed_configurations(codes, data, column, batch)
+                self._count_statuses(key, counted_codes, weight=pole_count, ignored=ignored)
 
     @property
     def configurations(self) -> int:
@@ -412,11 +412,27 @@ def _status_arrays(column_values: Any) -> list[tuple[Array, int]]:
     return _count_shared_arrays(np.asarray(part) for part in parts)
 
 
-def _select_failures(codes: Array, data: TableData, column: Column, batch: Batch) -> Array:
-    """Return the status codes of rows of a table that may count as failed.
+def _find_ignored_statuses(needs: Needs) -> list[Status]:
+    """Return the statuses that do not count as failures of an analysis with these needs.
 
-    Rows with the status of their configuration are left out: the mechanism has no position
-    at their sample, which is no failure of the analysis.
+    A pole is the axis of the relative rotation of two links. If the analysis reads poles,
+    its rows can have the statuses of poles. `RunState.count_block` counts these.
+    """
+    ignored = [Status.OK]
+    if needs.directions | needs.rates | needs.planes:
+        ignored += [Status.NO_POLE, Status.ILL_CONDITIONED]
+    return ignored
+
+
+def _omit_failed_configurations(
+    codes: Array, data: TableData, column: Column, batch: Batch
+) -> Array:
+    """Return status codes of rows of a table without those of failed configurations.
+
+    If the mechanism cannot be assembled at a sample, its configuration there has a status
+    such as "out of reach". A row of the analysis for this sample then has the same status.
+    This is no failure of the analysis. So codes that equal the status of the configuration
+    of their row are left out.
 
     Parameters
     ----------

@@ -212,9 +212,11 @@ class Sampling:
         # The inputs of a motion contain their revolutions already.
         passive_names = set(names) - set(self.position_analysis.inputs)
         if self.simulation is not None and passive_names:
-            # A simulation knows the whole revolutions; with them no jumps remain.
+            # A simulation has counted the revolutions of all variables while it was solved.
+            # They are added here, and then the variables have no jumps.
             motion = self._add_simulated_revolutions(self.simulation, motion)
-        # Revolutions are counted from sample to sample.
+        # Without a simulation, revolutions are counted here from sample to sample. The
+        # variables of a simulation are returned without a change.
         angle_unwrapping = self.position_analysis.angle_unwrapping
         return continue_angles(motion, names, angle_unwrapping, last_angles)
 
@@ -436,8 +438,9 @@ def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling
         False if no analysis of the run needs the motion. Assembly modes are then not
         searched, and there are no configurations.
     """
-    # With `input_pair=None` the inputs are those of the mechanism. `crossings` says which
-    # curve a mode follows where curves of configurations cross.
+    # `input_pair` can replace the inputs of the mechanism by another one; with None they
+    # stay. `crossings` says which curve a mode follows where curves of configurations
+    # cross.
     position_analysis = PositionAnalysis(
         mechanism,
         input_pair=None,
@@ -449,25 +452,43 @@ def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling
         follow=follow,
         crossings=study.crossings,
     )
+    # `q` has the values of the inputs at all samples, and `shape` the numbers of samples
+    # along the axes of a grid. `is_path` says whether successive samples follow each other.
     input_grid = position_analysis.input_grid
-    # The samples get times and rates if the inputs can pass them at constant speed. This is
-    # so on the straight path, and for a single input. If the values of a single input are
-    # listed, its times are those of a motion from the least to the greatest value. They
-    # need not rise from sample to sample. Several inputs get no times on a grid (`is_path`
-    # is False) or on a listed path, which may have corners.
-    is_straight = study.path is None and input_grid.is_path
-    has_one_input = len(mechanism.input_pairs) == 1
-    timing = None
-    if is_straight or has_one_input:
-        timing = _default_timing(input_grid.q, is_straight)
+    is_straight_path = study.path is None and input_grid.is_path
     return Sampling(
         position_analysis=position_analysis,
         inputs=input_grid.q,
         shape=input_grid.shape,
-        timing=timing,
+        timing=_time_input_values(input_grid.q, is_straight_path),
         is_over_time=False,
         laws={},
     )
+
+
+def _time_input_values(q: Floats, is_straight_path: bool) -> Timing | None:
+    """Return times and rates for samples that are values of the inputs, or None.
+
+    The samples get times if the inputs can pass them at constant speed:
+
+    - on a straight path from the first sample to the last one,
+    - or if there is a single input. Its values may be listed in any order, but it moves
+      from the least to the greatest one. So the times need not rise from sample to sample.
+
+    Several inputs have no times on a grid, whose samples have no order. They also have none
+    on a listed path, because it may have corners.
+
+    Parameters
+    ----------
+    q
+        (k, inputs) values of the inputs, rad.
+    is_straight_path
+        Whether the samples are on a straight path through the ranges of all inputs.
+    """
+    has_one_input = q.shape[1] == 1
+    if is_straight_path or has_one_input:
+        return _default_timing(q, is_straight_path)
+    return None
 
 
 def _sample_laws(study: Study, mechanism: Mechanism, t: Floats) -> Sampling:
@@ -489,7 +510,11 @@ def _sample_laws(study: Study, mechanism: Mechanism, t: Floats) -> Sampling:
         driven = mechanism.inputs[0]
         law = ConstantSpeed(driven.sense * DEFAULT_INPUT_SPEED, driven.start)
         laws = {driven.pair: law}
+    # (n, inputs) values of the inputs at the times, and their rates and accelerations.
     q, timing = evaluate_time_laws(mechanism.input_pairs, laws, t)
+    # `input_pair` can replace the inputs of the mechanism by another one; with None they
+    # stay. `crossings` says which curve a mode follows where curves of configurations
+    # cross.
     position_analysis = PositionAnalysis(
         mechanism,
         input_pair=None,
@@ -555,12 +580,12 @@ def _simulate_study(
     def show_progress(partial_simulation: Simulation) -> None:
         """Pass the part of a simulation that is solved so far to `on_progress`.
 
-        It is passed as samples at all times `t`. `on_progress` and `t` are arguments of the
-        enclosing function.
+        It is passed as a `Sampling` at all times `t`, also those that are not solved yet.
+        `on_progress`, `t` and `position_analysis` belong to the enclosing function.
         """
-        # Inputs and rates at later samples are not known yet, so NaN stands for them.
-        # Nothing reads these numbers, because `on_progress` computes motions from the
-        # simulation.
+        # A `Sampling` needs inputs and rates at all samples, but later ones are not known
+        # yet. `on_progress` does not read them, because it computes motions from the
+        # simulation. So NaN stands for the inputs and rates at all samples.
         unknown = nans((len(t), 1))
         assert on_progress is not None
         on_progress(

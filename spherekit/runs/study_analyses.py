@@ -239,10 +239,12 @@ def _read_simple_value(hint: Any, value: Any, angle_unit: AngleUnit) -> Any:
         The unit of an angle that the file states without a unit.
     """
     # In Python a bool is also an int, so it is excluded for each type of number.
+    # A type such as `Degrees` states the kind of the quantity, and in which unit Python
+    # uses the number. The result is converted to this unit.
     if (unit := field_unit_of(hint)) is not None:
         if isinstance(value, bool) or not isinstance(value, int | float | str):
             raise ValueError(value)
-        return read_quantity(value, unit.dimension, angle_unit, unit.angle_unit)
+        return read_quantity(value, unit.dimension, angle_unit, target=unit.angle_unit)
     if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
         return float(value)
     if hint in (bool, int, str) and type(value) is hint:

@@ -73,8 +73,13 @@ for mechanisms with many modes.
 MIN_CHECKED_SAMPLES = 31
 """Number of samples at which errors are measured however many modes there are.
 
-Also the number of samples of a run that compares values of a parameter. Smaller: large
-errors are missed.
+Smaller: large errors are missed.
+"""
+
+MAX_SAMPLES_OF_PARAMETER_RUN = 31
+"""Largest number of samples of a run that compares values of a parameter.
+
+Larger: more time. Smaller: large errors are missed.
 """
 
 KERNEL_SAMPLE_FACTOR = 4
@@ -177,8 +182,9 @@ def take_samples(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
         timing = sampling.timing.rows(rows)
     # A run in a single assembly mode stays restricted to this mode.
     only_mode = modes[0].number if len(modes) == 1 else None
-    # `path` lists the input values, one sample after another. `crossings` is the rule by
-    # which a mode continues where curves of configurations cross.
+    # `input_pair` can replace the inputs of the mechanism by another one; with None they
+    # stay. `path` lists the input values, one sample after another. `crossings` is the rule
+    # by which a mode continues where curves of configurations cross.
     smaller_analysis = PositionAnalysis(
         position_analysis.mechanism,
         input_pair=None,
@@ -546,9 +552,9 @@ def _run_with_value(
     """Run an analysis with one value of a parameter, and measure the time.
 
     The parameter trades speed for accuracy. An analysis with such a parameter spends nearly
-    all its time on a search, and hardly any on the samples of the run. Therefore at most
-    `MIN_CHECKED_SAMPLES` samples are computed here. If the parameter is the number of
-    samples, its value is used.
+    all its time on a search. The samples of the run need hardly any time, so only a few
+    samples are computed here. The parameter can also be the number of samples of the run
+    itself. Then its value is taken.
 
     Parameters
     ----------
@@ -560,17 +566,17 @@ def _run_with_value(
         The parameter, and the table of the analysis that is compared between its values.
         `parameter_trade.beside` has values of other parameters, which are constant.
     value
-        The value of the parameter. The parameter "samples" is the number of samples.
+        The value of the parameter.
     is_compared
         Whether the tables will be compared with reference tables. It is passed to all such
         functions, but is not used here.
     """
     start = time.process_time()
-    sample_count = min(study.count, MIN_CHECKED_SAMPLES)
     parameters = dict(parameter_trade.beside)
     if parameter_trade.parameter == "samples":
         sample_count = value
     else:
+        sample_count = min(study.count, MAX_SAMPLES_OF_PARAMETER_RUN)
         parameters[parameter_trade.parameter] = value
     result = run(
         replace(study, samples=sample_count),
@@ -580,8 +586,8 @@ def _run_with_value(
         raise AnalysisError(result.failures[analysis.name])
     data = arrays(result.results[analysis.name].data[parameter_trade.table])
     seconds = time.process_time() - start
-    # The caller extrapolates the time to more samples: all but `first_seconds` grows with
-    # their number. The search does not, so all time is in `first_seconds`.
+    # The caller extrapolates the time to more samples. `first_seconds` is the part of the
+    # time that does not grow with their number. This is the time of the search, so all.
     return TimedTables(
         {parameter_trade.table: data}, first_seconds=seconds, seconds=seconds
     )

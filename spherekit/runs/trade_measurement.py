@@ -128,7 +128,10 @@ def compute_reference_tables(
     # the poles that are read while one input moves and the others are locked.
     requests = [request for request in run_plan.requests if request.poles]
     pole_fields = [evaluate(motion, request) for request in requests]
+    # A pole field has the computed poles of all rows for one request.
     reference = compute_reference(motion, requests, pole_fields, inputs=inputs)
+    # `compute_reference` returns a motion in which each row counts as a sample. Here the
+    # rows are those of all assembly modes, so the number of samples of a mode is restored.
     reference_motion = replace(reference.motion, samples=motion.samples)
     # Rows of the run for which no solution in many digits was found. `exact` has an entry
     # for each moving input. The first one suffices, as all have the same configurations.

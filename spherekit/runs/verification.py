@@ -159,20 +159,23 @@ class _BlockRows(ArrayRows):
 def order_evenly(numbers: Integers) -> Indices:
     """Return an order of numbers in which the first ones are spread evenly over all.
 
-    Rows of a run are selected for checks in this order. The numbers are sorted by the
-    fractional part of their multiple of the golden ratio. So the order of two numbers does
-    not depend on the other numbers, and stays the same if more are added.
+    Rows of a run are selected for checks in this order. For a number k, the multiple k + 1
+    of the golden ratio has a fractional part. The numbers are sorted by it. So the order of
+    two numbers does not depend on the other numbers, and stays the same if more are added.
 
     Parameters
     ----------
     numbers
-        (n,) whole numbers.
+        (n,) whole numbers, 0 or more.
 
     Returns
     -------
     (n,) indices of the numbers.
     """
-    return np.argsort((numbers + 1) * GOLDEN % 1.0)
+    # Without the 1, the fractional part of the number 0 would be 0. So 0 would always be
+    # the first one.
+    fractional_parts = (numbers + 1) * GOLDEN % 1.0
+    return np.argsort(fractional_parts)
 
 
 @dataclass(frozen=True)
@@ -230,16 +233,21 @@ def compute_reference(
     if not input_pairs:
         input_pairs = list(motion.assembly.inputs[:1])
     # Usually the reference uses the dimensions of the run, which are rounded to float64.
-    # If rows of the run used the decimal numbers of the file, the reference does so, too.
+    # With `frames=None`, `exact_rows_by_input` does so.
     frames = None
+    # If rows of the run used the decimal numbers of the file, the reference does so, too.
     if _has_decimal_rows(pole_fields):
         arithmetic = arithmetic or Digits()
         with arithmetic.within():
+            # The axis and the zero direction of each revolute pair in its two links, with
+            # the decimal numbers.
             frames = read_decimals(motion.mechanism).revolute_frames()
+    # For each moving input: configurations and rates in many digits.
     exact = exact_rows_by_input(
         motion, all_rows, input_pairs, arithmetic, inputs=inputs, frames=frames
     )
-    # The values for all moving inputs have the same configurations.
+    # The values for all moving inputs have the same configurations, so those of the first
+    # one are taken.
     return ReferenceRows(
         exact=exact,
         motion=exact_motion(motion, all_rows, exact[0]),

@@ -80,10 +80,10 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
     """Return a scene (drawing) with the ground, and the plans of the poles as a text.
 
     A pole is the axis of the relative rotation of two links. A plan lists the steps in
-    which poles are found while one input moves and the others are locked. In each pass
-    poles are found as intersections of great circles through poles of earlier passes. The
-    other poles belong to an irreducible part: links with poles that follow from one system
-    of equations.
+    which poles are found while one input moves and the others are locked. The search for
+    poles has several rounds, called passes. In each pass poles are found as intersections
+    of great circles through poles of earlier passes. The other poles belong to an
+    irreducible part: links with poles that follow from one system of equations.
 
     Parameters
     ----------
@@ -105,14 +105,7 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
             f"relative to {markdown_text(base)}{locked_words}."
         )
         lines += ["", as_markdown(plan), ""]
-        # The axis of a pair is the pole of its two links from the start (pass number 0), so
-        # this step is not listed. If coaxial pairs share an axis, it is also the pole of
-        # further links, in a later pass.
-        step_lines = [
-            describe(plan, step)
-            for step in plan.steps
-            if not isinstance(step, PrimaryPole) or step.pass_number
-        ]
+        step_lines = _describe_steps(plan)
         if step_lines:
             lines += ["```", *step_lines, "```", ""]
     lines.append(
@@ -122,6 +115,23 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
     if mechanism.source is not None:
         lines += ["", f"Source: {markdown_text(mechanism.source.citation)}"]
     return Scene(None, (shapes[0], Text("plan", "Plan", "\n".join(lines))))
+
+
+def _describe_steps(plan: Plan) -> list[str]:
+    """Return a line for each step of a plan that finds a pole.
+
+    A pole is the axis of the relative rotation of two links. A primary pole is the axis of
+    a pair. If the pair joins the two links, the pole is known from the start, and the step
+    has the pass number 0. Such steps are left out. But several pairs can share one axis,
+    which is then also the pole of links without a pair between them. It is found in a later
+    pass (round of the search).
+    """
+    lines = []
+    for step in plan.steps:
+        is_known_from_start = isinstance(step, PrimaryPole) and step.pass_number == 0
+        if not is_known_from_start:
+            lines.append(describe(plan, step))
+    return lines
 
 
 def graph_scene(mechanism: Mechanism) -> Scene:
@@ -254,19 +264,35 @@ def link_curves(joints: Floats) -> list[Floats]:
         return []
     if len(joints) == 2:
         return [great_arc(joints[0], joints[1])]
-    # With three or more joints the link is a spherical polygon. Its corners are ordered by
-    # their azimuth about its middle.
-    vector_sum = joints.sum(axis=0)
+    # With three or more joints the link is a spherical polygon.
+    corners = _order_corners(joints)
+    arcs = []
+    for number, corner in enumerate(corners):
+        next_corner = corners[(number + 1) % len(corners)]
+        arcs.append(great_arc(corner, next_corner))
+    return arcs
+
+
+def _order_corners(corners: Floats) -> Floats:
+    """Return the corners (k, 3) of a spherical polygon in convex order, as unit vectors.
+
+    They are sorted by their azimuth about the middle, the direction of their sum. If the
+    corners cancel each other, there is no middle. The first corner then takes its place, so
+    that the order is at least determined.
+    """
+    vector_sum = corners.sum(axis=0)
     length = np.linalg.norm(vector_sum)
-    middle = vector_sum / length if length > MIN_MEAN_LENGTH else joints[0]
+    if length > MIN_MEAN_LENGTH:
+        middle = vector_sum / length
+    else:
+        middle = corners[0]
     # Azimuths are measured from the corner that is nearest to 90 degrees from the middle.
-    reference = joints[np.argmin(np.abs(joints @ middle))]
-    x, y, _ = (joints @ frame_toward(middle, reference)).T
-    order = np.argsort(np.arctan2(y, x), kind="stable")
-    return [
-        great_arc(joints[corner], joints[next_corner])
-        for corner, next_corner in zip(order, np.roll(order, -1), strict=True)
-    ]
+    reference = corners[np.argmin(np.abs(corners @ middle))]
+    # The z axis of the frame is the middle, and the x axis points toward the reference.
+    frame = frame_toward(middle, reference)
+    x, y, _ = (corners @ frame).T
+    azimuths = np.arctan2(y, x)
+    return corners[np.argsort(azimuths, kind="stable")]
 
 
 def great_arc(a: Floats, b: Floats) -> Floats:
