@@ -230,17 +230,20 @@ class _AspectNodes(ArrayRows):
     is_regular
         (n,) whether the configuration has no singularity of a type that divides aspects.
     determinant_two
-        (n,) determinant of the rates of the g inputs in g independent motions of the
-        mechanism. It vanishes at type II, and its sign separates aspects. If equations of
-        the loops depend on each other, the sign has no meaning, and the value is 0.
+        (n,) determinant of a matrix with g columns, one for each of g independent motions
+        of the mechanism. A column has the rates of the g inputs. The determinant vanishes
+        at type II, and its sign separates aspects. If equations of the loops depend on each
+        other, the sign has no meaning, and the value is 0.
     determinant_one
-        (n,) the same for the rates M of the output in these motions, which vanishes at type
-        I. If M is not square, or if equations of the loops depend on each other, it is the
-        determinant of M^T M, which is never negative. It is 0 if there is no output.
+        (n,) determinant of the matrix M, whose columns are the rates of the output in the
+        same motions. It vanishes at type I. M may not be square, or equations of the loops
+        may depend on each other. Then the value is the determinant of M^T M, which is never
+        negative. It is 0 if there is no output.
     slope_one
         (n, g) derivatives of `determinant_one` by the g inputs. They show whether the
-        determinant vanishes between two configurations. They are 0 if only type II divides
-        aspects. For type II, each step between configurations is verified in another way.
+        determinant vanishes between two configurations. They are 0 if type I does not
+        divide aspects. Type II needs no slopes: paths between configurations are followed
+        in steps that cannot pass type II.
     """
 
     values: Floats
@@ -442,15 +445,22 @@ class _AspectGraph:
         return numbers
 
     def _place_in_column(self, column: int, values: Floats, samples: Indices) -> Indices:
-        """Find configurations in a column of `numbers_at_sample`, or add them there.
+        """Find configurations in one column of `numbers_at_sample`, or add them there.
 
-        The table has a row for each sample. If the place of a sample in the column is free,
-        a configuration at this sample is added there.
+        A sample (values of the inputs) can have several configurations. The table has a row
+        for each sample, with the numbers of its known configurations:
+
+            sample 0:  configurations 4,  7
+            sample 1:  configuration  5,  none
+
+        The caller searches configurations in column 0, those that are not there in column
+        1, and so on. If the place of a sample in the column is free, the configuration is
+        new, and gets this place.
 
         Parameters
         ----------
         column
-            The column. The configurations are in none of the columns before.
+            Index of the column. All columns before were searched without success.
         values, samples
             (n, V) variables (rad) and (n,) samples of the configurations.
 
@@ -655,6 +665,11 @@ class _AspectGraph:
         An aspect is a part of the configurations that is connected without a singularity.
         Aspects are the connected components of the graph, and the largest one has number 0.
 
+        Two determinants of a configuration tell aspects apart by their signs. The rates of
+        the inputs in independent motions of the mechanism are a matrix. Its determinant is
+        zero at type II, where the output can move while the inputs rest. The same with the
+        rates of the output is zero at type I, where inputs can move while the output rests.
+
         Parameters
         ----------
         free_of
@@ -667,11 +682,14 @@ class _AspectGraph:
         # Connections join regular configurations. Their numbers among all configurations
         # are converted to positions among the regular ones.
         edges = np.searchsorted(regular_numbers, np.concatenate(self.connections))
+        # (n,) number of the aspect of each configuration.
         label = _number_by_size(label_components(len(regular_numbers), edges))
         sizes = np.bincount(label)
-        # If the sign of the determinant of type I has no meaning, the determinant counts as
-        # zero. An example is a matrix that is not square.
-        determinant_one = nodes.determinant_one * self.has_sign_of_type_one
+        # Some mechanisms have another determinant for type I that is never negative, for
+        # example if the matrix is not square. Its sign tells nothing, so it counts as zero.
+        determinant_one = nodes.determinant_one
+        if not self.has_sign_of_type_one:
+            determinant_one = np.zeros_like(determinant_one)
         return Aspects(
             input_grid=self.input_grid,
             # A sample is a row of the input grid.

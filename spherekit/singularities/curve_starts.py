@@ -276,10 +276,13 @@ def closed_configurations(
 ) -> Floats:
     """Return closed configurations that Newton's method reaches from random starts.
 
-    Inputs are distributed uniformly over their ranges and are not changed by Newton's
-    method. The variable of a rolling contact is the length along which the wheels have
-    rolled. If all these lengths follow from the inputs by gear ratios, they are fixed, too.
-    Otherwise Newton's method would let other points of the wheels touch.
+    In a closed configuration, all loops of links are closed. The start values of the inputs
+    are distributed uniformly over their ranges and are not changed by Newton's method.
+
+    The variable of a rolling contact is the length along which two wheels have rolled. With
+    it, each wheel has a certain position at given inputs. If gear ratios state all these
+    lengths for given inputs, the lengths get these values, and are not changed either. With
+    other values, the wheels would be put together in another way than in the mechanism.
 
     Parameters
     ----------
@@ -296,11 +299,13 @@ def closed_configurations(
     """
     low, high = starting_range(solver.closure)
     start = random.uniform(low, high, (count, len(low)))
+    # Numbers of the variables that Newton's method does not change: first the inputs.
     fixed_variables = list(solver.driven)
     range_starts, range_stops = np.transpose(ranges_of(solver.mechanism))
     start[:, fixed_variables] = random.uniform(
         range_starts, range_stops, (count, len(fixed_variables))
     )
+    # How far the wheels have rolled at given inputs. None without rolling contacts.
     gear_phases = solver.gear_phases
     if gear_phases is not None and gear_phases.all_known:
         rolled_lengths = gear_phases.rolled_lengths(start[:, fixed_variables])
@@ -328,8 +333,9 @@ def points_from(
 ) -> LocusPoints:
     """Return the singular configurations that Newton's method reaches from other ones.
 
-    Most configurations are changed with only one free input, so that the other inputs stay
-    in their ranges; see `_locked_input_conditions`.
+    Newton's method changes a configuration until it is singular. Meanwhile all inputs but
+    one are locked, so that they stay in their ranges. The free input is another one from
+    configuration to configuration. In each round all inputs are also free once.
 
     Parameters
     ----------
@@ -348,7 +354,9 @@ def points_from(
     # the output (type I) rest. A regular configuration has none, so Newton's method starts
     # with the rates at which the inputs, or the output, move least.
     motions = locus.measure(locus.tangent_space(values)).motion
+    # (n, inputs - 1, V) matrices whose products with the variables are the locked inputs.
     conditions = _locked_input_conditions(len(values), values.shape[1], driven)
+    # The locked inputs keep the values that they have now.
     locked_values = np.matvec(conditions, values)
     points = locus.correct(
         values, motions, conditions, locked_values, max_steps=RANDOM_LOCUS_NEWTON_STEPS

@@ -34,6 +34,9 @@ slow links count as resting; smaller: rounding hides zeros."""
 CACHED_POSITION_SETS = 16
 """Sets of arc lengths of a curve whose rates are kept, because all poles are needed at the
 same arc lengths."""
+CROSSING_DISTANCE_FACTOR = 4.0
+"""Least distance of a zero of a rate from a crossing of curves, as a multiple of its error.
+Larger: zeros near crossings are lost; smaller: rounding near crossings counts as a zero."""
 PROJECTION = np.array([0.5257311, 0.3090170, 0.7925405])
 """Direction on which relative rates are projected to find their zeros. It is at right
 angles to no axis, except by chance."""
@@ -255,8 +258,9 @@ class LinkMotion:
         across_axis = dw - along_axis
         turning_rate = np.linalg.norm(across_axis / speed[:, None], axis=1)
         # Near a zero of w, its direction is only rounding, and the quotient is huge without
-        # a meaning. There the error of the axis is about 1 rad, which limits the result to
-        # about 1. Elsewhere the error is small, and the limit has no effect.
+        # a meaning. This is seen from the error of the axis, which is about 1 rad there and
+        # small elsewhere. So the inverse of the error is a limit: it is about 1 near the
+        # zero, and so large elsewhere that it has no effect.
         limit = 1.0 / np.clip(axis.error, EPS, 1.0)
         return np.minimum(turning_rate, limit)
 
@@ -435,8 +439,8 @@ class CurveMotion:
 
         The pole axis is that of the relative rotation of two links, along their relative
         angular velocity w. Each time w passes through zero, w reverses, but the unit
-        vectors do not. At the start of the curve they have the direction of w. Behind the
-        first zero they are opposite to w, behind the second zero they have its direction
+        vectors do not. At the start of the curve they have the direction of w. After the
+        first zero they are opposite to w, after the second zero they have its direction
         again, and so on. If the links never move relative to each other, the vectors are
         zero.
 
@@ -447,17 +451,22 @@ class CurveMotion:
         pole
             The numbers of the two links.
         """
+        # The zeros of w on the curve. None if w is zero everywhere.
         rest_points = self.rest_points(pole)
         if rest_points is None:
             return np.zeros((len(s), 3))
-        speed, growth = self.links_at(s).speeds(pole)  # |w| and |dw|
-        # The distance from a simple zero of w is about speed / growth.
+        # |w| and |dw|, where dw is the derivative of w by the arc length.
+        speed, growth = self.links_at(s).speeds(pole)
+        # The distance from a simple zero of w is about speed / growth. Near a zero, the
+        # direction of w is inaccurate, but that of dw is not.
         is_near_rest = speed <= NEAR_REST_RAD * growth
         direction = np.where(
             is_near_rest[:, None],
             self._direction_by_derivative(s, pole, rest_points),
             self._direction_by_velocity(s, pole, rest_points),
         )
+        # The direction is NaN where w is exactly zero, and dw is zero or unknown as well.
+        # With the vector zero, the rate along the axis is zero there, as it should be.
         return np.nan_to_num(direction)
 
     @np.errstate(invalid="ignore", divide="ignore")
@@ -489,10 +498,13 @@ class CurveMotion:
     ) -> Floats:
         """Return the continuous direction (n, 3) of a pole axis near zeros of velocity w.
 
-        w is the relative angular velocity of the two links of the pole. Its direction is
-        inaccurate near a zero, but that of its derivative dw is not. On both sides of a
-        zero, dw has the direction that w has behind the zero. At each zero w reverses. The
-        sense of w behind the zero makes the result continuous.
+        w is the relative angular velocity of the two links of the pole, and dw its
+        derivative by the arc length s of a curve of configurations. Near a zero of w, the
+        direction of w is inaccurate, but that of dw is not. Just before and just after the
+        zero, dw has the same direction: the one that w has after the zero.
+
+        At each zero w reverses, but the result does not. So the direction of w after the
+        zero is multiplied by -1 if w has reversed an odd number of times until then.
 
         Parameters
         ----------
@@ -504,10 +516,11 @@ class CurveMotion:
         links = self.links_at(s)
         _, dw = links.relative(*pole)
         _, size_of_dw = links.speeds(pole)
-        # A zero is at most about `NEAR_REST_RAD` before or behind s. After twice this
-        # distance, the point is behind the zero in any case.
-        s_behind_zero = s + 2.0 * NEAR_REST_RAD
-        sense = self._sense_after_reversals(rest_points, s_behind_zero)
+        # The zero is at most about `NEAR_REST_RAD` before or after s. At twice this
+        # distance, w has passed the zero in any case.
+        s_after_zero = s + 2.0 * NEAR_REST_RAD
+        # 1 after an even number of reversals, -1 after an odd number.
+        sense = self._sense_after_reversals(rest_points, s_after_zero)
         return dw / (size_of_dw * sense)[:, None]
 
     def _sense_after_reversals(self, rest_points: RestPoints, s: Floats) -> Floats:
@@ -529,9 +542,14 @@ class CurveMotion:
         component is that along `PROJECTION`, a constant vector that is hardly ever at right
         angles to the velocity. The result has those zeros at which the whole vector
         vanishes within its rounding error. It is None if the links rest on the whole curve.
+
+        Zeros very near to an end at a crossing with other curves are left out. Rounding
+        errors are large there, so any velocity may seem to be zero.
         """
         curve = self.curve
+        # The velocities of all links at the nodes, the known configurations of the curve.
         node_links = self.links_at(curve.s)
+        # Links rest where their relative velocity is zero within its rounding error.
         if np.all(node_links.rests(pole)):
             return None
 
@@ -555,7 +573,8 @@ class CurveMotion:
         errors = self._bound_zero_errors(s, zeros.double, pole)
         # The links rest where the whole vector vanishes. At other zeros only the component
         # along `PROJECTION` vanishes.
-        is_rest = self.links_at(s).rests(pole) & self._is_apart_from_crossings(s, errors)
+        vanishes = self.links_at(s).rests(pole)
+        is_rest = vanishes & self._is_apart_from_crossings(s, errors)
         return RestPoints(s[is_rest], zeros.double[is_rest], errors[is_rest])
 
     def _bound_zero_errors(self, s: Floats, is_double: Bools, pole: Pole) -> Floats:
@@ -589,9 +608,10 @@ class CurveMotion:
     def _curvature_at_double_zeros(self, s: Floats, pole: Pole) -> Floats:
         """Return the second derivative c (k,) of a relative angular velocity at its zeros.
 
-        At a double zero the velocity touches zero like a parabola. Its slope has the size
-        c x at a small distance x to either side. At a thousandth of the length of the
-        curve, the velocity is still nearly a parabola, and the slope is above rounding.
+        Only the size of the derivative is returned. At a double zero the velocity touches
+        zero like a parabola. Its slope has the size c x at a small distance x to either
+        side. At a thousandth of the length of the curve, the velocity is still nearly a
+        parabola, and the slope is above rounding.
 
         Parameters
         ----------
@@ -602,14 +622,18 @@ class CurveMotion:
         # The point aside is on the side of the middle of the curve, so it is on the curve.
         is_in_second_half = s > 0.5 * self.curve.length
         s_aside = s + np.where(is_in_second_half, -distance, distance)
+        # The length of the derivative of the velocity, which is never negative.
         _, slope_aside = self.links_at(s_aside).speeds(pole)
+        # The caller divides by the result, so it must not be zero.
         return np.maximum(slope_aside / distance, EPS)
 
     def _is_apart_from_crossings(self, s: Floats, errors: Floats) -> Bools:
         """Return whether zeros of a velocity can be distinguished from crossings of curves.
 
-        At a crossing with other curves, where this curve ends, every rate may vanish. A
-        zero must be farther from such an end than four times its error.
+        The curve can end at a crossing with other curves. The equations of the velocities
+        are nearly singular there, and their rounding errors are large. So any velocity may
+        seem to be zero. A zero only counts if it is clearly apart from such an end. Its
+        distance has to be more than `CROSSING_DISTANCE_FACTOR` times its error.
 
         Parameters
         ----------
@@ -617,20 +641,23 @@ class CurveMotion:
             (k,) arc lengths of the zeros, and bounds of their errors (rad).
         """
         start_status, stop_status = self.curve.ends
+        least_distance = CROSSING_DISTANCE_FACTOR * errors
         is_apart = np.ones(len(s), dtype=bool)
+        # A curve with this status ends at a crossing.
         if start_status == Status.AT_SINGULARITY:
-            is_apart &= s > 4.0 * errors
+            is_apart &= s > least_distance
         if stop_status == Status.AT_SINGULARITY:
-            is_apart &= self.curve.length - s > 4.0 * errors
+            is_apart &= self.curve.length - s > least_distance
         return is_apart
 
     def _refine_zeros(self, s: Floats, is_double: Bools, pole: Pole) -> Floats:
         """Move zeros of one component of a velocity to the nearest minima of its magnitude.
 
-        The vector w is the relative angular velocity of two links along a curve. If w
-        vanishes near a zero of its component, the minimum is the more accurate zero.
-        Gauss-Newton steps change the arc length by -(w . w') / (w' . w'), with the
-        derivative w' by the arc length.
+        The vector w is the relative angular velocity of two links along a curve. The
+        component is that along the constant vector `PROJECTION`. If all components of w
+        vanish there, the minimum of |w| is the more accurate zero. Gauss-Newton steps
+        change the arc length by -(w . w') / (w' . w'), with the derivative w' by the arc
+        length.
 
         Parameters
         ----------
@@ -651,5 +678,6 @@ class CurveMotion:
             # A long step shows that only the component vanishes, and not the vector.
             only_component_vanishes = np.abs(step) > NEAR_REST_RAD
             s = np.where(is_double | only_component_vanishes, s, s - step)
-        # A step may leave the curve at its start, s = 0.
+        # A step may lead before the start of the curve, s = 0. After its end, a closed
+        # curve continues with the next lap.
         return np.maximum(s, 0.0)

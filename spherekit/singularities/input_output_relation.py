@@ -185,18 +185,21 @@ def make_six_poles(links: FourLinks, pole_axis: Callable[[Pole], Floats]) -> Six
 class Relation:
     """The relation c y' = d q' between the rates of output and input, at n configurations.
 
-    The input is the rotation of link i relative to r. The output is the rotation of link o
-    relative to s, or relative to r. Two links rotate relative to each other about their
-    pole axis. Around any closed chain of links, the relative angular velocities add up to
-    zero. The relation remains if all other rates are eliminated from these equations. Its
-    coefficients follow from pole axes alone, see `make_relation`.
+    Two links rotate relative to each other about their pole axis. Around any closed chain
+    of links, the relative angular velocities add up to zero. The relation remains if all
+    rates but y' and q' are eliminated from these equations. Its coefficients c and d follow
+    from the pole axes of four links i, r, o and s alone, see `make_relation`. The relation
+    has two forms:
+
+    - Form "i": q' is the rate of i relative to r (input), y' that of o relative to s
+      (output).
+    - Form "ii": q' is the same, but y' is the rate of o relative to r. Here s is an
+      auxiliary link. It only serves to eliminate the other rates, by its pole axes.
 
     Attributes
     ----------
     form
-        "i" if the output is the rotation of link o relative to s, "ii" if it is that
-        relative to r. In form ii, s can be any fourth link. Its pole axes serve to
-        eliminate the other rates.
+        "i" or "ii".
     links, poles
         The four links, and the pole axes of any two of them, from which c and d are
         computed.
@@ -225,7 +228,9 @@ class Relation:
         """
         size = np.hypot(output_rate, input_rate)
         difference = np.abs(self.c * output_rate - self.d * input_rate)
-        return difference / np.where(size > 0.0, size, 1.0)
+        # If both rates are zero, the relation holds, and the result is 0.
+        divisor = np.where(size > 0.0, size, 1.0)
+        return difference / divisor
 
 
 @dataclass(frozen=True)
@@ -306,9 +311,13 @@ def _third_axis_of_shared_link(links: FourLinks) -> ThirdAxis:
     shared link there are three links, and a third relative rotation. It is the sum or the
     difference of output and input.
 
+    The axis serves for a relation c y' = d q' between the rates of output and input. In the
+    formula of d, the sign is -1 for a sum (`SIGN_OF_D_FOR_SUM`) and 1 for a difference.
+
     A condition for a singularity is later printed with a label. For two of the cases the
     label has an end, ".2" or ".3", as in R. Di Gregorio's lecture on the subject.
     """
+    # The axis "or_", for example, is that of the rotation of link o relative to link r.
     if links.i == links.s:
         # The output is o relative to i, the input is i relative to r. The sum is o relative
         # to r.

@@ -567,13 +567,17 @@ class SingularityLocus:
         """Return Newton's steps from n configurations towards singular configurations.
 
         The unknowns are the V pair variables and the rates x of a motion. In a singular
-        configuration the loops are closed, and x closes the loops with E x = 0. E x are the
-        rates of the inputs or of the output. Each step is the sum of three parts:
+        configuration the loops are closed, and x is a motion that closes the loops with
+        E x = 0. E x are the rates of the inputs or of the output. Each step is the sum of
+        three parts:
 
         1. x is replaced by the nearest unit rates that close the loops.
-        2. The variables change so that the loops are closed, and x with them.
+        2. The variables change so that slightly open loops are closed. x changes so that it
+           closes the loops of the changed configuration.
         3. The variables and x change so that E x = 0 and conditions @ values = targets.
            Loops stay closed, and x keeps its length, to first order.
+
+        Parts 1 and 2 are known at once. Part 3 is the solution of linear equations.
 
         Parameters
         ----------
@@ -586,24 +590,27 @@ class SingularityLocus:
             of the step are aligned with them. None without neighbours.
         """
         values, motions = np.split(unknowns, 2, axis=1)
-        # Part 1.
+        # Part 1: `unit_motions` are the nearest unit rates that close the loops.
         linearised = self._linearise(values, motions, reference)
         replacing_motion_steps = linearised.unit_motions - motions
-        # Part 2.
+        # Part 2: the changes of the variables, of x, and of E x by this part.
         closing = self._closing_step(linearised)
-        # Part 3: the changes that E x and the conditions still need after the other parts.
-        closed_values = values + closing.value_changes
+        # Part 3: by how much E x, |x| and the conditions must still change. After part 1,
+        # E x is `constrained_rates`. Part 2 changes E x further. The sum has to vanish.
         rate_changes = -linearised.constrained_rates - closing.constrained_rate_changes
         length_changes = np.zeros((len(values), 1))
+        closed_values = values + closing.value_changes
         condition_changes = targets - np.matvec(conditions, closed_values)
         right_side = np.concatenate(
             [rate_changes, length_changes, condition_changes], axis=1
         )
+        # The unknowns are coordinates: first those of a change that keeps the loops closed,
+        # then those of a change of x.
         equations = append_conditions(
             linearised.equations, conditions, linearised.space.basis
         )
-        # One column of coordinates, for the changes of the variables and of x.
         coordinates = _solve_least_norm(equations, right_side)
+        # Each system of equations has one solution, so the last axis has length 1.
         value_changes = linearised.value_changes(coordinates)[:, :, 0]
         motion_changes = linearised.motion_changes(coordinates)[:, :, 0]
 
@@ -620,8 +627,9 @@ class SingularityLocus:
         rates x that close the loops, with E x = 0. E x are the rates of the inputs (type
         II) or of the output (type I). The equations are E x = 0 and |x| = 1.
 
-        The unknowns are coordinates u of the change of the configuration, and coordinates z
-        of the change of x. The matrix of the linearised equations is
+        Both the configuration and x may change, but only so that the loops stay closed.
+        The g coordinates u of the change of the configuration, and the k coordinates z of
+        the change of x, are the unknowns. The matrix of the linearised equations is
 
             [ d(E x)/du   d(E x)/dz ]
             [ d|x|/du     d|x|/dz   ]
@@ -634,9 +642,10 @@ class SingularityLocus:
             Bases at neighbouring points, with which the bases of u and z are aligned. None
             without neighbours.
         """
-        # `space` has all rates that close the loops, the basis of u. `motion_space` has the
-        # rates in which x is sought, the basis of z: the same rates, or those of a part of
-        # the mechanism.
+        # `space` has g independent rates that close the loops. u are the coordinates along
+        # them. `motion_space` has k independent rates of which x is a combination, with the
+        # coordinates z. Usually they are the same rates. But if only a part of the
+        # mechanism can move the output, x is sought among the rates of this part.
         if reference is None:
             space = self.tangent_space(values)
             motion_space = self.motion_space(space)
@@ -646,7 +655,8 @@ class SingularityLocus:
         # (n, k) the motions, projected onto the rates that close the loops, with length 1.
         motion_coordinates = unit_rows(np.vecmat(motions, motion_space.basis))
         unit_motions = motion_space.to_rates(motion_coordinates)
-        # (n, V, g) the changes of x per unit of u that keep the loops closed.
+        # (n, V, g) If the configuration changes, other rates close the loops. By these
+        # changes per unit of u, x continues to close them.
         motion_slopes = _motion_slopes(space, motion_space, unit_motions)
 
         # The four blocks of the matrix.
@@ -700,19 +710,25 @@ class SingularityLocus:
     def _closing_step(self, linearised: _LinearisedLocus) -> _ClosingStep:
         """Return the shortest step that closes slightly open loops, with its effects.
 
-        x are the rates of a motion that closes the loops. E x are the rates of the inputs
-        or of the output, which are zero in a singular configuration. The step changes both.
+        x are the rates of a motion that closes the loops. E x are the m rates of the inputs
+        or of the output, which are zero in a singular configuration. The step changes the V
+        pair variables of n configurations. The motion x then has to change so that it
+        closes the loops of the changed configuration. E x changes for two reasons: because
+        E depends on the configuration, and because x changes.
         """
         space = linearised.space
+        x = linearised.unit_motions
         # The changes to first order are derivatives along a direction, here the step.
         directions = space.closing_step[:, :, None]
         step = ConfigurationChanges(space.linearisation, directions)
-        # (n, 1, V, V) and (n, 1, m, V), where the second axis is that of the directions.
+        # (n, 1, V, V) matrices by which x is multiplied to get the change of x. The second
+        # axis is that of the directions, and there is only one.
         correction_matrices = linearised.motion_space.rate_corrections(step)
+        motion_changes = np.matvec(correction_matrices[:, 0], x)
+        # (n, 1, m, V) changes of the matrix E.
         constraint_changes = self.constraint.equation_derivatives(step)
-        motion_changes = np.matvec(correction_matrices[:, 0], linearised.unit_motions)
-        # E x changes because E changes, and because x has to be corrected.
-        from_constraint = np.matvec(constraint_changes[:, 0], linearised.unit_motions)
+        # By the product rule, the change of E x is (change of E) x + E (change of x).
+        from_constraint = np.matvec(constraint_changes[:, 0], x)
         from_motions = np.matvec(linearised.constraint_matrix, motion_changes)
         return _ClosingStep(
             value_changes=space.closing_step,
@@ -725,21 +741,24 @@ class SingularityLocus:
 
         The locus is the set of singular configurations. Each has a singular motion: unit
         rates that close the loops while the inputs or the output rest. A tangent is a
-        change of both that satisfies all linearised equations. The tangents are the null
-        space of the matrix of these equations, with g - 1 dimensions for g degrees of
-        freedom.
+        change of the configuration and of the singular motion that satisfies all linearised
+        equations. The tangents are the null space of the matrix of these equations, with
+        g - 1 dimensions for g degrees of freedom.
 
-        For example, a mechanism with two inputs has four unknowns: g = 2 for the
-        configuration and k = 2 for the motion. There are three equations: both inputs rest,
-        and the motion has length 1. So the null space has one dimension, and the locus is a
-        curve.
+        For example, a mechanism with two inputs can change its configuration in two
+        independent ways (g = 2). Its motion is a combination of the same two ways. The
+        coordinates of both changes are four unknowns. There are three equations: both
+        inputs rest, and the motion has length 1. So the null space has one dimension, and
+        the locus is a curve.
         """
-        # The unknowns minus the dimensions of the locus are the independent equations.
+        # Each independent equation takes one dimension from the unknowns. What remains is
+        # the dimension of the locus.
         unknown_count = linearised.equations.shape[2]
         locus_dimension = self.degrees_of_freedom - 1
         rank = unknown_count - locus_dimension
         svd = decompose(linearised.equations)
-        # The last right singular vectors are the null space.
+        # The last right singular vectors are the null space. Each becomes a column with the
+        # coordinates of a change of the configuration, and of a change of the motion.
         null_space = np.swapaxes(svd.right[:, rank:], 1, 2)
         configuration_columns = linearised.configuration_coordinates(null_space)
         motion_columns = linearised.motion_changes(null_space)
@@ -748,6 +767,7 @@ class SingularityLocus:
         orthonormalisation = _orthonormalise(configuration_columns)
         configuration_tangents = orthonormalisation.orthonormal
         motion_tangents = orthonormalisation.combine(motion_columns)
+        # 0 at irregular points, where the tangents are not determined; at most 1.
         condition = _measure_regularity(svd, rank, orthonormalisation)
         return _LocusTangents(
             values=linearised.space.basis @ configuration_tangents,
@@ -761,14 +781,16 @@ def _motion_slopes(
 ) -> Floats:
     """Return how motions must change with the configuration to keep the loops closed.
 
-    A motion is a set of rates of the V pair variables that close the loops.
+    A motion is a set of rates of the V pair variables that close the loops. If the
+    configuration changes, other rates close the loops.
 
     Parameters
     ----------
     space
-        The g independent changes of each of n configurations of the mechanism.
+        Tangent space of n configurations: g independent changes that keep all loops closed.
     motion_space
-        The loops that the motions close: all loops, or those of a part of the mechanism.
+        Tangent space of the motions: the same, or that of a part of the mechanism. Only the
+        loops of this part are then closed by the motions.
     motions
         (n, V) rates of the variables.
 
@@ -776,9 +798,12 @@ def _motion_slopes(
     -------
     (n, V, g) derivatives of the rates along the g changes.
     """
-    # (n, g, V, V) for each change, the matrix that gives the corrections of rates.
+    # `closed_changes` are the g changes of the configurations.
+    # (n, g, V, V) for each change, the matrix whose product with a motion is the change of
+    # this motion.
     correction_matrices = motion_space.rate_corrections(space.closed_changes)
-    # The letters are: n configuration, g change, v corrected rate, w rate of the motion.
+    # The products of these matrices and the motions. The letters are: n configuration,
+    # g change, v rate after the change, w rate of the motion.
     return np.einsum("ngvw,nw->nvg", correction_matrices, motions)
 
 
@@ -844,16 +869,27 @@ def _measure_regularity(
 ) -> Floats:
     """Return how regular n points of a locus are: 0 at irregular points, at most 1.
 
-    A point is irregular if an equation of the locus depends on the others, or if a tangent
-    of the locus does not change the configuration.
+    The locus is the set of singular configurations. Its unknowns are a configuration and a
+    singular motion. A point is irregular in two cases, and a number tells how near each is:
+
+    - An equation of the locus depends on the others. Then the ratio of the smallest to the
+      greatest singular value of the equations is 0. It is at most 1.
+    - A tangent of the locus does not change the configuration, but only the motion. Then
+      the smallest size of a change of the configuration is 0. It is at most 1, because it
+      is a part of a unit vector.
+
+    The result is the product of both numbers, so it is 0 in both cases.
 
     Parameters
     ----------
     svd, rank
-        The decomposition of the equations, and how many are independent at regular points.
+        The singular value decomposition of the equations, and how many equations are
+        independent at regular points.
     orthonormalisation
-        That of the changes of the configuration along the tangents.
+        The singular value decomposition of the changes of the configuration along the
+        tangents.
     """
+    # `SMALLEST_NORMAL` prevents a division by zero.
     greatest_singular_value = np.maximum(svd.values[:, 0], SMALLEST_NORMAL)
     smallest_singular_value = svd.values[:, rank - 1]
     smallest_change = orthonormalisation.singular_values[:, -1]

@@ -85,8 +85,9 @@ def near_misses(sampled: SampledSingularities, near: float) -> list[NearMiss]:
       the transmission measure, which states from 0 to 1 how firmly the locked input holds
       the output.
 
-    Singular configurations themselves are not included. For mechanisms with small angles
-    everywhere, `_sine_limits` has smaller limits.
+    Singular configurations themselves are not included. In some mechanisms these angles are
+    small in all configurations, for example in a gear reducer with a slow output. For such
+    mechanisms a point has to be nearer to count as a near miss; see `_sine_limits`.
 
     Parameters
     ----------
@@ -109,7 +110,9 @@ def _near_misses_on_curve(
     """Return where an output comes near one type of singularity on one curve.
 
     The curve consists of configurations of the mechanism. The distance from the type is an
-    angle. Minima of its sine below a limit are near misses.
+    angle, which is zero at a singularity. Along the curve, local minima of its sine are
+    near misses if they are between two limits. Below the lower limit the sine is zero up to
+    rounding, so the configuration is singular itself.
 
     Parameters
     ----------
@@ -122,11 +125,14 @@ def _near_misses_on_curve(
     near
         Largest angle of a near miss (rad).
     """
+    # The distance from the type as a function of the arc length.
     angle = partial(sampled.angle, kind, number, output=output)
     limits = _sine_limits(sampled, kind, number, angle, near)
+    # Arc lengths of the minima up to the upper limit, and the sines there.
     positions, sines = local_minima(sampled, number, angle, limits.largest)
+    is_not_singular = sines > limits.least
     misses: list[NearMiss] = []
-    for s in positions[sines > limits.least]:
+    for s in positions[is_not_singular]:
         # The configuration, with one row.
         values = sampled.curves[number].at(s).values
         if kind is Type.II and _has_only_distant_dyads(sampled, values, output, near):
@@ -135,6 +141,7 @@ def _near_misses_on_curve(
         (distance,) = sampled.angle(kind, number, s[None], output)
         # The tangent of the angle of type I is the velocity coefficient.
         (slope_angle,) = sampled.angle(Type.I, number, s[None], output)
+        # The configuration can occur at several inputs, after whole periods.
         for q, modes in _inputs_and_modes(sampled, number, float(s), values[0]):
             misses.append(
                 NearMiss(
@@ -278,7 +285,8 @@ def _inputs_and_modes(
     """Return all inputs in the range that have a certain configuration, with its modes.
 
     The configuration occurs again after each period of the input. An assembly mode is a way
-    to assemble the mechanism.
+    to assemble the mechanism. If no known mode has the configuration at an input, this
+    input is left out.
 
     Parameters
     ----------
@@ -293,12 +301,17 @@ def _inputs_and_modes(
     -------
     Each input (rad), with the numbers of the assembly modes.
     """
-    # In a range of whole periods both ends are the same configuration. An input at the
-    # upper end is moved to the lower end, so that it is not listed twice.
+    # In a range of whole periods both ends are the same configuration. An input within
+    # `margin` of the upper end is moved to the lower end, so that it is not listed twice.
     occurrences = sampled.find_occurrences(
         [(curve, s)], values, margin=EQUAL_EXTREMUM_INPUT_RAD
     )
-    return [(q, tuple(modes)) for q, modes, is_inside in occurrences if modes and is_inside]
+    inputs_and_modes = []
+    for q, modes, is_in_range in occurrences:
+        has_mode = len(modes) > 0
+        if has_mode and is_in_range:
+            inputs_and_modes.append((q, tuple(modes)))
+    return inputs_and_modes
 
 
 def local_minima(

@@ -167,19 +167,28 @@ class SampledSingularities:
         self._driven = self.position_analysis.solver.input_variable
         self.configurations: Configurations = self.position_analysis.configurations
         self.curves = [item.curve for item in self.configurations.curves]
-        # The part numbers its links anew, so outputs are passed by names of links.
+        # The singularities on the curves. The part numbers its links anew, so outputs are
+        # passed by names of links.
         names = position_analysis.mechanism.links
         self.report = SingleFreedomSingularities(
             self.position_analysis, self.curves, [(names[o], names[s]) for o, s in outputs]
         )
 
         part_values = values[:, part.variables]
+        # For each row the number of the curve on which it is, -1 if it is on none, and its
+        # arc length on this curve.
         self.curve, self.s = self._find_curve_points(part_values, assembly_mode)
+        # Curves can cross in some configurations. They end a little before a crossing, so a
+        # row at a crossing is on no curve. The status of such a row says so.
         distances = self._distances_to_crossings(part_values)
         self.status = self._decide_status(distances)
+        # `crossed` says whether a row is exactly a crossing, one whose configuration is
+        # known.
         is_at_crossing = distances.located_crossing < AT_CROSSING_RAD
-        self.crossed = (self.curve < 0) & is_at_crossing
+        is_on_no_curve = self.curve < 0
+        self.crossed = is_on_no_curve & is_at_crossing
 
+        # The least and the greatest input.
         self.range: tuple[float, float] = position_analysis.range
         # The part of each curve that a simulation passes; None for other motions.
         self._passed_ranges: dict[int, tuple[float, float]] | None = None
@@ -294,12 +303,15 @@ class SampledSingularities:
             In a range of whole periods, both ends are the same. An input nearer to the
             upper end than this (rad) is moved to the lower end.
         """
+        # All curves through the configuration have the same input there. The first one is
+        # taken to find further inputs after whole periods.
         first_curve, _ = places[0]
         inputs = self._find_inputs(first_curve, values[self._driven], margin)
         if not self._has_rows_on(first_curve):
-            # The simulation is never on this curve, so the configuration is outside. One
-            # occurrence is enough to report this.
+            # The simulation never is on this curve, so its periods do not matter. One input
+            # is enough to report whether the configuration is inside.
             inputs = inputs[:1]
+        # True without a simulation. A simulation may pass any of the curves there.
         passes_configuration = self._passes_any(places)
         for q in inputs:
             is_in_range = bool(in_range(np.array(q), *self.range))
@@ -358,7 +370,11 @@ class SampledSingularities:
         If the range of the input has several periods, each period has a piece for the same
         part of the curve. For example, let the range be 0 to 720 deg with a period of 360
         deg. One piece includes s at the input 30 deg, another one includes s at 390 deg.
-        Only the piece that fits to q is yielded.
+        Only the piece that fits to q is yielded. There are two exceptions, in which also
+        other pieces fit:
+
+        - Both ends of a range of whole periods are the same input.
+        - All inputs of a simulation that differ by whole periods are the same input.
 
         Parameters
         ----------
@@ -369,17 +385,20 @@ class SampledSingularities:
         """
         for piece, input_in_piece in self._pieces_with_inputs(curve, s):
             # Both inputs belong to the same configuration, so they differ by whole periods.
-            # They may count as the same input even then, like both ends of a range of whole
-            # periods, or any inputs of a simulation.
             periods_between = round((input_in_piece - q) / self._period(curve))
-            if self._is_same_input(curve, periods_between):
+            # This is so if no period is between them, and in the two exceptions.
+            fits = self._is_same_input(curve, periods_between)
+            if fits:
                 yield piece
 
     def _pieces_with_inputs(self, curve: int, s: float) -> Iterator[tuple[Piece, float]]:
         """Yield each piece of a curve that includes an arc length, with its input (rad).
 
         A piece is a part of a curve of configurations in one assembly mode (way to assemble
-        the mechanism).
+        the mechanism). The input is that at this arc length, within the range of the input.
+
+        On a closed curve, the same configurations repeat in each lap. In a lap the arc
+        length grows by the length of the curve, and the input by its `rise`.
 
         Parameters
         ----------
@@ -391,13 +410,14 @@ class SampledSingularities:
         # A piece of a closed curve may begin in the lap before and end in the lap after.
         laps = (0, 1, -1) if arc_curve.closed else (0,)
         for lap in laps:
-            # In each lap the arc length grows by `length`, and the input by `rise`.
             s_in_lap = s + lap * arc_curve.length
             input_in_lap = input_on_curve + lap * arc_curve.rise[self._driven]
             for piece in self.configurations.curves[curve].pieces:
                 if _includes(piece, s_in_lap):
-                    # `shift`, some whole periods, moves the piece into the range.
-                    yield piece, input_in_lap + piece.shift
+                    # The input on the curve can be outside of the range. With `shift`, some
+                    # whole periods of the input, it is inside.
+                    input_in_range = input_in_lap + piece.shift
+                    yield piece, input_in_range
 
     def _is_same_input(self, curve: int, periods_between: int) -> bool:
         """Return whether two inputs that differ by some periods count as the same input.
@@ -709,14 +729,19 @@ class SampledSingularities:
         Returns
         -------
         (n,) angles (rad). NaN if a group of links that is no dyad helps to place the
-        output, or if the input itself joins the two links of the output.
+        output, or if no group does.
         """
         solver = self.position_analysis.solver
         # An output is the relative motion of two links.
         links = frozenset(self.report.outputs[output])
+        # The groups that place these links relative to each other, with a locked input.
         groups = placing_groups(solver.mechanism, solver.assembly, links)
+        if not groups:
+            # The input itself joins both links, so no dyad can be near type II.
+            return nans(len(values))
         # The minimum begins with the largest possible distance.
-        least = np.full(len(values), MAX_TYPE_II_DISTANCE_RAD if groups else np.nan)
+        least = np.full(len(values), MAX_TYPE_II_DISTANCE_RAD)
+        # The axes of all pairs in each configuration.
         axes = solver.closure.linearise(values).axes
         for group in groups:
             if not group.is_dyad:
@@ -841,9 +866,12 @@ class SampledSingularities:
         singularities = self._singular_positions(number, output, kind)
         curve = self.curves[number]
         inputs = curve.at(s).values[:, self._driven]
-        # Number of the first singularity behind each point. NaN stands for the missing
-        # singularity before the first one, or after the last one.
+        # Singularities are sorted by their arc length. For each point, this is the index of
+        # the first singularity that comes after the point.
         next_number = np.searchsorted(singularities.s, s)
+        # NaN stands for the missing singularity before the first one, or after the last
+        # one. With NaN in front, all indices are greater by 1. So the same index now yields
+        # the singularity before the point.
         input_before = np.append(np.nan, singularities.q)[next_number]
         input_after = np.append(singularities.q, np.nan)[next_number]
         # `fmin` ignores NaN.

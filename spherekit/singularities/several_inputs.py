@@ -48,9 +48,11 @@ class RowType(IntEnum):
     inputs and output rest, and the configuration is of no other type. UNKNOWN means that
     there is no configuration.
 
-    Where surfaces of configurations cross, the closure equations lose rank. They then allow
-    more rates than there are motions, and do not tell about type I. The configuration is of
-    type II if the output can move while the inputs rest, otherwise a SELF_MOTION.
+    The rates of all variables satisfy linear equations, which keep the loops closed. Where
+    surfaces of configurations cross, these equations lose rank. They then also have
+    solutions that are no motions, so type I cannot be told from them. Such a configuration
+    counts as type II if a solution moves the output while the inputs rest. Otherwise it
+    counts as SELF_MOTION.
     """
 
     REGULAR = 0
@@ -481,6 +483,9 @@ def _find_single_input_motions(
     det N_a) is used, as it is also finite at singularities. The input then has the rate det
     N_a.
 
+    The output can be the orientation of a link, or only a direction of the link. In the
+    second case, rotations of the link about this direction do not count as its rate.
+
     Parameters
     ----------
     motion, space, output
@@ -492,14 +497,22 @@ def _find_single_input_motions(
     coefficients_by_input = adjugate(input_rates)
     # The size of a column is that of all rates in the motion, as N is orthonormal.
     sizes = np.linalg.norm(coefficients_by_input, axis=1)
+    # NaN replaces the size if links can move in several ways. All results of this motion
+    # that are divided by the size are then NaN, too.
     unique_sizes = _discard_ambiguous_motions(sizes)
 
+    # The rate of the input in its motion. It has no sign if the sense of N is arbitrary.
     input_determinant = _determinant_with_sense(input_rates, space)
-    output_rates = output.equations(space.linearisation) @ space.basis
-    output_sizes = np.linalg.norm(output_rates @ coefficients_by_input, axis=1)
+    # The components of the angular velocity that are zero if the output rests: two for a
+    # direction, three for an orientation. First in the g columns of N, then in the motions.
+    rates_in_columns = output.equations(space.linearisation) @ space.basis
+    output_rates = rates_in_columns @ coefficients_by_input
+    output_sizes = np.linalg.norm(output_rates, axis=1)
 
+    # (n, g, 3) the whole angular velocity of the output link in these motions.
     angular_velocity = output.angular_velocity(space, space.basis @ coefficients_by_input)
     speed = np.linalg.norm(angular_velocity, axis=2, keepdims=True)
+    # If the speed is only rounding, the link has no direction of rotation.
     is_turning = speed > SINGULAR_TRANSMISSION * sizes[..., None]
     # Division by the sizes scales all rates in a motion to a vector of length 1.
     return SingleInputMotions(
@@ -546,26 +559,37 @@ def _measure_singularities(
     """Return how near configurations are to singularities of types I and II.
 
     At type I inputs can move while the output rests. At type II the output can move while
-    the inputs rest.
+    the inputs rest. The output can be the orientation of a link, or only a direction of the
+    link. In the second case, the link may turn about this direction while the output rests.
 
     Parameters
     ----------
     motion, space, output
         The n configurations, their rates that close the loops, and the condition that the
-        output rests.
+        output rests. `output.pointing` is the direction in the axes of the output link, or
+        None for an orientation.
     """
     input_variables = _input_variables(motion)
+    # (n, variables, 3) relative angular velocity of the links of a pair per unit rate.
     vectors = space.linearisation.vectors
     # How firmly locked inputs fix the output, zero if the output can move.
     transmission = Transmission(
-        space.tree, tuple(input_variables), output.link, output.relative_to, output.pointing
+        tree=space.tree,
+        driven=tuple(input_variables),
+        link=output.link,
+        relative_to=output.relative_to,
+        direction=output.pointing,
     )
-    pointed = transmission.output_directions(space.linearisation.rotations)
-    type_two_transmission = transmission.measure(vectors, pointed)
-    # The same for all links. It is zero if any link can move while the inputs are locked.
+    # (n, 3) the direction in each configuration, or None.
+    output_directions = transmission.output_directions(space.linearisation.rotations)
+    type_two_transmission = transmission.measure(vectors, output_directions)
+    # How firmly locked inputs fix all links. The number is the smallest singular value of
+    # the loop equations. It is zero if any link can move while the inputs are locked.
     locked_singular_value, _ = input_authority(space.tree, input_variables, vectors)
 
-    # How much the output has to move if the inputs move, zero if the output can rest.
+    # How much the output has to move if the inputs move, zero if the output can rest. The
+    # columns of `space.basis` are independent motions. From them follows which rates of
+    # inputs and output can occur together.
     occurring_rates = _find_occurring_rates(
         input_rates=space.basis[:, input_variables],
         output_rates=output.equations(space.linearisation) @ space.basis,
@@ -586,20 +610,26 @@ def _decide_types(measures: SingularityMeasures) -> SmallIntegers:
 
     At type I inputs can move while the output rests. At type II the output can move while
     the inputs rest. Type III is both. In a self-motion other links move while inputs and
-    output rest.
+    output rest. A measure is zero at its type. For a regular configuration, all measures
+    are above `SINGULAR_TRANSMISSION`.
+
+    Where the linear equations that keep the loops closed lose rank, they also have
+    solutions that are no motions. So type I cannot be told from them. Such a configuration
+    counts as type II if a solution moves the output while the inputs rest. Otherwise it
+    counts as a self-motion.
     """
     loses_rank = measures.reciprocal_condition < SINGULAR_TRANSMISSION
-    # Where the closure equations lose rank, they allow rates that are no motions. Type I
-    # is not decided there.
     is_type_one = (measures.type_one_sine < SINGULAR_TRANSMISSION) & ~loses_rank
     is_type_two = measures.type_two_transmission < SINGULAR_TRANSMISSION
-    is_self_motion = ~is_type_one & ~is_type_two & (loses_rank | measures.has_self_motion)
+    has_other_type = is_type_one | is_type_two
+    is_self_motion = ~has_other_type & (loses_rank | measures.has_self_motion)
 
     row_type = np.full(len(loses_rank), RowType.REGULAR, dtype=np.int8)
     row_type[is_type_one] = RowType.I
     row_type[is_type_two] = RowType.II
     row_type[is_type_one & is_type_two] = RowType.III
     row_type[is_self_motion] = RowType.SELF_MOTION
+    # Without a configuration, the measures are NaN.
     row_type[~np.isfinite(measures.type_two_transmission)] = RowType.UNKNOWN
     return row_type
 
@@ -608,6 +638,9 @@ def _decide_groups(
     row_type: SmallIntegers, single_input_motions: SingleInputMotions
 ) -> SmallIntegers:
     """Return the group (n,) of each configuration in Di Gregorio's discussion.
+
+    A configuration of type I lets inputs move while the output rests. One of type II lets
+    the output move while the inputs rest, and type III is both.
 
     If all inputs but one are locked, the mechanism has one degree of freedom. There is one
     such mechanism for each input. A configuration of type I, II or III is in group 1 if at
@@ -621,12 +654,13 @@ def _decide_groups(
     single_input_motions
         The motions of these mechanisms.
     """
-    # A mechanism is singular if its input or output rests, or if its motion is not unique.
-    # The rates are then NaN, for which the comparisons are false.
     tolerance = ALONE_SINGULAR_FACTOR * SINGULAR_TRANSMISSION
+    # (n, inputs) a mechanism is regular if its input and its output move. If its motion is
+    # not unique, its rates are NaN. The comparisons are false then, so it is not regular.
     is_input_moving = np.abs(single_input_motions.input_rate) > tolerance
     is_output_moving = np.abs(single_input_motions.output_rate) > tolerance
-    is_singular_alone = np.any(~(is_input_moving & is_output_moving), axis=1)
+    is_regular_alone = is_input_moving & is_output_moving
+    is_singular_alone = np.any(~is_regular_alone, axis=1)
 
     is_of_type = np.isin(row_type, (RowType.I, RowType.II, RowType.III))
     group = np.zeros(len(row_type), dtype=np.int8)
@@ -645,10 +679,10 @@ class _OccurringRates:
     Attributes
     ----------
     input_part, output_part
-        (n, g, k) rates of the inputs and (n, m, k) rates of the output in k motions. Each
-        column has g rates of the inputs and then m rates of the output; the columns are
-        orthonormal. Motions that move neither inputs nor output have zero columns, which
-        are the last ones.
+        (n, g, k) rates of the inputs and (n, m, k) rates of the output in k motions. A
+        column has the g rates of the inputs, and below them the m rates of the output. The
+        first columns are orthonormal. If motions move neither inputs nor output, the last
+        columns are zero, one for each such motion.
     rank
         (n,) number of columns that are not zero.
     """

@@ -205,7 +205,8 @@ class SingleFreedomSingularities:
         - In form "i", y' is the rate of the output: of its link o relative to its reference
           link s.
         - In form "ii", y' is the rate of link o relative to the reference link r of the
-          input. This form exists only if link o is none of the two links of the input.
+          input. Here s is an auxiliary link: its axes only serve to compute c and d. This
+          form exists only if link o is none of the two links of the input.
 
         Parameters
         ----------
@@ -214,9 +215,9 @@ class SingleFreedomSingularities:
 
         Returns
         -------
-        The links i and r of the input, and the links o and s, by form. In form "ii", s is
-        an auxiliary link, which can be any other link.
+        The links i and r of the input, and the links o and s, by form.
         """
+        # The numbers of the input link i and of its reference link r.
         input_link, input_reference = self.input
         output_link, output_reference = output
         links = FourLinks(
@@ -225,8 +226,9 @@ class SingleFreedomSingularities:
         links_by_form: dict[Form, FourLinks] = {"i": links}
         if output_link in self.input:
             return links_by_form
-        # The auxiliary link is the reference link of the output, unless this is also the
-        # reference link of the input. Then another link is chosen, if there is one.
+        # Usually the auxiliary link s of form "ii" is the reference link of the output. If
+        # this is r, both forms would have the same four links and be the same relation.
+        # Then the link is chosen whose axes are best suited. None if there is no other.
         auxiliary_link: int | None = output_reference
         if output_reference == input_reference:
             auxiliary_link = self._choose_auxiliary_link(links)
@@ -569,10 +571,12 @@ class SingleFreedomSingularities:
         pole axes, the axes about which links turn relative to each other.
 
         Several curves of configurations meet at a crossing, and each is another motion of
-        the mechanism. The crossing as such is of type III (c = d = 0), because the
-        mechanism may follow any of these curves. Along one curve, further pole axes are
-        known. If neither c nor d vanishes with these axes, a note says that the relation
-        applies to this curve only.
+        the mechanism. The mechanism may follow any of these curves. So the configuration
+        does not determine the motion, and it is of type III (c = d = 0).
+
+        The motion along a single curve does determine all pole axes. With them, c and d of
+        this curve may differ from zero. A note then says that they apply to this curve
+        only.
 
         Parameters
         ----------
@@ -588,6 +592,7 @@ class SingleFreedomSingularities:
         """
         if crossing is None:
             return ()
+        # The tangent of a curve has the rates of all variables in the motion along it.
         curve_count = len(crossing.tangents)
         link_motion = LinkMotion(
             self.position_analysis,
@@ -596,7 +601,8 @@ class SingleFreedomSingularities:
             # The second derivatives along the curves are not known.
             bends=None,
         )
-        # The configuration is of type III, whatever curve the mechanism follows.
+        # `_check_types` compares c and d with the type of each of the motions. All have the
+        # type III of the configuration.
         types = [Type.III] * curve_count
         relations_by_curve = self._check_types(output, link_motion, types)
         relations = list(chain.from_iterable(relations_by_curve))
@@ -666,14 +672,19 @@ def _explain_vanishing_relation(
 ) -> str:
     """Return a note for users why a relation does not determine rates on a whole curve.
 
+    A relation is an equation c y' = d q', where q' is the rate of the input. It has two
+    forms. In form "i", y' is the rate of the output. In form "ii", y' is the rate of the
+    output link relative to the reference link of the input.
+
     c and d are products of pole axes, about which links turn relative to each other. The
     coefficients of four links are zero if all axes are in one plane. Those of three links
-    are unknown if all axes are on one line.
+    are unknown if all axes are on one line. The relation then says nothing, and the types
+    of singularities follow from computed rates.
 
     Parameters
     ----------
     relation
-        The relation c y' = d q' between the rates of output and input.
+        The relation, in one of the forms.
     curve
         Number of the curve.
     link_names
@@ -941,29 +952,31 @@ def _relative_rate(
 def _explain_crossing_doubts(crossing: Crossing | None) -> str:
     """Return why a crossing at the end of curves is not certain, or an empty text.
 
-    At a crossing of curves of configurations, some singular values of the closure equations
-    vanish (a loss of rank).
+    Curves of configurations cross where the equations that close the loops lose rank: some
+    of their singular values vanish.
 
     Parameters
     ----------
     crossing
-        The crossing near the end of the curves. Its attribute `miss` (rad) is its distance
-        from an exact crossing. `resolved` says whether terms of second order determine the
-        number of curves through the crossing, and `freedoms` is the number of independent
-        motions there. None if Newton's method located no crossing. This happens where the
-        singular values vanish faster than in proportion to the distance (of higher order).
+        The crossing near the end of the curves, or None if it was not located.
     """
+    # Newton's method locates a crossing if the singular values vanish in proportion to the
+    # distance from it. If they vanish faster (of higher order), the method fails.
     if crossing is None:
         return (
             "the curve ends where the closure equations lose rank, but the configuration "
             "was not located: the loss is of higher order"
         )
     notes = []
+    # `miss` is the distance of the configuration from an exact crossing.
     if crossing.miss > MAX_CROSSING_MISS_RAD:
         notes.append(
             f"undecided within tolerance: the loops miss the crossing by "
             f"{crossing.miss:.3g} rad, so two curves may pass each other instead"
         )
+    # To first order, the equations allow `freedoms` independent motions at the crossing.
+    # The terms of second order decide which of them continue along curves. `resolved` says
+    # whether they do.
     if not crossing.resolved:
         notes.append(
             f"terms of second order do not tell how many curves there are among the "

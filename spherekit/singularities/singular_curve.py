@@ -236,16 +236,19 @@ class SingularCurve:
         return node_values
 
     def cusps(self) -> LocusPoints:
-        """Return the cusps of the curve in the plane of the inputs or of the output.
+        """Return the cusps: points of the curve where the inputs, or the output, reverse.
 
-        The curve consists of singular configurations. If the mechanism moves along the
-        curve, the inputs (type II) or the output (type I) rest for a moment at a cusp, and
-        generally reverse. There the tangent of the curve is parallel to the singular motion
-        (the motion in which the inputs, or the output, rest).
+        The curve consists of singular configurations. Each has a singular motion, in which
+        the inputs (type II) or the output (type I) rest. At a cusp, this motion is parallel
+        to the tangent of the curve. If the mechanism moves along the curve, the inputs (or
+        the output) rest for a moment there, and generally reverse. In a drawing over the
+        inputs (or over the output), the curve has a sharp point there.
 
         Sometimes singular motions are sought only in a part of the mechanism that has fewer
         degrees of freedom. Cusps are not searched then.
         """
+        # `motion_dimension` is the number of independent motions among which singular
+        # motions are sought.
         whole_mechanism_moves = self.locus.motion_dimension == self.locus.degrees_of_freedom
         if whole_mechanism_moves:
             # The determinant is zero where tangent and singular motion are parallel.
