@@ -134,9 +134,9 @@ class DyadChain:
     base
         Number of the link in whose axes all vectors are given.
     posed_link
-        Number of the link whose orientation is given with the poses, or at least the axes
-        of its pairs. The angular velocity of the output is that of this link relative to
-        the base.
+        Number of the link that each pose places. A pose gives its orientation, or only the
+        axes of its pairs if the dyads need no more. The angular velocity of the output is
+        that of this link relative to the base.
 
     Attributes
     ----------
@@ -147,10 +147,10 @@ class DyadChain:
     dyad_of_link, dyad_of_pair
         Numbers of the dyads to which links and pairs belong.
     sign_dependencies
-        By computed quantity, the numbers of the dyads on whose signs it depends. The sign
-        of a dyad says which of its two possible assemblies it has. A quantity is the name
-        of a method of `spherekit.outputs.working_mode.WorkingMode`, with its arguments. Its
-        dyads are noted when it is computed for the first time.
+        For each quantity, the numbers of the dyads whose signs it depends on. The sign of a
+        dyad says which of its two possible positions it has. A quantity is the name of a
+        method of `spherekit.outputs.working_mode.WorkingMode`, with its arguments. It is
+        entered when it is computed for the first time.
     """
 
     def __init__(
@@ -163,9 +163,9 @@ class DyadChain:
     ) -> None:
         """Collect the dyads, and note to which dyad each link and pair belongs.
 
-        A dyad is two links, joined by the middle one of three R pairs. The outer pairs join
-        it to links that are placed before. Each dyad has two possible positions, which its
-        sign, 1 or -1, distinguishes.
+        A dyad is two links, the near and the far one, with three R pairs. The middle pair
+        joins the two links to each other. The outer pairs join them to links that are
+        placed before. The dyad has two possible positions. Its sign, 1 or -1, tells which.
 
         Parameters
         ----------
@@ -178,31 +178,28 @@ class DyadChain:
         base
             Number of the link that is fixed. Vectors are in its axes.
         posed_link
-            Number of the link whose orientation is known in each pose. If the dyads need
-            only the axes of its pairs, a pose may state these axes instead.
+            Number of the link that each pose places.
         """
         # Numbers of the first and second link of each pair.
         self.ends = mechanism.ends
         self.joints = joints
         self.base = base
         self.posed_link = posed_link
-        # The methods `axis_source` and `vector_weights` remember their results, which are
-        # the same in all poses.
+        # Some methods of this class remember their results, which never change.
         self._cache_methods()
+        # The dyads, and the number of the dyad to which each link and each pair belongs.
         self.dyads = tuple(self._make_dyad(group) for group in assembly.groups)
         self.dyad_of_link: dict[int, int] = {}
         self.dyad_of_pair: dict[int, int] = {}
-        # Results that do not depend on the signs of all dyads can be shared by several
-        # modes. For each computed quantity, this has the numbers of the dyads on whose
-        # signs it depends. `WorkingMode` fills it. Its keys are names of methods of
-        # `WorkingMode`, with their arguments.
-        self.sign_dependencies: dict[Hashable, frozenset[int]] = {}
-        # Near and far are the two ends of a dyad.
         for number, dyad in enumerate(self.dyads):
             for link in (dyad.near_link, dyad.far_link):
                 self.dyad_of_link[link] = number
             for pair in dyad.pairs:
                 self.dyad_of_pair[pair] = number
+        # For each quantity, such as the angle of pair 3, the numbers of the dyads whose
+        # signs it depends on. Empty at first. The class `WorkingMode` fills it when it
+        # computes a quantity.
+        self.sign_dependencies: dict[Hashable, frozenset[int]] = {}
 
     def _cache_methods(self) -> None:
         """Let `axis_source` and `vector_weights` remember their results."""
@@ -239,9 +236,13 @@ class DyadChain:
         A dyad is two links that three pairs join to each other and to two supports, links
         placed before. The chain is: near support, near pair, near link, middle pair, far
         link, far pair, far support.
+
+        The middle axis can be on either side of the plane of the two outer axes. The side
+        is the sign of middle axis . (near axis x far axis).
         """
         near_pair, middle_pair, far_pair = group.dyad_pairs
-        # Body 0 has all links placed before, the others are the links of the dyad.
+        # Body 0 of the group has all links placed before. Bodies 1 and 2 are the two links
+        # of the dyad.
         near_link = group.bodies[1][0]
         far_link = group.bodies[2][0]
         return ChainDyad(
@@ -250,14 +251,10 @@ class DyadChain:
             far_pair=far_pair,
             near_link=near_link,
             far_link=far_link,
-            # The sum of both ends less one of them is the other one.
-            near_support=sum(self.ends[near_pair]) - near_link,
-            far_support=sum(self.ends[far_pair]) - far_link,
-            # A dyad has two positions, with the middle axis on one or the other side of the
-            # plane of the outer axes. The side, 1 or -1, is the sign of middle axis . (near
-            # axis x far axis). This is the side of the mode with the sign 1. (The sign of a
-            # mode is defined in the same way, but with the axes in the order of the pairs
-            # of the group, which can be another order.)
+            near_support=self._other_link(near_pair, near_link),
+            far_support=self._other_link(far_pair, far_link),
+            # A working mode gives each dyad a sign, 1 or -1. For the sign 1, the middle
+            # axis is on the side `dyad_parity`, which is 1 or -1, too.
             positive_mode_side=group.dyad_parity,
             # The angles between the axes at both ends of the near link, and at both ends of
             # the far link.
@@ -266,6 +263,11 @@ class DyadChain:
                 self._arc(far_link, far_pair, middle_pair),
             ),
         )
+
+    def _other_link(self, pair: int, link: int) -> int:
+        """Return the link that a pair joins to a link."""
+        first_link, second_link = self.ends[pair]
+        return second_link if link == first_link else first_link
 
     def support_of(self, link: int) -> tuple[int, int]:
         """Return the outer pair of a dyad's link, and the link that it is connected to."""
@@ -277,23 +279,28 @@ class DyadChain:
     def _find_axis_source(self, pair: int, link: int) -> AxisSource:
         """Return the pair and link from which the axis of a wanted pair is known earliest.
 
-        Links are placed one after another, each hinged to an earlier link, its support. An
-        axis that is known early does not depend on later links, so that its results can be
-        shared. The search goes back from the wanted link to its support, from there to the
-        support of that one, and so on. It ends where the pair at the support has another
-        axis line.
+        Links are placed one after another. An outer pair hinges each link to a link placed
+        earlier, its support. If the wanted axis is the axis line of this outer pair, the
+        support has it, too, and it is known as soon as the support is placed. The search
+        goes back in this way from link to support. It ends at a link whose outer pair has
+        another axis line.
 
         Parameters
         ----------
         pair, link
             Numbers of the wanted pair and of one of its links.
+
+        Returns
+        -------
+        A pair and a link. The wanted axis is `sense` (1 or -1) times the axis of this pair,
+        as it is fixed in this link.
         """
         # At all times, the wanted axis is `sense` times the axis of `source_pair` in
         # `source_link`.
         source_pair = pair
         source_link = link
         sense = 1.0
-        # The base and the posed link belong to no dyad. They are placed first.
+        # The base and the posed link belong to no dyad and have no support.
         while source_link in self.dyad_of_link:
             outer_pair, support = self.support_of(source_link)
             if not self.is_coaxial(source_pair, outer_pair, source_link):
@@ -328,8 +335,8 @@ class DyadChain:
 
             w[0] p + w[1] q + w[2] (p x q).
 
-        The weights w are constant. In any pose the vector follows from p and q, without the
-        rotation matrix of the link.
+        The weights w are the same in all poses. They give the vector in any pose in which p
+        and q are known, without the orientation of the link.
 
         Parameters
         ----------
@@ -343,11 +350,12 @@ class DyadChain:
         -------
         (3,) the weights w.
         """
-        # `support_of` returns the outer pair and the link to which it joins this link.
-        outer_pair, _ = self.support_of(link)
+        outer_pair, _support = self.support_of(link)
         middle_pair = self.dyads[self.dyad_of_link[link]].middle_pair
+        # Both axes in the axes of the link.
         p = self.axis_in(outer_pair, link)
         q = self.axis_in(middle_pair, link)
+        # The columns of `basis` are p, q and p x q.
         basis = np.stack([p, q, np.cross(p, q)], axis=1)
         # If p and q are parallel, the basis is singular. Least squares then return the
         # weights of the part of the vector along p.
@@ -403,7 +411,8 @@ def invert_jacobian(jacobian: Floats, directions: Floats | None) -> InputRates:
 
     The Jacobian has the angular velocity of the output for each input. It is inverted by
     Cramer's rule: each row of the inverse is a cross product of two columns, divided by the
-    determinant. Both are finite even at singularities, so they are returned separately.
+    determinant. At a singularity the determinant is 0, so the division is left to the user
+    of the result.
 
     Parameters
     ----------

@@ -259,15 +259,16 @@ class MidPlaneArchitecture:
         )
         x, y, z = normals.T
         with np.errstate(all="ignore"):
-            # sqrt(1 - x^2) is the length of (y, z), without cancellation.
-            phi_by_x = -1.0 / np.hypot(y, z)
-            gamma_by_y = 1.0 / np.hypot(x, z)
-            # (n, 2) derivatives of phi by x and of gamma by y, without their factor 2.
-            derivatives = np.stack([phi_by_x, gamma_by_y], axis=1)  # (n, 2), without 2
+            # sqrt(1 - x^2) is the length of (y, z), and sqrt(1 - y^2) that of (x, z).
+            # `hypot` returns these lengths without loss of digits.
+            half_phi_by_x = -1.0 / np.hypot(y, z)
+            half_gamma_by_y = 1.0 / np.hypot(x, z)
+            derivatives = np.stack([half_phi_by_x, half_gamma_by_y], axis=1)  # (n, 2)
             # The formulas of the angles are for z >= 0. If z < 0, the opposite normal is
             # used, whose x and y have the opposite rates.
-            derivatives *= 2.0 * np.where(z < 0.0, -1.0, 1.0)[:, None]
-            xy_rates = normal_rates[..., :2]
+            sign = np.where(z < 0.0, -1.0, 1.0)
+            derivatives *= 2.0 * sign[:, None]
+            xy_rates = normal_rates[..., :2]  # (n, k, 2)
             return derivatives[:, None] * xy_rates
 
     def _normal_rates(
@@ -296,10 +297,11 @@ class MidPlaneArchitecture:
             (n, k, 3) derivatives of the normals. They are not finite if p is m.
         """
         normals, distance = self.normals_to(directions)
-        distance_rates = np.matvec(direction_rates, normals)  # (n, k)
+        distance_rates = np.matvec(direction_rates, normals)  # (n, k), L' = p' . n
         with np.errstate(all="ignore"):
-            across = direction_rates - distance_rates[..., None] * normals[:, None]
-            return normals, across / distance[:, None, None]
+            # p' - L' n
+            normal_rates = direction_rates - distance_rates[..., None] * normals[:, None]
+            return normals, normal_rates / distance[:, None, None]
 
     def normals(self, orientations: Floats) -> tuple[Floats, Floats]:
         """Return the mid-planes that belong to orientations of the end effector.
@@ -355,38 +357,48 @@ class MidPlaneArchitecture:
         -------
         (n, links, 3, 3) rotations from the axes of each link to those of the base.
         """
+        # The elbows (n, legs, 3) of all legs, which the normals and the signs determine.
         elbows, _products = self.plane.elbows(normals, modes)
         link_count = len(self.mechanism.links)
         rotations = nans((len(normals), link_count, 3, 3))
-        rotations[:, 0] = np.eye(3)
+        rotations[:, 0] = np.eye(3)  # the base is link 0
         rotations[:, self.effector] = self.orientations(normals)
         placed_links = set(range(link_count) if links is None else links)
         for link in placed_links - {0, self.effector}:
-            # A link is placed by two of its pair axes, which must not be parallel. The
-            # pairs are sorted by the kind of their axis: base, tip, elbow or normal of the
-            # mid-plane. The first and the last one have different kinds, so they are not
-            # parallel.
-            pairs = sorted(
-                (pair for pair, ends in enumerate(self.mechanism.ends) if link in ends),
-                key=lambda pair: AXIS_KINDS.index(self.along[pair].kind),
-            )
-            first_pair = pairs[0]
-            last_pair = pairs[-1]
+            # The axes of two pairs, which are not parallel, determine the orientation.
+            first_pair, second_pair = self._choose_placing_pairs(link)
             # Unit vectors (n, 3) along both axes, in mirror axes.
-            first_axis, last_axis = np.broadcast_arrays(
+            first_axis, second_axis = np.broadcast_arrays(
                 self.axis(first_pair, normals, elbows),
-                self.axis(last_pair, normals, elbows),
+                self.axis(second_pair, normals, elbows),
             )
-            # Both axes determine a frame: z along the first axis, and x towards the last
-            # one. The frame in axes of the base (turned from mirror axes by `frame`) and
-            # the same frame in axes of the link give the rotation.
-            frame_in_base = self.frame @ frame_toward(first_axis, last_axis)
+            # Both axes determine a frame: z along the first axis, x towards the second one.
+            # It is computed in the axes of the base and in those of the link.
+            frame_in_base = self.frame @ frame_toward(first_axis, second_axis)
             frame_in_link = frame_toward(
                 axis_in(self.mechanism, self.joints, first_pair, link),
-                axis_in(self.mechanism, self.joints, last_pair, link),
+                axis_in(self.mechanism, self.joints, second_pair, link),
             )
+            # The rotation that takes the frame in the link to the frame in the base.
             rotations[:, link] = frame_in_base @ frame_in_link.T
         return rotations
+
+    def _choose_placing_pairs(self, link: int) -> tuple[int, int]:
+        """Return two pairs of a link whose axes are not parallel.
+
+        The link is neither the base nor the end effector. There are two sorts of such
+        links. A link of a leg has the elbow of the leg, and its axis at the base or at the
+        end effector (tip). A further link has the elbow of a leg to which it is hinged, and
+        the normal of the mid-plane. So each link has axes of two kinds.
+
+        The kinds have the order base, tip, elbow, normal. The first pair has the first kind
+        that the link has, and the second pair has the last one.
+        """
+        pairs_of_link = [
+            pair for pair, ends in enumerate(self.mechanism.ends) if link in ends
+        ]
+        pairs_of_link.sort(key=lambda pair: AXIS_KINDS.index(self.along[pair].kind))
+        return pairs_of_link[0], pairs_of_link[-1]
 
     def axis(self, pair: int, normals: Floats, elbows: Floats) -> Floats:
         """Return the unit axis of a pair.
@@ -433,12 +445,15 @@ class MidPlaneArchitecture:
     def transmission(self, normals: Floats, elbows: Floats) -> Floats:
         """Return the measure (n,) of type II, 0 where the output moves with locked inputs.
 
+        Base and output link mirror each other in the mid-plane. If the output declares a
+        direction, this is the mirror image of `home`, a constant direction of the base.
+
         Parameters
         ----------
         normals
             (n, 3) unit normals of the mid-planes.
         elbows
-            (n, legs, 3) elbows of all legs.
+            (n, legs, 3) elbows of all legs: the axes between their two links.
         """
         directions = None
         if self.output.direction is not None:
@@ -491,8 +506,9 @@ class MidPlaneArchitecture:
             gap = max(gap, float(np.max(axis_angles)))
         # Here `values` are those of the last signs.
         closure = Closure.of_mechanism(self.mechanism, self.joints)
-        mobility = rank_mobility(closure.tree, closure.linearise(values).vectors)
-        return gap, int(np.min(mobility))
+        linearisation = closure.linearise(values)
+        freedoms = rank_mobility(closure.tree, linearisation.vectors)  # at each mid-plane
+        return gap, int(np.min(freedoms))
 
     def check_reach(self, normal: Floats) -> None:
         """Raise `SolveError` if a leg does not reach the mid-plane with a normal (3,).
@@ -501,10 +517,12 @@ class MidPlaneArchitecture:
         axis between its two links (the elbow) can be in this plane. The message names the
         nearest mid-plane that all legs reach.
         """
-        # The elbow of a leg out of reach is NaN, with either sign of the leg. So all signs
-        # are 1 here.
-        elbows, _products = self.plane.elbows(normal[None], np.ones(len(self.legs)))
-        short_legs = np.flatnonzero(np.isnan(elbows[0, :, 0])).tolist()
+        # A sign, 1 or -1, chooses one of the two elbows of a leg. Out of reach both elbows
+        # are NaN, so any signs can be used here.
+        signs = np.ones(len(self.legs))
+        elbows, _products = self.plane.elbows(normal[None], signs)  # (1, legs, 3)
+        is_out_of_reach = np.isnan(elbows[0, :, 0])
+        short_legs = np.flatnonzero(is_out_of_reach).tolist()
         if short_legs:
             nearest_normal = self.plane.nearest(normal, SUGGESTION_MARGIN_RAD)
             raise SolveError(
@@ -562,9 +580,9 @@ class MidPlaneArchitecture:
         turns about an axis in itself, the image turns about the same axis by twice the
         angle.
 
-        The rotation is followed step by step from a known configuration. This cannot begin
-        at a singular configuration, but can pass through one. If the start fails, the path
-        therefore begins shortly before it.
+        The rotation is followed step by step from its start. This fails if the start is a
+        singular configuration. The path then begins at a pose shortly before the start,
+        since it can pass through singular configurations.
 
         Parameters
         ----------
@@ -663,9 +681,15 @@ def _spread_normals(plane: MidPlane) -> Floats:
     leg reaches the mid-plane if this angle is at most its reach.
     """
     normals = spiral_directions(PROOF_DIRECTION_COUNT, min_z=0.0)
+    # (n, legs) sines of the angles between the base axes of the legs and the mid-planes.
+    # Their limits are a little less than the reach, where rounding errors are large.
+    sines = np.abs(normals @ plane.axes.T)
     limits = np.sin(PROOF_REACH_RATIO * plane.reach)
-    reachable = normals[np.all(np.abs(normals @ plane.axes.T) < limits, axis=1)]
-    return reachable[:: max(1, len(reachable) // PROOF_POSE_COUNT)]
+    all_legs_reach = np.all(sines < limits, axis=1)
+    reachable = normals[all_legs_reach]
+    # They are sorted by z. Every k-th of them is used, so that they stay evenly spread.
+    step = max(1, len(reachable) // PROOF_POSE_COUNT)
+    return reachable[::step]
 
 
 def describe_mid_plane(normal: Floats) -> str:

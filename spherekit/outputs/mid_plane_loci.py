@@ -191,23 +191,29 @@ class _MidPlaneCurveSearch:
     def find_borders(self) -> Iterator[CurveSeen]:
         """Yield the curves of type I: an input can move while the output rests.
 
-        A driven leg is then at the limit of its reach, stretched or folded. Base and output
-        mirror each other in the mid-plane, whose normal determines the pose. The curves are
-        circles of such normals, as far as all other legs reach. They are yielded for each
-        assembly mode of the other legs: each of these legs has a sign, 1 or -1, that
-        chooses one of its two possible elbows (axes between both links).
+        A driven leg (leg whose pair at the base is an input) is then at the limit of its
+        reach, stretched or folded. Base and output mirror each other in the mid-plane,
+        whose normal determines the pose. The curves are circles of such normals, as far as
+        all other legs reach.
+
+        An assembly mode has a sign, 1 or -1, for each leg, which chooses one of its two
+        possible elbows (axes between both links). The curves are yielded for each choice of
+        the signs of the other legs. At its limit the driven leg has only one elbow, so its
+        own sign is always 1.
         """
         leg_count = len(self.form.legs)
+        # `driven` has the numbers of the two driven legs.
         for driven_leg in self.form.plane.driven:
-            reason = f"leg of {self.form.name_of(driven_leg)} at the limit of its reach"
-            # At its limit the driven leg has only one elbow, so only the sign 1 is used for
-            # it.
+            input_name = self.form.name_of(driven_leg)
             for other_signs in product((1, -1), repeat=leg_count - 1):
+                # The signs of all legs: 1 is inserted at the place of the driven leg.
                 signs = np.insert(np.array(other_signs), driven_leg, 1)
+                # This function of normals is 0 where the driven leg is at its limit.
+                measure_reach = partial(self._measure_reach, driven_leg)
                 yield from self._find_zero_curves(
-                    partial(self._measure_reach, driven_leg),
+                    measure_reach,
                     signs,
-                    reason,
+                    reason=f"leg of {input_name} at the limit of its reach",
                     centres=self._limit_circle_centres(driven_leg),
                 )
 
@@ -217,8 +223,9 @@ class _MidPlaneCurveSearch:
         The circles consist of unit normals n of the mid-plane. The elbow of the leg is in
         this plane, at the angle a (the arc of the link) from the base axis b of the leg. At
         the limit of the reach, a or pi - a is the angle between b and the plane, and so
-        ``|n . b| = sin a``. These are two circles around b and -b. Both are needed, because
-        the search uses only normals of a hemisphere, one for each plane.
+        ``|n . b| = sin a``. These are two circles, with the centres b and -b. The search
+        uses one normal for each plane, those of a hemisphere. It can have parts of both
+        circles.
         """
         axis = self.form.plane.axes[leg]
         return axis, -axis
@@ -242,13 +249,9 @@ class _MidPlaneCurveSearch:
             if not budget.goes_on(f"mode {mode}"):
                 return
             signs = np.array(mode)
-
-            # The default value keeps the signs of this pass of the loop.
-            def compute_determinant(normals: Floats, signs: Integers = signs) -> Floats:
-                """Return the determinants (n,) at mid-planes with unit normals (n, 3)."""
-                return self._compute_determinants(signs, normals)
-
-            yield from self._find_zero_curves(compute_determinant, signs)
+            # A function of the normals of mid-planes, in this mode.
+            compute_determinants = partial(self._compute_determinants, signs)
+            yield from self._find_zero_curves(compute_determinants, signs)
 
     def _find_zero_curves(
         self,
@@ -343,8 +346,8 @@ class _MidPlaneCurveSearch:
         (n,) measures. They are NaN where another leg does not reach the mid-plane, because
         there is no configuration.
         """
-        # (n, legs) measures of all legs. They are also the squares of the triple products
-        # of normal, base axis and elbow.
+        # (n, legs) measures of all legs. They are equal to the squares of the triple
+        # products of normal, base axis and elbow, which this method returns.
         measures = self.form.plane.elbow_feet(normals).triple_product_square
         others_reach = np.all(np.delete(measures, leg, axis=1) >= 0.0, axis=1)
         return np.where(others_reach, measures[:, leg], np.nan)
@@ -369,8 +372,9 @@ class _MidPlaneCurveSearch:
             (legs,) signs of the mode: 1 or -1 for each leg, which chooses one of the two
             elbows that the leg can have.
         """
-        first, second = self.form.plane.driven
-        elbows, _products = self.form.plane.elbows(normals, signs)
+        first, second = self.form.plane.driven  # numbers of both driven legs
+        elbows, _products = self.form.plane.elbows(normals, signs)  # (n, legs, 3)
+        # Sine of the angle between both elbows at each mid-plane.
         sine = np.linalg.norm(cross(elbows[:, first], elbows[:, second]), axis=1)
         # The median is used because single points of another curve can also have elbows on
         # one line.
@@ -420,6 +424,8 @@ class _MidPlaneCurveSearch:
         """
         values = self._find_configurations(normals, signs)
         determinants = nans(len(normals))
+        # Only normals with a configuration. `passive` has the numbers of the variables that
+        # are not driven.
         rows = np.flatnonzero(all_finite(values, 1))
         jacobian = self.locus.closure.linearise(values[rows]).jacobian
         determinants[rows] = np.linalg.det(jacobian[:, :, self.passive])
@@ -440,6 +446,7 @@ class _MidPlaneCurveSearch:
             (n, variables) pair variables (rad), NaN where there is no configuration.
         """
         linearisation = self.locus.tangent_space(values).linearisation
+        # The equations of this type: the output rests (type I), or the inputs (type II).
         rest_equations = self.locus.constraint.equations(linearisation)
         equations = np.hstack([linearisation.jacobian, rest_equations])
         # The decomposition cannot take NaN, so missing configurations are set to 0. Their
@@ -475,6 +482,7 @@ class _MidPlaneCurveSearch:
         """
         values = self._find_configurations(normals, signs)
         motions = self._find_singular_motions(values)
+        # The same configurations with their inputs, their poses and their types.
         points = self.report.describe(values, motions.rates, motions.residual)
 
         # Points with open loops, and points that are regular or of another type, are left

@@ -223,12 +223,13 @@ class NearestPoseSearch:
             candidate = self._find_local_minimum(chart, starts)
             if candidate is None:
                 break
+            # By how much the candidate is nearer than the best pose so far.
             gain = np.inf if nearest is None else _length(nearest) - _length(candidate)
             if gain > 0.0:
                 nearest = candidate
             if gain < MIN_GAIN:
                 break
-            starts = self._choose_starts_in_ball(chart, _length(candidate))
+            starts = self._choose_starts_in_ball(chart, radius=_length(candidate))
         if nearest is None:
             return None
         # The arc between two quaternions is half the angle of the rotation between them.
@@ -255,13 +256,14 @@ class NearestPoseSearch:
         nearest to the target. Then come samples out of reach, those with the smallest
         violation of a limit first. If both are too few, arbitrary samples fill the array.
         """
+        # `BALL_SAMPLES` are spread evenly in a ball of radius 1, the innermost first.
         samples = radius * BALL_SAMPLES[chart.dimension]
         with np.errstate(all="ignore"):
             least_margin = np.min(self.margins(chart.poses(samples)), axis=1)
-        # 1. Reachable samples. The samples are sorted by distance, so the first ones are
-        # nearest.
+        # 1. Reachable samples. The first ones are nearest.
         reachable = np.flatnonzero(least_margin >= 0.0)[:SEARCH_START_COUNT]
-        # 2. Samples out of reach, by the size of their violation. All others come last.
+        # 2. Samples out of reach, by the size of their violation. All others get an
+        # infinite violation, so that they come last.
         violation = np.where(least_margin < 0.0, -least_margin, np.inf)
         missing_count = SEARCH_START_COUNT - len(reachable)
         nearly_reachable = np.argsort(violation)[:missing_count]
@@ -369,7 +371,8 @@ class NearestPoseSearch:
         offsets = DIFFERENCE_STEP * np.concatenate(
             [np.zeros((1, d)), np.eye(d), -np.eye(d)]
         )
-        # (k, 1 + 2 d, bounds)
+        # Margins (k, 1 + 2 d, bounds) at these points, divided into those at the point
+        # itself, after the d steps forwards, and after the d steps backwards.
         values = self._evaluate_margins(chart, v[:, None] + offsets)
         centre, ahead, behind = np.split(values, [1, 1 + d], axis=1)
         # A margin may be NaN beyond the border, ahead of the point or behind it. Then the
@@ -423,10 +426,10 @@ class NearestPoseSearch:
         nearest: Floats | None = None
         nearest_distance = np.inf
         distances = np.linalg.norm(v, axis=1)
+        # Points are tried in the order of their distance. A move can increase the distance
+        # of a point, so the first success need not be the best.
         for k in np.argsort(distances):
-            # Points are tried in the order of their distance. A move can increase the
-            # distance much, so the first success need not be the best. Points that are
-            # already farther than the best success are not tried.
+            # This point and all later ones are farther than the best success.
             if distances[k] >= nearest_distance:
                 break
             moved_point = self._move_point_inside(chart, v[k], starts[k])
@@ -483,27 +486,27 @@ class NearestPoseSearch:
         values, gradients = self._linearise_margins(chart, point[None])
         margins = values[0]  # (bounds,)
         margin_gradients = gradients[0]  # (bounds, d)
-        # The point will be moved by at most the longest step. A margin that is 1000 times
-        # as large hardly becomes negative in such a step. So only smaller ones are active.
+        # The caller moves the point by one of `INWARD_STEPS`. A margin that is 1000 times
+        # as large as the longest step hardly becomes negative. So only smaller margins are
+        # active.
         longest_step = INWARD_STEPS[-1]
         has_gradient = np.linalg.norm(margin_gradients, axis=1) > 0.0
         is_active = (margins < 1e3 * longest_step) & has_gradient
-        # The shortest vector whose component along each of these unit vectors is at least
-        # 1.
+        # Find the shortest vector x with normals @ x >= 1.
         normals = unit_rows(margin_gradients[is_active])
         inward_direction, _multipliers = _solve_least_distance(
-            normals, np.ones(len(normals))
+            normals, offsets=np.ones(len(normals))
         )
         return inward_direction
 
     def _find_first_inside(
         self, chart: NormalCoordinates, point: Floats, direction: Floats, lengths: Floats
     ) -> Floats | None:
-        """Return a point of a straight path where it enters the workspace for good.
+        """Return a point of a straight path just behind its last border of the workspace.
 
-        The points at the given lengths are tested. The part of the path around the border
-        is then divided again in the same way, until this part is shorter than `MIN_GAIN`
-        (rad).
+        Points at the given lengths along the path are tested. The border is behind the last
+        one that is outside. The part of the path around the border is then divided in the
+        same way, until this part is shorter than `MIN_GAIN` (rad).
 
         Parameters
         ----------
@@ -517,29 +520,35 @@ class NearestPoseSearch:
 
         Returns
         -------
-        (d,) coordinates of the point, or None if the last point is outside.
+        (d,) coordinates of the point inside, or None if the path ends outside.
         """
         last = len(lengths) - 1
         while True:
             is_inside = self.is_inside(chart.poses(point + np.outer(lengths, direction)))
-            outside_indices = np.flatnonzero(~is_inside)
-            if len(outside_indices) == 0:
-                # The second point is used, because rounding errors may have decided about
-                # the first.
-                length_inside = lengths[min(1, last)]
-                break
-            last_outside = int(outside_indices[-1])
-            if last_outside == last:
+            # All points from `first_inside` on are inside.
+            first_inside = _count_up_to_last_false(is_inside)
+            if first_inside > last:
                 return None
-            # The border is behind the last point outside. Rounding errors may have decided
-            # about the next point, so the second next one is used.
-            length_outside = lengths[last_outside]
-            length_inside = lengths[min(last_outside + 2, last)]
+            # Rounding errors may have decided about the first point inside. So the next one
+            # is used.
+            length_inside = lengths[min(first_inside + 1, last)]
+            if first_inside == 0:
+                break  # no point is outside
+            length_outside = lengths[first_inside - 1]
             if (length_inside - length_outside) * _length(direction) < MIN_GAIN:
                 break
+            # Divide the part of the path that contains the border.
             lengths = np.linspace(length_outside, length_inside, len(lengths))
         inside: Floats = point + length_inside * direction
         return inside
+
+
+def _count_up_to_last_false(values: Bools) -> int:
+    """Return the number of values (n,) up to the last False, 0 if all are True."""
+    false_indices = np.flatnonzero(~values)
+    if len(false_indices) == 0:
+        return 0
+    return int(false_indices[-1]) + 1
 
 
 def _length(v: Floats) -> float:
@@ -563,7 +572,7 @@ def _choose_spread_starts(reachable: Floats) -> Floats:
     -------
     (up to `SEARCH_START_COUNT`, d) coordinates.
     """
-    # Sort by the distance from the target.
+    # Sort by the distance from the target, and choose the nearest ones.
     reachable = reachable[np.argsort(np.linalg.norm(reachable, axis=1))]
     chosen = list(reachable[: SEARCH_START_COUNT // 2])
     # (n,) distance of each pose from the nearest chosen one.
@@ -572,10 +581,12 @@ def _choose_spread_starts(reachable: Floats) -> Floats:
         distance_to_chosen = np.minimum(
             distance_to_chosen, np.linalg.norm(reachable - start, axis=1)
         )
+    # Then choose the pose that is farthest from all chosen ones, again and again.
     while len(chosen) < min(SEARCH_START_COUNT, len(reachable)):
-        chosen.append(reachable[np.argmax(distance_to_chosen)])
+        farthest = reachable[np.argmax(distance_to_chosen)]
+        chosen.append(farthest)
         distance_to_chosen = np.minimum(
-            distance_to_chosen, np.linalg.norm(reachable - chosen[-1], axis=1)
+            distance_to_chosen, np.linalg.norm(reachable - farthest, axis=1)
         )
     return np.reshape(chosen, (-1, reachable.shape[1]))
 
@@ -636,17 +647,17 @@ def _compute_sqp_step(v: Floats, values: Floats, gradients: Floats) -> tuple[Flo
     gradients = gradients[is_used]
     values = values[is_used]
     # With point = v + step, the problem is to find the shortest vector `point` such that
-    # values + gradients @ (point - v) >= 0.
+    # gradients @ point >= gradients @ v - values.
     point, multipliers = _solve_least_distance(gradients, gradients @ v - values)
     step = point - v
     has_solution = np.isfinite(step).all()
     if not has_solution:
-        # The limits contradict each other, and all multipliers are 0. Reduce the
-        # violations.
+        # The limits contradict each other, and all multipliers are 0. Take the step that
+        # would change the violated margins to 0, in the sense of least squares.
         violated = values < 0.0
         step = np.linalg.pinv(gradients[violated]) @ -values[violated]
-    # The linearisation is a poor approximation beyond a fraction of a right angle. 1e-300
-    # prevents a division by zero.
+    # Shorten long steps, because the margins are only nearly linear. 1e-300 prevents a
+    # division by zero.
     step *= min(1.0, MAX_SQP_STEP_RAD / max(_length(step), 1e-300))
     return step, float(np.max(multipliers, initial=0.0))
 

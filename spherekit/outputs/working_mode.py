@@ -305,10 +305,11 @@ class WorkingMode:
         quantity = (method.__name__, *arguments)
         if not self._is_stored(quantity):
             self._compute_and_store(quantity, method, arguments)
-        # A method may be called while another quantity is computed with this mode. That
-        # quantity then depends on the same signs. So they are added to the record of this
-        # mode, which is read when the computation of that quantity ends.
-        self.recorded_dyads.update(self.chain.sign_dependencies[quantity])
+        # The numbers of the dyads whose signs the quantity depends on.
+        dyads = self.chain.sign_dependencies[quantity]
+        # This method may be called while another quantity is computed, which then depends
+        # on the same signs. `recorded_dyads` collects the dyads for that quantity.
+        self.recorded_dyads.update(dyads)
         return self.shared_results[self._make_result_key(quantity)]  # type: ignore[no-any-return]
 
     def _is_stored(self, quantity: tuple[Hashable, ...]) -> bool:
@@ -348,7 +349,9 @@ class WorkingMode:
         arguments
             Its arguments.
         """
-        # A copy of this mode with an empty record. The stored results are the same object.
+        # The methods add each dyad whose sign they read to `recorded_dyads` of their mode.
+        # A copy of this mode with an empty record collects the dyads of this quantity
+        # alone. The copy shares the stored results with this mode.
         recording_mode = replace(self, recorded_dyads=set())
         # NumPy must not warn of NaN, which is the result at poses out of reach.
         with np.errstate(all="ignore"):
@@ -426,14 +429,14 @@ class WorkingMode:
         numbers = range(len(self.chain.dyads))
         margins = np.array([self._dyad_margin(number) for number in numbers])
         is_regular = [self._is_dyad_regular(number) for number in numbers]
-        # A dyad without a margin (NaN) is ignored: its outer axes are unknown because a
-        # dyad placed before does not reach.
+        # Where a dyad does not reach, the dyads placed after it have no margin (NaN), since
+        # their outer axes are unknown. `fmin` ignores them.
         margin = np.fmin.reduce(margins)
         # The first dyad that has the least margin.
         limiting = np.argmax(margins == margin, axis=0).astype(np.int8)
         status = np.where(np.all(is_regular, axis=0), Status.OK, Status.AT_SINGULARITY)
-        # Rounding errors of the arcs may exceed a limit by `REACH_SLACK`. The comparison is
-        # false for NaN, which is out of reach too.
+        # A margin that is negative by less than `REACH_SLACK` may be a rounding error. The
+        # comparison is false for NaN, so that NaN counts as out of reach.
         is_within_reach = margin >= -REACH_SLACK
         status[~is_within_reach] = Status.OUT_OF_REACH
         return DyadReach(margin, limiting, status.astype(np.int8))
@@ -467,8 +470,9 @@ class WorkingMode:
 
         The shape is (3, n), or (3, 1) if the axis is the same at all poses.
         """
-        # Links are placed one after another. If two pairs of a link have one axis line, and
-        # one of them joins it to a link placed before, the axis is known from there.
+        # Links are placed one after another. Another pair can have the same axis line, in a
+        # link that is placed earlier. `axis_source` returns this pair and link, so that the
+        # axis is computed there.
         source = self.chain.axis_source(pair, link)
         axis = self._placed_axis(source.pair, source.link)
         is_opposite = source.sense < 0.0
@@ -563,9 +567,11 @@ class WorkingMode:
         (3, n), the product (n,). Both are NaN where the dyad does not reach.
         """
         parts = self._middle_axis_parts(dyad_number)
-        # Modes with equal signs of this dyad share the result.
+        # Note that the result depends on the sign of this dyad. Modes in which this sign is
+        # equal share the result.
         self.recorded_dyads.add(dyad_number)
-        # The side of the plane through a and c on which b is, 1 or -1.
+        # The side of the plane through a and c on which b is, 1 or -1. If this dyad has the
+        # sign 1 in the mode, it is `positive_mode_side`; otherwise it is the other side.
         side = self.signs[dyad_number] * self.chain.dyads[dyad_number].positive_mode_side
         axis = parts.common_part + side * parts.signed_part
         return axis, side * parts.triple_product
@@ -691,17 +697,17 @@ class WorkingMode:
 
         The fraction is ``numerator . w / denominator`` with the angular velocity w of the
         output. The pair belongs to a dyad: two links between two links placed before, its
-        supports. The angular velocities of the supports are known first. The rate is the
-        one with which the dyad follows its supports.
+        near and far support. The motion of both supports determines the rate.
         """
         chain = self.chain
         dyad = chain.dyads[chain.dyad_of_pair[pair]]
-        # The moving link is one of the two links of the pair. Its rate, relative to the
-        # other one, follows from
+        # One of the two links of the pair is the moving link. Its rate relative to the
+        # other one follows from the angular velocities of the supports:
         #     normal . (w_far - w_near) = -triple_product * rate.
         equation = self._pair_rate_equation(pair)
-        # The normal is at right angles to the axes of the other two pairs. Rotations about
-        # these have no component along it, so their rates need not be computed.
+        # The normal is at right angles to the axes of the other two pairs of the dyad. If a
+        # support turns about one of these axes, this adds nothing to normal . w. So such
+        # rotations are left out of the angular velocities of the supports.
         other_pairs = [number for number in dyad.pairs if number != pair]
         far_component = self.angular_velocity_along(
             equation.normal, dyad.far_support, other_pairs
@@ -709,9 +715,10 @@ class WorkingMode:
         near_component = self.angular_velocity_along(
             equation.normal, dyad.near_support, other_pairs
         )
-        component = far_component - near_component
+        component = far_component - near_component  # normal . (w_far - w_near)
         # The variable of a pair is the angle of its second link relative to its first one.
-        # If the moving link is the first one, its rate is minus that of the variable.
+        # So its rate is that of the moving link if this is the second link. Otherwise its
+        # rate has the opposite sign.
         _first_link, second_link = chain.ends[pair]
         if equation.moving_link == second_link:
             divisor = -equation.triple_product
@@ -742,11 +749,12 @@ class WorkingMode:
             (c x a) . (w_far - w_near) = -t B,
             (b x a) . (w_far - w_near) = -t C.
 
-        The result has the vector product in front (`normal`), t, and the moving link.
+        The result has the vector product on the left (`normal`), t, and the moving link.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         dyad = self.chain.dyads[dyad_number]
         a, c = self._outer_axes(dyad_number)
+        # The middle axis in this mode, and the triple product.
         b, t = self.signed_middle_axis(dyad_number)
         if pair == dyad.near_pair:
             return PairRateEquation(
@@ -768,13 +776,14 @@ class WorkingMode:
         The result is a fraction ``numerator . w / denominator`` with the angular velocity w
         of the output. Both parts are finite at singularities.
 
-        An outer pair joins each link to its support, a link placed before:
+        An outer pair joins each link to its support, a link placed before. So the angular
+        velocity of the link is that of the support, plus the rotation about this pair:
 
             vector . w_link = vector . w_support +- (rate of the pair) (vector . axis).
 
-        The support is treated in the same way, and so on. This ends at the base, which is
-        at rest, or at the posed link (placed by the poses), which has the angular velocity
-        w.
+        The sign depends on which link of the pair is its second one. The support is treated
+        in the same way, and so on. This ends at the base, which is at rest, or at the posed
+        link (placed by the poses), which has the angular velocity w.
 
         Parameters
         ----------
@@ -795,8 +804,8 @@ class WorkingMode:
         if self._is_on_one_axis(outer_pair, normal_pairs, link):
             # The outer pair has the same axis as one of the normal pairs. So its axis is at
             # right angles to the vector, and its rate adds nothing. Only the part of the
-            # support remains. The outer pair is a pair of the support, too, and becomes the
-            # known normal pair there.
+            # support remains. Of the pairs of the support, this outer pair is now known to
+            # be a normal pair.
             return self.angular_velocity_along(vector, support, normal_pairs=[outer_pair])
         support_part = self.angular_velocity_along(vector, support)
         # The rate of a pair is that of its second link relative to its first one.
@@ -919,6 +928,8 @@ class WorkingMode:
     def _earliest_axis(self, pair: int) -> Floats:
         """Return the axis (3, n) of a pair, from the one of its links placed first."""
         chain = self.chain
+        # When each link is placed: the base and the posed link first, then the links of
+        # dyad 0, of dyad 1, and so on.
         order = {**chain.dyad_of_link, chain.base: -1, chain.posed_link: -1}
         first = min(chain.ends[pair], key=lambda link: order.get(link, np.inf))
         return self.axis(pair, first)

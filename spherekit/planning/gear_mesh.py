@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.mechanism.coaxial_links import are_same_line, find_coaxial_links
 from spherekit.mechanism.joint import Joint, revolute
 from spherekit.mechanism.joint_construction import make_joints
@@ -34,8 +35,13 @@ class GearMesh(NamedTuple):
     """A rolling contact of two wheels on a carrier, as a linear relation of pair angles.
 
     The carrier is a link relative to which both wheels rotate about their centres, by the
-    angles f and g. Their circles have the radii r and s (rad) on the unit sphere. Rolling
-    keeps sin(r) f - sin(s) g constant.
+    angles f and g. Their circles have the radii r and s (rad) on the unit sphere. While the
+    wheels roll, the point of contact moves by the same length along both circles: sin(r) f
+    on the first one, sin(s) g on the second one. So sin(r) f - sin(s) g is constant.
+
+    Every circle on the sphere has two opposite centres. The angles f and g grow in the same
+    sense, since for both circles the centre on the same side of their common tangent is
+    taken.
 
     Attributes
     ----------
@@ -64,9 +70,9 @@ class GearMesh(NamedTuple):
         """Return the factor of each pair variable in sin(r) f - sin(s) g.
 
         This difference is constant while the two wheels roll. The first wheel has the pitch
-        radius r (rad on the unit sphere) and the angle f relative to the carrier, the
-        second one s and g. Each angle is the sum of the variables of some R pairs, with a
-        sign, 1 or -1 (`angle_signs`).
+        radius r (rad on the unit sphere), and the second one s. They rotate by f and g
+        relative to their carrier. Each angle is a sum of variables of R pairs, each times a
+        sign, 1 or -1. `angle_signs` has these signs by the number of the pair.
 
         Parameters
         ----------
@@ -74,9 +80,8 @@ class GearMesh(NamedTuple):
             sin(r) and sin(s): floats, or balls (floats with error bounds).
         """
         signs_of_first_wheel, signs_of_second_wheel = self.angle_signs
-        # The pairs of both wheels have different axes, so no pair belongs to both.
         factor_by_pair = {}
-        # The pairs of a wheel have its axis, so no pair belongs to both wheels.
+        # The axes of these pairs are the axes of the wheels, so no pair belongs to both.
         for pair, sign in signs_of_first_wheel.items():
             factor_by_pair[pair] = first_sine if sign > 0.0 else -first_sine
         for pair, sign in signs_of_second_wheel.items():
@@ -93,8 +98,9 @@ class CarriedContact(NamedTuple):
     """A rolling contact of two wheels on a carrier, with the circles of the wheels.
 
     The carrier is a link relative to which both wheels rotate about their centres, by the
-    angles f and g. The circles have the radii r and s (rad) on the unit sphere. Rolling
-    keeps sin(r) f - sin(s) g constant.
+    angles f and g. The circles have the radii r and s (rad) on the unit sphere. While the
+    wheels roll, the point of contact moves by the same length along both circles, sin(r) f
+    and sin(s) g. So sin(r) f - sin(s) g is constant.
 
     Wheels that touch from outside rotate in opposite senses about their own centres. The
     same relation holds for them with this trick: every circle on the sphere has two
@@ -188,20 +194,25 @@ def find_carried_contact(
         for track in joints[number].contact_profiles
     )
     allowed_pairs = range(len(joints)) if pairs is None else pairs
-    # R pairs with their axes in both links, by number of the pair. For each wheel, the
-    # links relative to which it rotates about its centre.
-    hinges = {n: revolute(joints[n]) for n in allowed_pairs if joints[n].has_axis}
-    axes = {n: (hinge.first[:, 2], hinge.second[:, 2]) for n, hinge in hinges.items()}
+    # The axes of all R pairs in both of their links, by the number of the pair.
+    axes: dict[int, tuple[Floats, Floats]] = {}
+    for pair in allowed_pairs:
+        if joints[pair].has_axis:
+            hinge = revolute(joints[pair])
+            axes[pair] = (hinge.first[:, 2], hinge.second[:, 2])
+    # For each wheel, the links relative to which it rotates about its centre, by number.
     first_link, second_link = mechanism.ends[number]
     links_by_pair = dict(enumerate(mechanism.ends))
     first_links = find_coaxial_links(links_by_pair, axes, first_link, first_wheel.centre)
     second_links = find_coaxial_links(links_by_pair, axes, second_link, second_wheel.centre)
-    # Circles that touch have centres at the arc r - s; both are on the side of the normal.
+    # Circles with the radii r and s that touch have centres at the arc r - s. (For both
+    # circles, the centre on the same side of their common tangent is used.)
     touching_cosine = np.cos(first_wheel.radius - second_wheel.radius)
     meshes = []
     for carrier in sorted(first_links.keys() & second_links.keys()):
         first = first_links[carrier]
         second = second_links[carrier]
+        # `line` is the direction to the centre of the wheel, in the axes of the carrier.
         deviation = abs(np.vecdot(first.line, second.line) - touching_cosine)
         # On a link with which both wheels rotate about the same line they cannot roll.
         if deviation <= cosine_tolerance and not are_same_line(first.line, second.line):

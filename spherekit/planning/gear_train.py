@@ -66,11 +66,12 @@ class GearTrain(NamedTuple):
     lengths
         (contacts,) their rolled lengths (rad) at inputs of zero.
     wheel_lengths
-        (contacts, 2) by how much the first and the second wheel of each contact have rolled
-        (rad) if the variables of all R pairs are zero. The whole turns of the assembly that
-        was chosen are included. The mechanism usually cannot be assembled at these angles,
-        so both lengths of a contact differ. NaN if a reference pose determines `offsets`
-        and `lengths` instead.
+        (contacts, 2) arc lengths (rad) along the circles of both wheels to the point where
+        they touch if the variables of all R pairs are zero. The arc lengths are measured
+        from the points at which the wheels touch before they have rolled. Whole turns are
+        included. At these angles the wheels usually do not fit together, so both lengths of
+        a contact differ. NaN if a reference pose determines `offsets` and `lengths`
+        instead.
     """
 
     followers: tuple[int, ...]
@@ -114,8 +115,9 @@ def find_gear_train(
         cosine from the cosine for circles that touch. Wheels with such a gap roll at their
         nearest points, as gears do.
     whole
-        Whether all rolling contacts have to belong to the train. Otherwise contacts whose
-        angles do not follow from the inputs alone are left out.
+        Whether all rolling contacts have to belong to the train, with independent
+        relations. Otherwise contacts whose angles do not follow from the inputs alone are
+        left out, and relations may follow from each other.
 
     Returns
     -------
@@ -133,18 +135,20 @@ def find_gear_train(
         return None
     while contacts:
         # Each contact is a linear relation of pair angles. Followers are the related pairs
-        # that are not driven. Their factors in the relations are the rows of a matrix.
+        # that are not driven. The matrix of their factors has a row for each contact.
         relations = _Relations.of_contacts(contacts, len(mechanism.pairs), driven)
         follower_factors = relations.factors[:, relations.followers]
         _, singular_values, right_vectors = np.linalg.svd(follower_factors)
         largest = np.max(singular_values, initial=0.0)
         rank = np.sum(singular_values > RELATION_RANK_TOLERANCE * largest)
-        # A follower is loose if it takes part in a motion that no contact prevents.
+        # The rows of `null_space` are motions of the followers with the inputs at rest that
+        # no contact prevents. A follower is loose if it takes part in one of them.
         null_space = right_vectors[rank:]
         is_loose = np.any(np.abs(null_space) > RELATION_RANK_TOLERANCE, axis=0)
         # The angles of a contact follow from the inputs if none of them is loose.
         is_determined = ~np.any(follower_factors[:, is_loose], axis=1)
         are_all_determined = bool(np.all(is_determined))
+        # Whether the relation of a contact follows from those of others.
         has_repetitions = rank < len(contacts)
         if are_all_determined and not (has_repetitions and whole):
             return _solve_train(mechanism, list(driven), contacts, relations)
@@ -175,9 +179,10 @@ class _Relations(NamedTuple):
     """The linear relations between pair angles that several rolling contacts impose.
 
     Two wheels turn by f and g relative to their carrier, a link that carries both. Their
-    circles have the radii r and s. If they roll, the point of contact moves equally far
-    along both circles, so sin(r) f - sin(s) g is constant. Each of the angles f and g is a
-    sum of variables of R pairs with signs.
+    circles have the radii r and s. While the wheels roll, the point of contact moves by the
+    same length along both circles, sin(r) f and sin(s) g. So sin(r) f - sin(s) g is
+    constant. Each of the angles f and g is a sum of variables of R pairs, each times 1 or
+    -1.
 
     Attributes
     ----------
@@ -200,8 +205,12 @@ class _Relations(NamedTuple):
     ) -> "_Relations":
         """Return the relations sin(r) f - sin(s) g = constant of some rolling contacts.
 
-        Two wheels with the radii r and s roll on each other. They turn by f and g relative
-        to their carrier, the link that carries both.
+        Two wheels turn by f and g relative to their carrier, the link that carries both.
+        Their circles have the radii r and s. While the wheels roll, the point of contact
+        moves by the same length along both circles, sin(r) f and sin(s) g. (The angles are
+        counted such that wheels in contact turn in the same sense.) So the difference of
+        these lengths is constant. Each angle is a sum of variables of R pairs, each times 1
+        or -1.
 
         Parameters
         ----------
@@ -214,15 +223,18 @@ class _Relations(NamedTuple):
         """
         factors, first_factors = np.zeros((2, len(contacts), pair_count))
         for k, contact in enumerate(contacts):
-            # f and g are sums of pair variables with signs. The factors of sin(r) f are
-            # also stored alone, because they give the length that a contact has rolled.
+            # `angle_factors` returns the factor of each pair variable in sin(r) f -
+            # sin(s) g. The factors in sin(r) f are also stored alone, because they give the
+            # length that the wheels have rolled.
             pairs_of_first_wheel, _ = contact.mesh.angle_signs
             for pair, factor in contact.angle_factors().items():
                 factors[k, pair] = factor
                 if pair in pairs_of_first_wheel:
                     first_factors[k, pair] = factor
-        related = np.flatnonzero(np.any(factors, axis=0))
-        followers = np.setdiff1d(related, driven).tolist()
+        # Followers are the pairs in these relations that are not driven. Their angles will
+        # follow from those of the driven pairs.
+        related_pairs = np.flatnonzero(np.any(factors, axis=0))
+        followers = np.setdiff1d(related_pairs, driven).tolist()
         return _Relations(factors, first_factors, followers)
 
 
@@ -239,9 +251,9 @@ def _solve_train(
     driven. With the factors F of the followers and G of the inputs, the derivatives of the
     follower angles by the inputs are -F^-1 G.
 
-    The relation of a contact may follow from the relations of other contacts. The angles of
-    its wheels are then known from the other contacts. The teeth that mesh in this contact
-    are chosen such that they fit these angles.
+    F is formed from contacts with independent relations. The relations of the other
+    contacts follow from these, so the angles of their wheels are known already. The teeth
+    that mesh there are chosen such that they fit these angles.
 
     Parameters
     ----------
@@ -261,15 +273,17 @@ def _solve_train(
     joints, reference = make_joints_in_pose(mechanism)
     followers = relations.followers
     independent = _choose_independent_contacts(relations)
-    follower_factors = relations.factors[:, followers]
-    input_factors = relations.factors[:, inputs]
-    first_slopes = relations.first_factors[:, followers]
+    follower_factors = relations.factors[:, followers]  # F, a row for each contact
+    input_factors = relations.factors[:, inputs]  # G
     ratios = np.asarray(
         -np.linalg.solve(follower_factors[independent], input_factors[independent])
     )
     # The relations of all contacts must agree with these ratios.
     if max_abs(follower_factors @ ratios + input_factors) > RELATION_RANK_TOLERANCE:
         return None
+    # The length by which a contact has rolled is a constant less sin(r) f, the length by
+    # which the first wheel has turned. `first_factors` has the factors in sin(r) f.
+    first_slopes = relations.first_factors[:, followers]
     length_ratios = -(first_slopes @ ratios + relations.first_factors[:, inputs])
     contact_numbers = [contact.mesh.contact for contact in contacts]
     if reference is None:
@@ -279,11 +293,11 @@ def _solve_train(
         if constants is None:
             return None
     else:
-        # The reference pose gives the angles and rolled lengths at its own inputs.
-        reference_inputs, reference_angles, reference_lengths = (
-            reference[[mechanism.variables_of(pair)[0] for pair in pairs]]
-            for pairs in (inputs, followers, contact_numbers)
-        )
+        # The reference pose gives the angles and rolled lengths at its own inputs. From
+        # there they are continued to inputs of zero.
+        reference_inputs = reference[_list_first_variables(mechanism, inputs)]
+        reference_angles = reference[_list_first_variables(mechanism, followers)]
+        reference_lengths = reference[_list_first_variables(mechanism, contact_numbers)]
         constants = TrainConstants(
             offsets=reference_angles - ratios @ reference_inputs,
             lengths=reference_lengths - length_ratios @ reference_inputs,
@@ -300,6 +314,14 @@ def _solve_train(
     )
 
 
+def _list_first_variables(mechanism: Mechanism, pairs: Sequence[int]) -> list[int]:
+    """Return the number of the first variable of each pair.
+
+    It is the angle of an R pair, or the length by which a contact has rolled.
+    """
+    return [mechanism.variables_of(pair)[0] for pair in pairs]
+
+
 def _find_constants_of_least_rolling(
     contacts: Sequence[CarriedContact],
     joints: Sequence[Joint],
@@ -308,10 +330,12 @@ def _find_constants_of_least_rolling(
 ) -> TrainConstants | None:
     """Return the constants of the assembly in which wheels have rolled least.
 
-    Wheels can be put together with different teeth in contact. Of all assemblies, the one
-    with the smallest rolled lengths at inputs of zero is chosen. The independent contacts
-    determine the angles of all followers, so their turns are chosen first. The wheels of
-    the other contacts then have to fit to these angles.
+    Wheels can be put together with different teeth in contact. So the point of contact is
+    known along each circle only up to whole turns. Of all assemblies, the one with the
+    smallest rolled lengths at inputs of zero is chosen. The independent contacts determine
+    the angles of all followers (the pairs that turn with the wheels and are not driven), so
+    their turns are chosen first. The wheels of the other contacts then have to fit to these
+    angles.
 
     Parameters
     ----------
@@ -330,14 +354,16 @@ def _find_constants_of_least_rolling(
     The constants. None if too many whole turns would have to be tried, or if the teeth of a
     contact that is not independent do not fit.
     """
-    # (contacts, 2) each: arc lengths along the circles of both wheels.
+    # (contacts, 2) arc lengths (rad) along the circles of both wheels: to the point of
+    # contact if all pair angles are zero, and of a whole turn.
     wheel_lengths = np.array(
         [_contact_lengths_at_zero(contact, joints) for contact in contacts]
     )
     circumferences = _wheel_circumferences(contacts)
+    # If the followers turn by angles, the point of contact moves back along the first
+    # circle by `first_slopes` @ angles. What remains is the rolled length. The difference
+    # between both circles falls by `follower_factors` @ angles.
     follower_factors = relations.factors[:, relations.followers]
-    # The followers' part of sin(r) f: a rolled length is the length of the first wheel
-    # less this part.
     first_slopes = relations.first_factors[:, relations.followers]
 
     # 1. Whole turns of the independent contacts.
@@ -351,7 +377,7 @@ def _find_constants_of_least_rolling(
         return None
     wheel_lengths[independent] += turns * circumferences[independent]
 
-    # 2. The angles of the followers.
+    # 2. The angles of the followers at inputs of zero.
     offsets = _solve_angles_of_equal_lengths(
         wheel_lengths[independent], follower_factors[independent]
     )
@@ -445,6 +471,7 @@ def _fit_contact_to_angles(
 def _choose_independent_contacts(relations: _Relations) -> list[int]:
     """Return indices of contacts with independent relations, the first possible ones."""
     independent: list[int] = []
+    # Take each contact whose row of factors is independent of the rows taken before.
     for k in range(len(relations.factors)):
         rows = relations.factors[[*independent, k]][:, relations.followers]
         if np.linalg.matrix_rank(rows) > len(independent):
@@ -474,9 +501,10 @@ def _find_fitting_lengths(
     -------
     (n, 2) all lengths that fit, up to rounding.
     """
-    # All combinations of whole turns of both circles, in both directions.
+    # (combinations, 2) all whole turns of both circles, from -max_turns to max_turns.
     max_turns = MAX_REPEATED_CONTACT_TURNS
-    turns = np.indices((2 * max_turns + 1, 2 * max_turns + 1)).reshape(2, -1).T - max_turns
+    grid = np.indices((2 * max_turns + 1, 2 * max_turns + 1))
+    turns = grid.reshape(2, -1).T - max_turns
     shifted_lengths = lengths + turns * circumferences
     deviations = np.abs(shifted_lengths[:, 0] - shifted_lengths[:, 1] - difference)
     return shifted_lengths[deviations < SAME_ROLLED_LENGTH_RAD]
@@ -487,10 +515,9 @@ def _contact_lengths_at_zero(
 ) -> list[float]:
     """Return where two wheels touch if the variables of all R pairs are zero.
 
-    The variable of a rolling contact is the length by which the wheels have rolled. For
-    each wheel, the mechanism file states the point of its circle that touches the other
-    wheel when this variable is zero. Arc lengths along the circle are measured from this
-    point.
+    The mechanism file states for each wheel at which point of its circle it touches the
+    other wheel when they have not rolled. Arc lengths along the circle are measured from
+    this point.
 
     Parameters
     ----------
@@ -504,19 +531,19 @@ def _contact_lengths_at_zero(
     (2,) arc lengths (rad) of the point of contact along the circles of both wheels.
     """
     # Rotations from the axes of each wheel to those of the carrier, the link that carries
-    # both wheels. Several R pairs may lead there. `near` is the number (0 or 1) of the link
-    # of a pair that is nearer to the wheel.
+    # both wheels. Several R pairs may lead from a wheel to the carrier.
     rotations = []
     for path in contact.mesh.paths:
         rotation = np.eye(3)
         for pair, near in path:
+            # A pair has a frame in each of its two links. `near` is 0 if its first link is
+            # nearer to the wheel, and 1 if its second link is.
             joint = revolute(joints[pair])
             frames = joint.first, joint.second
             near_frame = frames[near]
             far_frame = frames[1 - near]
-            # At angle zero the frames of the pair in both links coincide, so this product
-            # rotates from the nearer link to the other one. The columns of a frame are its
-            # axes.
+            # At angle zero both frames coincide. So this product rotates from the nearer
+            # link to the other one. The columns of a frame are its axes.
             rotation = far_frame @ near_frame.T @ rotation
         rotations.append(rotation)
     return find_wheel_contact(contact.wheels, rotations)

@@ -41,8 +41,9 @@ def find_least_rolled_turns(
     is chosen. If sums are equal, it is the one with the largest length of the first
     contact, then of the second contact, and so on.
 
-    The angles a of the pairs that follow from the inputs are unknown. The rolled length of
-    a contact can be measured along both circles. The results must be equal:
+    The angles a of the pairs that follow from the inputs are unknown. If they grow, the
+    point of contact moves back along both circles of each contact. Where it is then is the
+    length that the wheels have rolled, and must be equal along both circles:
 
         lengths[:, 0] - first_slopes @ a = lengths[:, 1] - second_slopes @ a.
 
@@ -52,31 +53,36 @@ def find_least_rolled_turns(
     Parameters
     ----------
     lengths
-        (m, 2) arc lengths (rad) of the point of contact along both circles of m contacts
-        where all angles are zero.
+        (m, 2) arc lengths (rad) to the point of contact along both circles of m contacts,
+        if all angles a are zero.
     circumferences
         (m, 2) arc lengths (rad) of one turn along both circles.
     first_slopes
-        (m, m) derivatives of the lengths along the first circles by the angles a, with the
-        opposite sign.
+        (m, m) by how much the point of contact moves back along the first circle of each
+        contact, per radian of each angle.
     matrix
-        (m, m) these derivatives less those along the second circles.
+        (m, m) the same numbers, less those for the second circles.
 
     Returns
     -------
-    (m, 2) numbers of turns to add along both circles; 0 where turns change no length. None
-    if there are too many circles to try all combinations.
+    (m, 2) numbers of turns to add along both circles. A circle has 0 turns if its turns
+    change no rolled length, or have the same effect as those of another circle. None if
+    there are too many circles to try all combinations.
     """
     inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
     differences = lengths[:, 0] - lengths[:, 1]
+    # The angles a are inverse @ differences.
     rolled_without_turns = lengths[:, 0] - first_slopes @ inverse @ differences
+    # The circles whose turns are tried, with the change of all rolled lengths by one turn.
     changes_by_circle = _find_changes_by_turns(circumferences, first_slopes, inverse)
+    # (combinations, circles) the numbers of turns that are tried.
     turn_counts = _list_turn_counts(len(changes_by_circle))
     if turn_counts is None:
         return None
     # (combinations, contacts) changes of the rolled lengths.
     changes = turn_counts @ np.array(list(changes_by_circle.values()))
     best = index_of_least_rolled(rolled_without_turns + changes)
+    # A circle is the index of its contact, and 0 or 1 for the first or second wheel.
     turns = np.zeros(circumferences.shape, dtype=np.int64)
     for circle, turn_count in zip(changes_by_circle, turn_counts[best], strict=True):
         turns[circle] = turn_count
@@ -92,9 +98,9 @@ def _find_changes_by_turns(
     a = lengths[:, 0] - lengths[:, 1], and `lengths` (m, 2) has the two arc lengths of each
     contact. A turn adds a circumference to one of them.
 
-    Circles whose turns change nothing are left out. The same is true if a turn has the same
-    or the opposite effect as one of an earlier circle. The earlier circle is enough, since
-    its turns are tried in both senses.
+    Circles whose turns change nothing are left out. A circle is also left out if a turn has
+    the same or the opposite effect as a turn of an earlier circle. The earlier circle is
+    enough, since its turns are tried in both senses.
 
     Parameters
     ----------
@@ -110,8 +116,8 @@ def _find_changes_by_turns(
     """
     changes: dict[tuple[int, int], Floats] = {}
     for contact, side in np.ndindex(*circumferences.shape):
-        # If lengths[:, 0] - lengths[:, 1] of this contact grows by 1, then a grows by a
-        # column of the inverse matrix, and first_slopes @ a by this much:
+        # If the difference lengths[:, 0] - lengths[:, 1] of this contact grows by 1, then a
+        # grows by a column of the inverse matrix, and first_slopes @ a by this much:
         slope_change = first_slopes @ inverse[:, contact]
         if side == 0:
             # The first length grows by 1, and with it the difference. The first length
@@ -143,25 +149,30 @@ def _are_equal_up_to_sign(change: Floats, other_change: Floats) -> bool:
 def _list_turn_counts(circle_count: int) -> Integers | None:
     """Return all combinations of whole turns of some wheels, in both senses.
 
-    The largest number of turns is `MAX_TRIED_TURNS`, or less if there would be more than
-    `MAX_TURN_COMBINATIONS` combinations.
+    For one wheel, the numbers of turns are all integers from -k to k. Here k is
+    `MAX_TRIED_TURNS`, or less if there would be more than `MAX_TURN_COMBINATIONS`
+    combinations. Example: for k = 1 and two wheels, there are 3 x 3 combinations, (-1, -1),
+    (-1, 0) and so on to (1, 1).
 
     Parameters
     ----------
     circle_count
-        Number of circles along which turns are tried.
+        Number of the wheels. Each one is represented by its circle.
 
     Returns
     -------
-    (combinations, circles) numbers of turns. None if not even one turn could be tried.
+    (combinations, circles) numbers of turns. None if not even k = 1 is possible.
     """
+    # With 2 k + 1 numbers for each circle, there are (2 k + 1)^circles combinations.
     turns_within_limit = 0.5 * (MAX_TURN_COMBINATIONS ** (1.0 / circle_count) - 1.0)
     max_turns = min(MAX_TRIED_TURNS, int(turns_within_limit))
     if max_turns < 1:
         return None
     tried_numbers = 2 * max_turns + 1
+    # `indices` counts from 0, so that the combinations are those of 0 to 2 k.
     grid = np.indices((tried_numbers,) * circle_count)
-    return grid.reshape(circle_count, -1).T - max_turns
+    combinations = grid.reshape(circle_count, -1).T
+    return combinations - max_turns
 
 
 def index_of_least_rolled(rolled: Floats) -> Indices:
@@ -176,7 +187,11 @@ def index_of_least_rolled(rolled: Floats) -> Indices:
     rolled
         (n, m) rolled lengths (rad) of m contacts in n assemblies.
     """
-    # `lexsort` sorts in rising order, so lengths have the opposite sign, and its most
-    # important key is the last one. Rounding removes rounding errors between equal values.
+    # The sort keys of each assembly, the most important first. Sorting is in rising order,
+    # so lengths have the opposite sign to get the largest one first.
     keys = np.column_stack([np.sum(np.abs(rolled), axis=1), -rolled])
-    return np.lexsort(np.round(keys / SAME_ROLLED_LENGTH_RAD).T[::-1])[0]
+    # Rounding makes keys equal that differ only by rounding errors.
+    rounded_keys = np.round(keys / SAME_ROLLED_LENGTH_RAD)
+    # `lexsort` takes the most important key last.
+    order = np.lexsort(rounded_keys.T[::-1])
+    return order[0]

@@ -65,8 +65,10 @@ class LinePole:
 
     A pole P_ij is the axis of the relative rotation of the bodies i and j. By the
     Aronhold-Kennedy theorem it lies on the great circle through P_ik and P_jk for every
-    third body k. Any two of its great circles determine it. In each configuration, the two
-    with the best-conditioned intersection are used.
+    third body k. If a sliding contact joins i and j, it also lies on the great circle in
+    the contact plane. This plane contains the centre of the sphere, and the normal of both
+    curves at the point of contact. Any two of its great circles determine the pole. In each
+    configuration, the two with the best-conditioned intersection are used.
 
     Attributes
     ----------
@@ -89,25 +91,36 @@ class LinePole:
 
     @property
     def case(self) -> str:
-        """The letter of the two lines that determine the pole.
+        """The letter of the kinds of lines that determine the pole.
 
-        It is written to files with the plan. The letters are taken from R. Di Gregorio's
-        lecture: (a) two great circles through poles, (b) one great circle and one contact
-        plane, (c) two contact planes. If there are more than two lines, (b) is returned if
-        they are of both kinds.
+        A pole is the axis of the relative rotation of two bodies. There are two kinds of
+        lines through a pole on the sphere: great circles through two other poles, and great
+        circles in the contact plane of a sliding pair. This plane contains the centre of
+        the sphere, and the normal of both curves at the point of contact.
+
+        The letters are those of R. Di Gregorio's lecture, and are written to files with the
+        plan: (a) only lines through poles, (b) lines of both kinds, (c) only contact
+        planes.
         """
-        has_great_circles = len(self.via) > 0
-        if not has_great_circles:
-            return "c"
+        has_lines_through_poles = len(self.via) > 0
         has_contact_planes = len(self.contacts) > 0
+        if not has_lines_through_poles:
+            return "c"
         if has_contact_planes:
             return "b"
         return "a"
 
     @property
     def sources(self) -> tuple[Pole, ...]:
-        """The poles that determine the great circles on which this pole lies."""
-        return tuple(pole_of(end, third) for third in self.via for end in self.pole)
+        """The poles that determine the great circles on which this pole lies.
+
+        This pole is P_ij. For each third body k, these are P_ik and P_jk.
+        """
+        sources = []
+        for third in self.via:
+            for body in self.pole:
+                sources.append(pole_of(body, third))
+        return tuple(sources)
 
 
 @dataclass(frozen=True)
@@ -325,32 +338,36 @@ def parse_pole(mechanism: Mechanism, text: str) -> Pole:
 
     A pole is the axis of the relative rotation of two links, and is represented by their
     numbers, the smaller one first. A text without a slash is accepted if it can be divided
-    into two names of links in one way only.
+    into the names of two links in one way only.
 
     Raises
     ------
     PlanError
         If the text names no pole, or could name several.
     """
-    number = mechanism.link_number
-    # All divisions of the text into two parts, and the poles of those that are links.
+    number_of_link = mechanism.link_number  # by the name of the link
+    # All divisions of the text into two parts.
     if "/" in text:
         name_a, _, name_b = text.partition("/")
-        splits = [(name_a, name_b)]
+        divisions = [(name_a, name_b)]
     else:
-        splits = [(text[:cut], text[cut:]) for cut in range(1, len(text))]
-    poles = {
-        pole_of(number[a], number[b])
-        for a, b in splits
-        if a != b and {a, b} <= number.keys()
-    }
+        divisions = [(text[:cut], text[cut:]) for cut in range(1, len(text))]
+    # The poles of the divisions whose parts are the names of two links.
+    poles: set[Pole] = set()
+    for name_a, name_b in divisions:
+        are_links = name_a in number_of_link and name_b in number_of_link
+        if are_links and name_a != name_b:
+            poles.add(pole_of(number_of_link[name_a], number_of_link[name_b]))
     if len(poles) == 1:
         return poles.pop()
-    possible_texts = ["/".join(links) for links in combinations(mechanism.links[::-1], 2)]
+    # The error message suggests the text of a pole that is most like this text. In these
+    # texts the later link comes first, as in 3/1, so that the ground (link 0) comes last.
+    later_links_first = mechanism.links[::-1]
+    possible_texts = ["/".join(links) for links in combinations(later_links_first, 2)]
     reason = "could be several poles" if poles else "is not a pole"
     suggestion = nearest(text, possible_texts)
     ground = mechanism.links[0]
-    if text in number and text != ground:
+    if text in number_of_link and text != ground:
         # A single link most likely means its motion relative to the ground.
         reason = "is one link, and a pole needs two"
         suggestion = f'; did you mean "{text}/{ground}"?'
@@ -384,13 +401,17 @@ def ordered_pole(
     """
     names = mechanism.links
     if not isinstance(pole, str):
-        # Two numbers or names become a text. A wrong number stays in the text, so that
-        # `parse_pole` reports it.
-        words = [
-            names[k] if isinstance(k, int) and 0 <= k < len(names) else k for k in pole
-        ]
-        pole = "/".join(map(str, words))
-    # `parse_pole` returns the smaller number first. The text shows the order.
+        # Two numbers or names become a text with both names. A wrong number stays in the
+        # text, so that `parse_pole` reports it.
+        words = []
+        for link in pole:
+            if isinstance(link, int) and 0 <= link < len(names):
+                words.append(names[link])
+            else:
+                words.append(str(link))
+        pole = "/".join(words)
+    # `parse_pole` returns the smaller number first. Whether the smaller one comes first in
+    # the text, too, is seen by forming the text in this order.
     smaller, larger = parse_pole(mechanism, pole)
     smaller_name = names[smaller]
     larger_name = names[larger]

@@ -146,7 +146,8 @@ def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
 
     A pole P_ij is the axis of the relative rotation of two bodies. It is the intersection
     of two lines: great circles through P_ik and P_jk for third bodies k, or contact planes
-    of sliding pairs. The lines that need the fewest other poles are chosen.
+    of sliding pairs. A step can have more than two lines. The two that need the fewest
+    other poles are chosen, and all poles that they need stay in the plan.
 
     Further lines of a step stay if all their poles are in the new plan anyway. In each
     configuration, the two lines with the best-conditioned intersection can then be used.
@@ -158,7 +159,8 @@ def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
     requested
         The requested poles of bodies.
     """
-    # Collect the requested poles, and all poles from which these follow.
+    # Collect the requested poles, and all poles from which these follow. The stack has the
+    # poles that still have to be collected.
     sources_by_pole = _choose_sources(whole_plan)
     needed_poles: set[Pole] = set()
     stack = list(requested)
@@ -168,7 +170,8 @@ def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
             needed_poles.add(pole)
             stack += sources_by_pole[pole]
 
-    # Keep the steps that give needed poles, and only their lines through needed poles.
+    # Keep the steps that give needed poles, and only their lines through needed poles. A
+    # block is a part of the mechanism whose poles are computed together.
     steps: list[Step] = []
     for step in whole_plan.steps:
         if isinstance(step, BlockPoles):
@@ -188,66 +191,72 @@ def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
 
     A pole P_ij is the axis of the relative rotation of two bodies. There are three kinds:
 
-    - A primary pole is the axis or contact line of a pair, and needs no other.
-    - A secondary pole is the intersection of two great circles, each through P_ik and P_jk
-      for a third body k. The two circles that need the fewest other poles are chosen.
-    - Poles of an irreducible part do not follow one by one. They are computed together from
-      the primary poles of its pairs.
+    - A primary pole is known without any other pole. It is the axis of a pair, or the line
+      through the centre of the sphere and the point of a rolling contact.
+    - A line pole is the intersection of two great circles, each through P_ik and P_jk for a
+      third body k. The two circles that need the fewest other poles are chosen. (The
+      contact plane of a sliding pair can take the place of a circle, and needs no pole.)
+    - The poles of a block (an irreducible part of the mechanism) are computed together,
+      from the primary poles of its pairs.
 
     Returns
     -------
     For each pole the poles that it needs directly.
     """
-    # The ancestors of a pole: itself and all other poles that have to be computed before.
-    # Primary poles are given, so they are never ancestors and have none. The number of
-    # ancestors is the cost of a pole.
-    ancestors: dict[Pole, frozenset[Pole]] = {}
+    # For each pole, the set of poles that have to be computed to get it: itself, and all
+    # poles that it needs directly or through others. The size of the set is its cost.
+    # Primary poles cost nothing, so they are in no set.
+    computed_poles: dict[Pole, frozenset[Pole]] = {}
     sources_by_pole: dict[Pole, Iterable[Pole]] = {}
     for step in whole_plan.steps:
         if isinstance(step, BlockPoles):
-            # The poles of an irreducible part need only primary poles. So each of them has
-            # no other ancestor than itself.
+            # A pole of a block needs only primary poles, so only itself is computed.
             primary_poles = [pole_of(*whole_plan.ends[pair]) for pair in step.pairs]
             for pole in step.poles:
-                ancestors[pole] = frozenset([pole])
+                computed_poles[pole] = frozenset([pole])
                 sources_by_pole[pole] = primary_poles
         elif isinstance(step, LinePole):
-            # `via` are the third bodies k of the chosen circles, and `needed` are all poles
-            # to be computed for these circles. `coaxial` lists bodies that turn about one
-            # axis, because they give the same circle.
-            via, needed = _choose_cheapest_lines(step, ancestors, whole_plan.coaxial)
-            ancestors[step.pole] = needed | {step.pole}
-            # The step with the chosen circles only: its sources are P_ik and P_jk.
-            sources_by_pole[step.pole] = replace(step, via=via).sources
+            # The third bodies k of the chosen circles, and all poles to be computed for
+            # these circles. `coaxial` lists bodies that turn about one axis, because they
+            # give the same circle.
+            third_bodies, needed_poles = _choose_cheapest_lines(
+                step, computed_poles, whole_plan.coaxial
+            )
+            computed_poles[step.pole] = needed_poles | {step.pole}
+            # The sources of a step are P_ik and P_jk for its third bodies k.
+            cheapest_step = replace(step, via=third_bodies)
+            sources_by_pole[step.pole] = cheapest_step.sources
         else:
             # A primary pole.
-            ancestors[step.pole] = frozenset()
+            computed_poles[step.pole] = frozenset()
             sources_by_pole[step.pole] = ()
     return sources_by_pole
 
 
 def _choose_cheapest_lines(
     step: LinePole,
-    ancestors: dict[Pole, frozenset[Pole]],
+    computed_poles: dict[Pole, frozenset[Pole]],
     coaxial: Sequence[tuple[frozenset[int], int]],
 ) -> tuple[tuple[int, ...], frozenset[Pole]]:
     """Return the third bodies of the great circles that need the fewest other poles.
 
-    A pole P_ij is the axis of the relative rotation of two bodies. Two lines determine it.
-    A third body k gives a line, the great circle through the poles P_ik and P_jk. A sliding
-    pair of the two bodies gives another one, its contact plane.
+    A pole P_ij is the axis of the relative rotation of two bodies. It is the intersection
+    of two lines on the sphere. A third body k gives a line: the great circle through the
+    poles P_ik and P_jk. A sliding pair of the bodies i and j gives another one: the great
+    circle in its contact plane (through the centre of the sphere and the normal of both
+    curves).
 
-    The cost of a circle is the number of other poles that it needs. Each circle is rated
-    alone, even if two circles share poles that they need. Several third bodies give the
-    same circle if they turn about one axis with i or j. Only the cheapest of them counts.
+    The cost of a circle is the number of poles that have to be computed for it. Each circle
+    is rated alone, even if two circles share such poles. Several third bodies give the same
+    circle if they turn about one axis with i or j. Only the cheapest of them counts.
 
     Parameters
     ----------
     step
         The step, with all its lines.
-    ancestors
+    computed_poles
         For each pole of an earlier step, all poles that have to be computed for it,
-        including itself.
+        including itself. Empty for the axis of a pair, which is known.
     coaxial
         For each common axis of several bodies the bodies that turn about it, and the number
         of an R pair about it (`Plan.coaxial`).
@@ -256,29 +265,31 @@ def _choose_cheapest_lines(
     -------
     third_bodies
         One for each great circle that is needed: two, or fewer if there are contact planes.
-    needed
+    needed_poles
         All poles to be computed for these great circles.
     """
     i, j = step.pole
     needed_by_third: dict[int, frozenset[Pole]] = {}
     for third in step.via:
-        needed_by_third[third] = ancestors[pole_of(i, third)] | ancestors[pole_of(j, third)]
+        needed_for_p_ik = computed_poles[pole_of(i, third)]
+        needed_for_p_jk = computed_poles[pole_of(j, third)]
+        needed_by_third[third] = needed_for_p_ik | needed_for_p_jk
 
     def cost(third: int) -> tuple[int, int]:
         """Return the number of needed poles. Bodies of equal cost are sorted by number."""
         return len(needed_by_third[third]), third
 
-    # The third bodies of each circle, and the cheapest one of them.
+    # Third bodies with the same circle are in one group. Take the cheapest of each group.
     circles = group_by_circle(step.via, step.pole, coaxial)
     cheapest_thirds = [min(thirds, key=cost) for thirds in circles]
     cheapest_thirds.sort(key=cost)
     # Each contact plane replaces one of the two circles.
     circle_count = max(2 - len(step.contacts), 0)
     chosen = tuple(cheapest_thirds[:circle_count])
-    needed: frozenset[Pole] = frozenset()
+    needed_poles: frozenset[Pole] = frozenset()
     for third in chosen:
-        needed |= needed_by_third[third]
-    return chosen, needed
+        needed_poles |= needed_by_third[third]
+    return chosen, needed_poles
 
 
 def _prune_lines(step: LinePole, needed_poles: set[Pole]) -> LinePole:

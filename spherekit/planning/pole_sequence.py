@@ -81,20 +81,25 @@ class KnownPoles:
 def find_all_steps(empty_plan: Plan, pebble_game: PebbleGame | None) -> list[Step]:
     """Return the steps that give all poles of a mechanism.
 
-    A pole is the axis of the relative rotation of two bodies. First come the primary poles,
-    which are axes and contact lines of pairs. Each pass then adds the poles that lie on two
-    lines given by earlier poles. If there are none, a part of the mechanism is solved from
-    its velocity equations.
+    A pole is the axis of the relative rotation of two bodies. First come the primary poles:
+    the axes of pairs, and the lines from the centre of the sphere to the points of rolling
+    contacts. Each pass (round) then adds the poles that lie on two known lines: great
+    circles through two known poles, and contact planes of sliding pairs. If there are none,
+    a part of the mechanism is solved from its velocity equations.
 
     Parameters
     ----------
     empty_plan
         A plan without steps: the mechanism, the moving input, and the bodies.
     pebble_game
-        The pebble game on the bodies. None if counting does not decide about the mobility.
+        Counts the degrees of freedom of any set of bodies. None if redundant constraints
+        make the count useless.
     """
     steps: list[Step] = []
+    # For each body the bodies with which it has a known pole: none at first.
     known_poles = KnownPoles([] for _ in empty_plan.mechanism.links)
+    # The sliding contacts of two bodies, and the primary poles. `ends` has the two bodies
+    # of each pair, which are the same if a locked input makes them one body.
     contacts_by_pole: dict[Pole, list[int]] = {}
     for number, (pair, (a, b)) in enumerate(
         zip(empty_plan.mechanism.pairs, empty_plan.ends, strict=True)
@@ -102,7 +107,8 @@ def find_all_steps(empty_plan: Plan, pebble_game: PebbleGame | None) -> list[Ste
         if a == b:
             continue
         pole = pole_of(a, b)
-        # A sliding contact gives no pole, but a plane in which the pole lies.
+        # A sliding contact gives no pole, but a plane in which the pole lies. It has no
+        # `pole_line`.
         if pair.kind.pole_line is None:
             contacts_by_pole.setdefault(pole, []).append(number)
         else:
@@ -125,10 +131,12 @@ def find_all_steps(empty_plan: Plan, pebble_game: PebbleGame | None) -> list[Ste
                     empty_plan, contacts_by_pole, known_poles, [pole], pass_number
                 )
         if not new_steps:
-            # The pass finds nothing: solve the smallest part with an unknown pole from its
-            # velocity equations.
+            # The pass finds nothing. Each pole has a part of the mechanism from which it
+            # can be computed. The smallest of these parts is solved from its velocity
+            # equations, as a block.
             part = min(map(mobile_parts.find_part, unknown_poles), key=len)
             block = _make_block(empty_plan, part, unknown_poles, pass_number)
+            # For display, plan in which order the poles of the block would follow.
             if pebble_game is not None:
                 block = _choose_opening(empty_plan, contacts_by_pole, known_poles, block)
             new_steps = [block]
@@ -159,9 +167,9 @@ def _find_line_poles(
     """Return a step for each unknown pole that lies on at least two different known lines.
 
     A pole P_ij is the axis of the relative rotation of the bodies i and j. Its lines are
-    the great circles through P_ik and P_jk for third bodies k, and the contact planes of
-    sliding pairs between i and j. Two lines determine the pole. The step lists all of them,
-    because it depends on the configuration which two intersect best.
+    the great circles through P_ik and P_jk for third bodies k, and those in the contact
+    planes of sliding pairs between i and j. Two lines determine the pole. The step lists
+    all of them, because it depends on the configuration which two intersect best.
 
     Parameters
     ----------
@@ -178,10 +186,10 @@ def _find_line_poles(
     """
     steps = []
     for pole in poles:
-        # Third bodies that rotate about a common axis (`coaxial`) with body i or j give the
-        # same great circle, which then counts once.
         third_bodies = known_poles.third_bodies(pole)
         contacts = tuple(contacts_by_pole.get(pole, ()))
+        # Third bodies that rotate about a common axis (`coaxial`) with body i or j give the
+        # same great circle, which then counts once.
         circles = group_by_circle(third_bodies, pole, empty_plan.coaxial)
         if len(circles) + len(contacts) >= 2:
             step = LinePole(
@@ -217,14 +225,15 @@ def group_by_circle(
     -------
     For each different great circle the third bodies that give it, rising.
     """
-    # Pairs of neighbouring third bodies with the same circle, by their positions in
-    # `bodies`. Connected components of these pairs are the groups.
+    # Couples of third bodies with the same circle, by their positions in `bodies`.
     bodies = sorted(third_bodies)
     equal_couples: list[tuple[int, int]] = []
     for coaxial_bodies, _ in coaxial:
-        if not coaxial_bodies.isdisjoint(pole):
-            indices = [k for k, body in enumerate(bodies) if body in coaxial_bodies]
-            equal_couples += pairwise(indices)
+        has_body_of_pole = not coaxial_bodies.isdisjoint(pole)
+        if has_body_of_pole:
+            positions = [k for k, body in enumerate(bodies) if body in coaxial_bodies]
+            equal_couples += pairwise(positions)
+    # Bodies that are connected by such couples, directly or through others, are a group.
     circles = []
     for indices in connected_components(len(bodies), equal_couples):
         circles.append(tuple(bodies[k] for k in indices))
@@ -301,15 +310,15 @@ def _choose_opening(
 ) -> BlockPoles:
     """Return a part with the opening pole from which the most other poles would follow.
 
-    A pole is the axis of the relative rotation of two bodies. The part is solved from its
-    velocity equations, which give all its poles at once. For information, the plan also
-    shows how they would follow one by one if one of them, the opening pole, were known.
-    They are found in passes: each finds the poles that lie on two lines through known
-    poles. Of several opening poles with equally many followers, the one with the fewest
-    passes is chosen.
+    A pole P_ij is the axis of the relative rotation of the bodies i and j. The part is
+    solved from its velocity equations, which give all its poles at once. For information,
+    the plan also shows how they would follow one by one if one of them, the opening pole,
+    were known. They would be found in passes (rounds). Each pass finds the poles that lie
+    on two known lines: great circles through P_ik and P_jk for third bodies k, and contact
+    planes of sliding pairs.
 
-    Such a line is a great circle. By the three-pole theorem, the pole P_ij lies on the
-    great circle through P_ik and P_jk for every third body k.
+    If equally many poles follow from several opening poles, the one with the fewest passes
+    is chosen.
 
     Parameters
     ----------
@@ -326,19 +335,21 @@ def _choose_opening(
     def most_poles_first(opened_block: BlockPoles) -> tuple[int, int]:
         """Return a sort key: parts with the most found poles first, then by fewest passes.
 
-        Passes find one pole with each of their steps.
+        Each step gives one pole. Passes are numbered from the same number on.
         """
-        return -len(opened_block.steps_from_opening), opened_block.last_pass_number
+        found_count = len(opened_block.steps_from_opening)
+        return -found_count, opened_block.last_pass_number
 
     def most_lines_first(pole: Pole) -> tuple[int, Pole]:
         """Return a sort key: poles on many great circles first, then by number.
 
-        Each third body k with known poles P_ik and P_jk gives a great circle.
+        Each body k that has known poles with both bodies i and j gives a great circle.
         """
         great_circle_count = len(known_poles.third_bodies(pole))
         return -great_circle_count, pole
 
-    # The time of a trial grows with the square of the number of poles.
+    # Not all poles can be tried as opening pole. The time of a trial grows with the square
+    # of the number of poles, so fewer are tried in large parts.
     max_trials = max(1, MAX_OPENING_WORK // len(block.poles) ** 2)
     tried_poles = sorted(block.poles, key=most_lines_first)[:max_trials]
     opened_blocks = [
@@ -358,9 +369,10 @@ def _open_block(
     """Return a part with all poles that would follow if one of its poles were known.
 
     A pole is the axis of the relative rotation of two bodies. The poles are found in
-    passes. Each pass finds all unknown poles of the part that lie on two great circles
-    through known poles. These are known in the next pass. `steps_from_opening` of the
-    result has one step for each pole.
+    passes (rounds). Each pass finds all unknown poles of the part that lie on two known
+    lines: great circles through known poles, and contact planes of sliding pairs. These
+    poles are known in the next pass. `steps_from_opening` of the result has one step for
+    each pole.
 
     Parameters
     ----------

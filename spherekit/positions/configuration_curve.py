@@ -164,7 +164,8 @@ class Chords:
         half_chords = 0.5 * np.diff(self.nodes.values, axis=0)
         middles = self.nodes.values[:-1] + half_chords
         # Configurations are compared with all chords, in blocks to limit the memory. Each
-        # list has one array of the result for each block.
+        # list has one array of the result for each block: the indices of configurations and
+        # of chords near them, and the offsets from the starts of these chords.
         configurations = []
         chords = []
         offsets = []
@@ -244,8 +245,12 @@ class ArcCurve(Chords):
         The parameter u is the length along the chords, which are the straight lines between
         successive nodes.
         """
-        which = np.clip(np.searchsorted(self.starts, u) - 1, 0, len(self.chord_lengths) - 1)
-        return self._evaluate_on_chords(which, u - self.starts[which]), which
+        # `starts` has the parameters of the nodes. The chord of u is the last one that
+        # begins before it.
+        which = np.searchsorted(self.starts, u) - 1
+        which = np.clip(which, 0, len(self.chord_lengths) - 1)
+        distances = u - self.starts[which]
+        return self._evaluate_on_chords(which, distances), which
 
     def _evaluate_on_chords(self, which: Indices, distances: Floats) -> CurvePoints:
         """Return the points of the curve with given projections on chords.
@@ -269,10 +274,12 @@ class ArcCurve(Chords):
         directions = self.directions[which]
         prediction = self.predict(which, distances / chord_lengths)
         # The loop equations leave one degree of freedom. One more linear equation selects
-        # the point: direction . values = target, the plane normal to the chord.
-        targets = np.vecdot(directions, self.nodes.values[which]) + distances
+        # the point, that of the plane normal to the chord: direction . values = target.
+        chord_starts = self.nodes.values[which]
+        targets = np.vecdot(directions, chord_starts) + distances
         values, _ = correct(self.closure, prediction, borders=directions, targets=targets)
-        # The points with tangents, which point along the chord, and second derivatives.
+        # Add the tangents and second derivatives. Of the two opposite tangents, the one
+        # with a positive component along the chord is taken.
         points, _ = curve_points(self.closure, values, borders=directions)
         miss = max_abs(values - prediction, axis=1)
         is_valid = points.residual < CLOSURE_TOLERANCE
@@ -282,18 +289,24 @@ class ArcCurve(Chords):
     @cached_property
     def table(self) -> ArcLength:
         """The arc length as a function of u, the sum of the chords between the nodes."""
+        # A point is a solution of the loop equations and of one equation along the tangent.
+        # The smaller the reciprocal condition number of these equations, the larger is the
+        # rounding error of the point.
         jacobian = self.closure.linearise(self.nodes.values).jacobian
         equations = bordered(jacobian, self.nodes.tangents)
-        condition = bordered_reciprocal_condition(equations, left_inverse(equations))
-        rounding = POINT_ROUNDING_FACTOR * EPS / np.minimum(condition[:-1], condition[1:])
+        at_nodes = bordered_reciprocal_condition(equations, left_inverse(equations))
+        # The smaller one of both ends of each chord counts.
+        on_chords = np.minimum(at_nodes[:-1], at_nodes[1:])
+        rounding = POINT_ROUNDING_FACTOR * EPS / on_chords
+        # `_speed` is the derivative of the arc length by u.
         return integrate_rate(self._speed, self.starts, rounding)
 
     def _speed(self, u: Floats) -> Floats:
         """Return ds/du of the arc length s at parameters u of any shape.
 
         The curve is stored as nodes (points). The parameter u is the length along the
-        chords (straight lines between successive nodes). Integration of ds/du gives the arc
-        length. It is the reciprocal of the cosine between the tangent and the chord.
+        chords (straight lines between successive nodes). The rate ds/du is the reciprocal
+        of the cosine of the angle between the tangent and the chord.
 
         Raises
         ------
@@ -330,6 +343,8 @@ class ArcCurve(Chords):
     def rise(self) -> Floats:
         """(variables,) growth of the variables in one lap (rad), zero on an open curve."""
         growth = self.closed * (self.nodes.values[-1] - self.nodes.values[0])
+        # After a lap the configuration is the same, so the growth is whole periods. Only
+        # rounding errors differ.
         return whole_laps(growth, self.periods)
 
     def returns_after(self, variable: int, period: float) -> float:
@@ -337,21 +352,23 @@ class ArcCurve(Chords):
 
         The first of these cases that applies gives the result:
 
-        1. The period is known for the whole mechanism: it is the result.
-        2. The curve is closed, so that configurations return after one lap, and the
-           variable grows in a lap: the result is this growth.
-        3. The curve is closed, the variable only swings, and no wheels roll: the result is
-           one revolution. An angle and the same angle plus 2 pi are one position.
-        4. Otherwise the configurations never return, and the result is infinite. For
-           example, wheels can be in another position after one revolution of the variable.
+        1. The period is finite: it is the result.
+        2. The curve is closed, and the variable grows in a lap: the result is this growth,
+           because configurations return after a lap.
+        3. The curve is closed, the variable swings and has its first value again after a
+           lap, and no wheel follows the variable by a gear ratio: the result is one
+           revolution. An angle and the same angle plus 2 pi are one position.
+        4. Otherwise the result is infinite: configurations are not known to return. For
+           example, wheels can be in another position after each revolution.
 
         Parameters
         ----------
         variable
             Number of the variable.
         period
-            The period (rad) of the whole mechanism. If this is not known, infinite means
-            that wheels roll in proportion to the variable. NaN means that none do.
+            Growth (rad) of the variable after which all configurations of the mechanism
+            return, as far as gear ratios tell. Infinite if wheels follow the variable by
+            gear ratios, but no such growth is known. NaN if no wheel follows the variable.
         """
         if np.isfinite(period):
             return period
@@ -359,8 +376,8 @@ class ArcCurve(Chords):
         growth_in_lap = abs(self.rise[variable])
         if growth_in_lap != 0.0:
             return growth_in_lap
-        no_wheels_roll = np.isnan(period)
-        if self.closed and no_wheels_roll:
+        no_wheel_follows = np.isnan(period)
+        if self.closed and no_wheel_follows:
             return TURN
         return np.inf
 
@@ -408,19 +425,24 @@ class ArcCurve(Chords):
         """
         if variable is not None and self.rests(variable):
             return Zeros(np.zeros(0), np.zeros(0, dtype=bool))
-        roots = find_zeros(lambda s: function(self.at(s)), self.s)
-        # A zero at the point where a closed curve begins and ends is one zero.
-        return roots.merge_seam(self.length) if self.closed else roots
+        # Zeros are searched between the arc lengths `s` of the nodes.
+        zeros = find_zeros(lambda s: function(self.at(s)), self.s)
+        if self.closed:
+            # A zero at the point where the curve begins and ends may be found twice.
+            return zeros.merge_seam(self.length)
+        return zeros
 
     def dead_points(self, variable: int) -> Zeros:
         """Return all arc lengths s at which a variable is stationary: dv/ds = 0.
 
         The result is empty if the variable is constant along the whole curve.
         """
-        return self.locate(
-            lambda points: (points.tangents[:, variable], points.bends[:, variable]),
-            variable,
-        )
+
+        def slope_and_bend(points: CurvePoints) -> tuple[Floats, Floats]:
+            """Return the first and the second derivative of the variable by s."""
+            return points.tangents[:, variable], points.bends[:, variable]
+
+        return self.locate(slope_and_bend, variable)
 
     def find_value(self, variable: int, value: float, period: float | None = None) -> Zeros:
         """Return all arc lengths s at which a variable has a certain value.
@@ -441,7 +463,8 @@ class ArcCurve(Chords):
         Arc lengths (rad) with a mark for double zeros, at which the variable turns back.
         The result is empty if the variable is constant along the whole curve.
         """
-        period = self.periods[variable] if period is None else period
+        if period is None:
+            period = self.periods[variable]
 
         def periodic_difference(points: CurvePoints) -> tuple[Floats, Floats]:
             """Return period / pi sin(pi difference / period), and its derivative by s.
@@ -465,7 +488,10 @@ class ArcCurve(Chords):
         curve have NaN.
         """
         lengths = nans(len(values))
+        # The configurations on the curve, with their projections on chords.
         hits = self._find_on_curve(values)
+        # The length along the chords up to each projection. `table` converts this length to
+        # the arc length.
         u = self.starts[hits.chords] + hits.distances_along
         lengths[hits.configurations] = self.table.evaluate(u)
         return lengths

@@ -126,7 +126,8 @@ class NodeTable:
         """Add nodes at samples (m,), and return the numbers (m,) of the new nodes."""
         first_new_node = len(self.sample)
         self.sample = np.append(self.sample, sample)
-        # The i-th node of a sample is in column i of the row of the sample.
+        # Make the table of the nodes anew. It has a row for each sample. The i-th node of a
+        # sample is in column i, and unused places are -1.
         column = _number_within_groups(self.sample)
         column_count = np.max(column, initial=-1) + 1
         shape = (self._sample_count, column_count)
@@ -181,7 +182,8 @@ class NodePieces:
         """Unite the pieces of two nodes, unless these pieces share a sample.
 
         A node is one configuration at one sample of the inputs. A piece is a set of joined
-        nodes with at most one node per sample, as in an assembly mode.
+        nodes with at most one node per sample, as in an assembly mode. United pieces that
+        share a sample would have two nodes there.
         """
         larger = int(self.piece_of_node[first_node])
         smaller = int(self.piece_of_node[second_node])
@@ -190,7 +192,7 @@ class NodePieces:
         if self._count_nodes(larger) < self._count_nodes(smaller):
             larger, smaller = smaller, larger
         # The nodes of the smaller piece get the identifier of the larger one, since they
-        # are fewer.
+        # are fewer. `_parts` has the nodes of each piece, in several arrays.
         moved_nodes = np.concatenate(self._parts[smaller])
         moved_samples = self._node_table.sample[moved_nodes]
         if np.any(self.have_nodes_at(larger, moved_samples)):
@@ -251,17 +253,19 @@ class ConfigurationGraph:
         variables = len(solver.mechanism.variable_owners)
         # (k, variables) values of the pair variables (rad) of the k nodes.
         self.values = np.empty((0, variables))
-        # (n,) whether all configurations of a sample are nodes; set by the caller.
+        # (n,) whether all configurations of a sample are nodes. The caller sets it.
         self.is_complete = np.zeros(len(input_grid), dtype=bool)
         # Numbers of the variables of the inputs, and of those that are angles of R pairs.
         # Only angles are compared; the others are arc lengths along profiles at contacts.
         self._driven = list(solver.driven)
         self._angles = solver.angles
         # (k,) sign of the determinant of the closure Jacobian without the inputs, and
-        # whether this matrix is far enough from singular for a sign.
+        # whether this matrix is so far from singular that rounding cannot change the sign.
         self._determinant_sign = np.empty(0)
         self._is_regular = np.empty(0, dtype=bool)
+        # The samples of all nodes, and the nodes of all samples.
         self._node_table = NodeTable(len(input_grid))
+        # Pieces are sets of joined nodes with at most one node per sample.
         self._pieces = NodePieces(self._node_table)
         # (directions, n) sample next to each sample in each direction, or -1. There are two
         # directions for each axis of the grid: 2 a leads to the next sample along axis a,
@@ -272,6 +276,7 @@ class ConfigurationGraph:
         # (directions, k) whether the node is the end of a verified path that was followed
         # in the direction, from the sample before.
         self._is_reached = np.empty((len(self._neighbours), 0), dtype=bool)
+        # The nodes at the start and at the end of each verified path.
         self._edges: list[NodeEdges] = []
         self._progress = ProgressReporter(
             "joining the configurations of neighbouring samples"
@@ -327,7 +332,7 @@ class ConfigurationGraph:
         """
         signs = self._determinant_signs(values)
         # Of equal configurations only the first one becomes a node. It represents the
-        # others.
+        # others. A configuration that represents itself is a first one.
         representative = self._find_equal(sample, values, signs)
         (rows_of_new_nodes,) = np.nonzero(representative == np.arange(len(sample)))
         new_nodes = self._append_nodes(
@@ -335,16 +340,20 @@ class ConfigurationGraph:
             values[rows_of_new_nodes],
             signs=signs.select(rows_of_new_nodes),
         )
-        # `rows_of_new_nodes` rises, so `searchsorted` finds the position of each
-        # representative.
-        return new_nodes[np.searchsorted(rows_of_new_nodes, representative)]
+        # For each configuration, the position of its representative among the new nodes.
+        # `searchsorted` finds it, because `rows_of_new_nodes` rises.
+        position = np.searchsorted(rows_of_new_nodes, representative)
+        return new_nodes[position]
 
     def _determinant_signs(self, values: Floats) -> DeterminantSigns:
-        """Return the signs of the closure Jacobians, without the columns of the inputs.
+        """Return the signs of the determinants of closure Jacobians with locked inputs.
 
-        `values` are (m, variables) closed configurations (rad).
+        The sign changes only at singular configurations, so it helps to tell assembly modes
+        apart. Near a singular configuration the sign is not reliable. `values` are (m,
+        variables) closed configurations (rad).
         """
         linearisation = self.solver.closure.linearise(values)
+        # Locked inputs have no columns in the Jacobian. `_driven` has their numbers.
         passive_jacobian = np.delete(linearisation.jacobian, self._driven, axis=2)
         return DeterminantSigns(
             sign=determinant_sign(passive_jacobian),
@@ -377,7 +386,10 @@ class ConfigurationGraph:
         self.values = np.concatenate([self.values, values])
         self._determinant_sign = np.append(self._determinant_sign, signs.sign)
         self._is_regular = np.append(self._is_regular, signs.is_regular)
-        no_paths = np.zeros((len(self._neighbours), len(sample)), dtype=bool)
+        # For each direction in the grid of inputs (rows) and each node (columns): whether a
+        # path from the node was tried, and whether a path ends at the node.
+        direction_count = len(self._neighbours)
+        no_paths = np.zeros((direction_count, len(sample)), dtype=bool)
         self._is_tried = np.concatenate([self._is_tried, no_paths], axis=1)
         self._is_reached = np.concatenate([self._is_reached, no_paths], axis=1)
         return new_nodes
@@ -407,19 +419,23 @@ class ConfigurationGraph:
         means the same sample, no opposite sign, and the same angles up to
         `SAME_CONFIGURATION_RAD`.
         """
+        # At first, each configuration represents itself.
         representative = np.arange(len(sample))
         reliable_signs = np.where(signs.is_regular, signs.sign, 0.0)
+        # All pairs of configurations of one sample, as arrays of indices. Pairs that are
+        # farther apart in the list come later.
         for earlier, later in _pairs_with_equal_keys(sample):
             # The product is 0 if one sign is not reliable.
             has_no_opposite_sign = reliable_signs[earlier] * reliable_signs[later] >= 0.0
             earlier = earlier[has_no_opposite_sign]
             later = later[has_no_opposite_sign]
+            # Only angles of R pairs are compared, by their numbers `_angles`. The other
+            # variables are arc lengths along profiles.
             differences = wrap(values[earlier] - values[later])[:, self._angles]
             is_same = max_abs(differences, axis=1) < SAME_CONFIGURATION_RAD
-            # Later passes have pairs farther apart in the list, so the earliest one is
-            # stored last.
+            # Pairs of later passes overwrite this, so the earliest equal one remains.
             representative[later[is_same]] = earlier[is_same]
-        # Follow the chain of equal configurations to its first one.
+        # The representative may have an earlier representative itself. Go on to the first.
         while np.any(representative != representative[representative]):
             representative = representative[representative]
         return representative
@@ -448,13 +464,15 @@ class ConfigurationGraph:
         # Chunks limit the memory for the differences between configurations and nodes.
         for first in range(0, len(sample), PATHS_AT_ONCE):
             chunk = slice(first, first + PATHS_AT_ONCE)
-            nodes[chunk] = self._find_among(
-                self._node_table.list_nodes_at(sample[chunk]), values[chunk]
-            )
+            nodes_of_sample = self._node_table.list_nodes_at(sample[chunk])
+            nodes[chunk] = self._find_among(nodes_of_sample, values[chunk])
         return nodes
 
     def _find_among(self, candidates: Indices, values: Floats) -> Indices:
         """Return which of some candidate nodes is equal to each configuration.
+
+        Only the angles of R pairs are compared. The other variables are arc lengths along
+        the profiles of contacts.
 
         Parameters
         ----------
@@ -468,9 +486,15 @@ class ConfigurationGraph:
         -------
         (m,) the nearest candidate, or -1 if it differs from the configuration.
         """
-        differences = wrap(self.values[candidates] - values[:, None])[..., self._angles]
-        # The index -1 reads the last node, so its distance is replaced.
-        distances = np.where(candidates < 0, np.inf, max_abs(differences, axis=2))
+        # (m, c, variables) differences. `_angles` has the numbers of the variables that are
+        # angles.
+        differences = wrap(self.values[candidates] - values[:, None])
+        angle_differences = differences[..., self._angles]
+        # (m, c) distances, infinite for unused places. (The index -1 has read the last
+        # node.)
+        largest_differences = max_abs(angle_differences, axis=2)
+        distances = np.where(candidates < 0, np.inf, largest_differences)
+        # The nearest candidate of each configuration.
         rows = np.arange(len(values))
         nearest = np.argmin(distances, axis=1)
         is_same = distances[rows, nearest] < SAME_CONFIGURATION_RAD
@@ -494,12 +518,13 @@ class ConfigurationGraph:
         # If a configuration is a node already, `add` returns this node, not a new one.
         nodes = self.add(sample, values[sample])
         # Edges from each node to the next make the whole sheet one connected component of
-        # the graph.
+        # the graph. They need not be between neighbouring samples.
         self._edges.append(NodeEdges(starts=nodes[:-1], ends=nodes[1:]))
         # Assembly modes are made from pieces, sets of joined nodes. A mode has at most one
         # configuration per sample, so `unite` joins two pieces only if they share no
-        # sample. New nodes are united first, which is always possible. Earlier nodes follow
-        # with the pieces to which they belong already.
+        # sample. New nodes are united first. This is always possible, because each of them
+        # is a piece of its own, and their samples are different. Earlier nodes follow with
+        # the pieces to which they belong already.
         new_nodes = nodes[nodes >= old_node_count]
         earlier_nodes = nodes[nodes < old_node_count]
         ordered_nodes = np.concatenate([new_nodes, earlier_nodes]).tolist()
@@ -521,7 +546,7 @@ class ConfigurationGraph:
         singular configuration, which has no sign.
         """
         # Sums over the nodes of each sample: of the signs, and of singular nodes, which are
-        # not regular.
+        # not regular and have no sign.
         count = len(self.input_grid)
         signs = np.where(self._is_regular, self._determinant_sign, 0.0)
         sign_sums = np.bincount(self.sample, weights=signs, minlength=count)
@@ -547,8 +572,9 @@ class ConfigurationGraph:
         sample can end at a new configuration, which becomes a node.
         """
         # Direction 2 a leads to the next sample along axis a, and 2 a + 1 to the previous
-        # one.
-        axis_count = len(self._neighbours) // 2
+        # one. `_neighbours` has a row for each direction.
+        direction_count = len(self._neighbours)
+        axis_count = direction_count // 2
         back_along_last_axis = 2 * (axis_count - 1) + 1
         # The nodes from which a path may join two pieces.
         starts = self._find_useful_starts(back_along_last_axis)
@@ -558,7 +584,7 @@ class ConfigurationGraph:
         for axis in range(axis_count - 2, -1, -1):
             self._join_in_directions([2 * axis + 1])
         # All directions again, because nodes can have been added meanwhile.
-        self._join_in_directions(range(len(self._neighbours)))
+        self._join_in_directions(range(direction_count))
 
     def _join_in_directions(self, directions: Sequence[int]) -> None:
         """Follow paths in some directions until no untried path can join two pieces.
@@ -579,6 +605,7 @@ class ConfigurationGraph:
         """
         paths_per_piece = 1
         while True:
+            # The number of paths that are followed in this round.
             path_count = 0
             for direction in directions:
                 nodes = self._select_starts(direction, paths_per_piece)
@@ -608,6 +635,8 @@ class ConfigurationGraph:
         """
         # Sample at which a path from each node ends, -1 at the border of the grid.
         target = self._neighbours[direction][self.sample]
+        # No path can be followed from a singular node, which is not regular. `_is_tried` is
+        # true for nodes from which a path in the direction was followed before.
         can_start = (target >= 0) & self._is_regular & ~self._is_tried[direction]
         (starts,) = np.nonzero(can_start)
         useful_starts = [np.empty(0, dtype=np.intp)]
@@ -641,18 +670,21 @@ class ConfigurationGraph:
         -------
         (m,) whether the path from each start can have an end.
         """
+        # (m,) samples to which the paths lead.
         target = self._neighbours[direction][self.sample[starts]]
         # All nodes at the target of each path: (m, nodes of a sample). Unused places are
         # -1. They read the data of the last node below, and `is_node` excludes them.
         ends = self._node_table.list_nodes_at(target)
         is_node = ends >= 0
         is_regular = self._is_regular[ends]
+        # Nodes that are the end of another path in this direction are reached.
         is_free = ~self._is_reached[direction][ends]
         has_sign_of_start = (
             self._determinant_sign[ends] == self._determinant_sign[starts, None]
         )
         can_be_end = is_node & is_regular & is_free & has_sign_of_start
         can_end_at_node = np.any(can_be_end, axis=1)
+        # A sample is complete if all its configurations are nodes already.
         can_end_at_new_node = ~self.is_complete[target]
         return can_end_at_node | can_end_at_new_node
 
@@ -679,6 +711,7 @@ class ConfigurationGraph:
         (m,) nodes in rising order. A path from each of them may join two pieces.
         """
         starts = self._find_useful_starts(direction)
+        # The samples to which the paths lead, and the block of each.
         target = self._neighbours[direction][self.sample[starts]]
         # Samples are numbered with the last axis running fastest, so the samples of a block
         # have successive numbers. In a grid of 3 x 5 samples, for example, the blocks of
@@ -686,6 +719,7 @@ class ConfigurationGraph:
         axis = direction // 2
         samples_per_block = int(np.prod(self.input_grid.shape[axis + 1 :], dtype=np.intp))
         block = target // samples_per_block
+        # Number the paths from one piece to one block, and take the first ones.
         own_pieces = self._pieces.piece_of_node[starts]
         number_within_piece_and_block = _number_within_groups(own_pieces, block)
         return starts[number_within_piece_and_block < paths_per_piece]
@@ -777,9 +811,10 @@ class ConfigurationGraph:
             `is_verified`.
         """
         starts = self.values[nodes]
+        start_inputs = starts[:, self._driven]  # `_driven`: numbers of the inputs
         goals = self.input_grid.q[sample]
         # Remove whole periods, so that the goals are at most half a period away.
-        goals = goals - whole_laps(goals - starts[:, self._driven], self.solver.periods)
+        goals = goals - whole_laps(goals - start_inputs, self.solver.periods)
         followed = follow_inputs(
             self.solver.closure,
             self._driven,
@@ -789,7 +824,6 @@ class ConfigurationGraph:
         )
         # The configurations at the ends of the paths. Add the whole periods again.
         end_values = followed.nodes.values
-        # Add the whole periods again.
         values = self.solver.shift_inputs(end_values, self.input_grid.q[sample])
         return followed.status == Status.OK, values
 
@@ -803,8 +837,10 @@ class ConfigurationGraph:
         their first sample.
         """
         # Paths join nodes to connected components. A component can have several nodes at a
-        # sample. It consists of pieces with at most one. To get few modes, each piece, the
-        # largest first, is put into the first mode without nodes at its samples.
+        # sample. It consists of pieces, sets of nodes with at most one node per sample. To
+        # get few modes, several pieces of a component can form one mode. Each piece, the
+        # largest first, is put into the first mode of its component that has no nodes at
+        # the samples of the piece.
         component_of_node = self._find_components()
         modes_of_component: dict[int, list[Indices]] = {}
         for nodes in self._pieces.sort_by_size():
@@ -896,39 +932,41 @@ def _pairs_with_equal_keys(key: Indices) -> Iterator[tuple[Indices, Indices]]:
 def _put_into_first_mode(
     modes: list[Indices], nodes: Indices, sample: Indices, count: int
 ) -> None:
-    """Put a set of configurations into the first assembly mode in which it fits.
+    """Put a piece (a set of configurations) into the first assembly mode in which it fits.
 
-    A node is one configuration at one sample (choice of the inputs). A piece is a set of
-    nodes, and a mode is a union of pieces, each with at most one node per sample. All
-    pieces here are connected by paths, perhaps through others. The function is called once
-    for each piece, the largest one first.
+    A node is one configuration at one sample (choice of the inputs). A mode can have only
+    one node at each sample. So a piece fits into a mode that has no node at any sample of
+    the piece. If it fits into no mode, it becomes a new mode.
 
     Parameters
     ----------
     modes
-        Node (count,) of each mode at each sample, or -1. One of these arrays is changed, or
-        a new mode is appended if every mode has a node at one of the samples.
+        The modes so far, as arrays (count,): the node at each sample, or -1 if there is
+        none. One array is changed, or a new one is appended.
     nodes
         (m,) nodes of the piece.
     sample
         (m,) sample of each of these nodes.
     count
-        Number of samples of the grid.
+        Number of all samples.
     """
     for mode in modes:
-        if np.all(mode[sample] < 0):
+        fits = np.all(mode[sample] < 0)
+        if fits:
             mode[sample] = nodes
             return
-    modes.append(np.full(count, -1, dtype=np.intp))
-    modes[-1][sample] = nodes
+    new_mode = np.full(count, -1, dtype=np.intp)
+    new_mode[sample] = nodes
+    modes.append(new_mode)
 
 
 def share_numbers(modes: Sequence[Indices]) -> list[Indices]:
     """Unite assembly modes that occur on separate parts of a path of samples.
 
-    United modes share one number, so that users see fewer of them. A gap of at least one
-    sample (choice of the inputs) separates two modes that are united. A curve through
-    successive samples therefore never changes from one to the other.
+    United modes share one number, so that users see fewer of them. A sample is one choice
+    of the inputs. Between two modes that are united, there is at least one sample without
+    either. A curve through successive samples therefore never changes from one to the
+    other.
 
     Parameters
     ----------
@@ -943,17 +981,17 @@ def share_numbers(modes: Sequence[Indices]) -> list[Indices]:
     """
     united_modes: list[Indices] = []
     for mode in modes:
-        is_occupied = mode >= 0
-        # The samples next to those of the mode must be free too.
-        is_occupied = (
-            is_occupied
-            | np.append(is_occupied[1:], False)
-            | np.append(False, is_occupied[:-1])
-        )
+        has_node = mode >= 0
+        # A united mode must have no nodes at the samples of this mode, and none at the
+        # samples before and after them.
+        is_before_node = np.append(has_node[1:], False)
+        is_after_node = np.append(False, has_node[:-1])
+        must_be_free = has_node | is_before_node | is_after_node
         for united_mode in united_modes:
-            if np.all(united_mode[is_occupied] < 0):
-                united_mode[mode >= 0] = mode[mode >= 0]
+            if np.all(united_mode[must_be_free] < 0):
+                united_mode[has_node] = mode[has_node]
                 break
         else:
+            # This mode fits into no united mode.
             united_modes.append(mode.copy())
     return united_modes

@@ -143,9 +143,9 @@ def monotone_pieces(
         Range of the input (rad).
     period
         Growth of the input (rad) after which all configurations of the mechanism return. It
-        is infinite if wheels roll in proportion to the input and do not return, and NaN if
-        the input determines no rolled length. In both cases the period of this curve alone
-        is used: a closed curve returns after one lap (`ArcCurve.returns_after`).
+        is infinite if wheels follow the input by gear ratios and are not known to return.
+        It is NaN if no wheel follows the input. In both cases the period of this curve
+        alone is used: a closed curve returns after one lap (`ArcCurve.returns_after`).
 
     Returns
     -------
@@ -220,16 +220,16 @@ def _may_reach_range(
     period
         Growth of the input (rad) after which the curve repeats, or infinite.
     """
-    # On the curve between two nodes, the input differs from its value at the nearer node
-    # by less than the length of the chord that joins them.
+    # Between two nodes, the input can be beyond its values at both nodes. It exceeds them
+    # by less than the length of the chord that joins the nodes.
     margin = float(np.max(curve.chord_lengths))
     lowest = float(np.min(curve.nodes.values[:, driven])) - margin
     highest = float(np.max(curve.nodes.values[:, driven])) + margin
     if not np.isfinite(period):
         return lowest <= high and highest >= low
-    # Shift the curve by whole periods as far up as possible, so that its lowest input is
-    # still at most `high`. It reaches the range if its highest input is then at least
-    # `low`.
+    # The inputs of the curve repeat after each period. Shift them by whole periods as far
+    # up as possible, such that the lowest one is still at most `high`. The curve reaches
+    # the range if the highest one is then at least `low`.
     shift = np.floor((high - lowest) / period) * period
     return bool(highest + shift >= low)
 
@@ -399,11 +399,12 @@ def _assign_modes(
     configuration at its middle.
     """
     numbered_pieces = list(pieces)
+    # Configurations (pieces, variables) at the middles, and their inputs (pieces, 1).
     middles = np.array([piece.middle for piece in pieces])
+    inputs = middles[:, [solver.input_variable]]
     for assembly_mode in assembly_modes:
-        # Configurations of the mode at the inputs of the middles. They are NaN, and thus
-        # not near, where the mode does not exist.
-        inputs = middles[:, [solver.input_variable]]
+        # Configurations of the mode at these inputs. They are NaN, and thus not near, where
+        # the mode does not exist.
         values = solver.evaluate(assembly_mode, inputs).values
         difference = max_abs(curve.wrapped(values - middles), axis=1)
         for row in np.flatnonzero(difference < EQUAL_CONFIGURATION_RAD):
@@ -455,10 +456,12 @@ class _CurveSearch:
     def add_curves(self, values: Floats) -> None:
         """Follow the curves through some configurations, unless a known curve passes them.
 
-        New curves are appended to `curves`. A message about a start that fails is added to
-        `problems`, with two exceptions. Starts near a crossing of curves are ignored.
-        Starts at which the mechanism has several degrees of freedom are only counted, in
-        `surface_count`, because no curve passes through them.
+        New curves are appended to `curves`. If no curve can be followed from a
+        configuration, a message is added to `problems`, with two exceptions:
+
+        - Configurations near a crossing of curves are ignored.
+        - Configurations at which the mechanism has several degrees of freedom are only
+          counted, in `surface_count`. No curve passes through them.
 
         Parameters
         ----------
@@ -466,9 +469,10 @@ class _CurveSearch:
             (n, variables) configurations (rad), often of one assembly mode in the order of
             the input.
         """
-        # Known curves show where crossings are, so failures are judged after all curves are
-        # known.
-        for start, message in self._follow_unknown_curves(values):
+        # This follows all curves first. Their ends show where curves cross, which decides
+        # about the failures below.
+        failures = self._follow_unknown_curves(values)
+        for start, message in failures:
             if self._is_near_crossing_end(start):
                 continue
             if has_additional_freedoms(self.solver.closure, start):
@@ -478,6 +482,8 @@ class _CurveSearch:
 
     def _follow_unknown_curves(self, values: Floats) -> list[tuple[Floats, str]]:
         """Follow curves until one passes each of the configurations, and add them.
+
+        Curves through some of the configurations may be known already.
 
         Parameters
         ----------
@@ -490,11 +496,12 @@ class _CurveSearch:
         message that says why.
         """
         failures: list[tuple[Floats, str]] = []
+        # Leave out the configurations on known curves.
         for curve in self.curves:
             values = values[~curve.passes(values)]
         while len(values):
-            # Start in the middle: the first and last configurations of a mode can be near
-            # the dead centres at which it ends.
+            # Start in the middle of the list. The first and last configurations of a mode
+            # can be near the ends of the mode, where following is difficult.
             middle = len(values) // 2
             start = values[middle]
             values = np.delete(values, middle, axis=0)
@@ -504,6 +511,7 @@ class _CurveSearch:
                 failures.append((start, str(error)))
                 continue
             self.curves.append(curve)
+            # Leave out the other configurations on this curve.
             values = values[~curve.passes(values)]
         return failures
 
@@ -527,17 +535,21 @@ class _CurveSearch:
         each crossing is searched only once.
         """
         searched_ends: list[Floats] = []
-        # New curves are appended to the list during this loop, and their ends are searched
+        # New curves are appended to `curves` during this loop, and their ends are searched
         # too.
         for curve in self.curves:
+            # The ends (one or two configurations) of the curve that are at crossings.
             for end in _crossing_ends([curve]):
+                # `wrapped` removes whole periods of the variables.
                 distances = [
                     float(max_abs(curve.wrapped(end - other))) for other in searched_ends
                 ]
-                if min(distances, default=np.inf) < SAME_CROSSING_END_RAD:
-                    continue
-                searched_ends.append(end)
-                self.add_curves(find_outgoing_points(self.solver.closure, end))
+                is_searched = min(distances, default=np.inf) < SAME_CROSSING_END_RAD
+                if not is_searched:
+                    searched_ends.append(end)
+                    # Points near the crossing, on all curves that leave it.
+                    outgoing_points = find_outgoing_points(self.solver.closure, end)
+                    self.add_curves(outgoing_points)
 
     def search_between_turning_points(
         self, drive: PositionSolver, turning_points: InputTurningPoints
@@ -567,15 +579,18 @@ class _CurveSearch:
         )
         if not can_find_all_modes(drive):
             return incomplete
+        # `probes` returns the inputs at which modes are computed: one between two turning
+        # points, or several where turning points may be missing.
         for q in turning_points.probes(PROBE_STEP_RAD):
             configurations = enumerate_assemblies(drive, np.array([q]))
             if not configurations.is_complete:
                 return incomplete
-            # If this is the input of the mechanism, the numbers of modes also serve to
-            # check the curves.
+            # If the driven pair is the input of the mechanism, the numbers of modes also
+            # serve to check the curves (`check_mode_counts`).
             if drive is self.solver:
                 self.mode_counts.append((q, len(configurations.values)))
             self.add_curves(configurations.values)
+        # How complete the modes at these inputs are, and so the curves through them.
         return turning_points.claim(PROBE_STEP_RAD)
 
     def search_from_random_starts(self) -> Completeness:
@@ -591,6 +606,7 @@ class _CurveSearch:
         Then nothing is searched, and only the curves of the known assembly modes are
         complete (`Guarantee.COMPONENT`).
         """
+        # Whether wheels roll, and whether the input determines how far all of them roll.
         gear_phases = self.solver.gear_phases
         if gear_phases is not None and not gear_phases.all_known:
             return Completeness(
@@ -605,7 +621,8 @@ class _CurveSearch:
         statistics = SearchStatistics(variable_count, min_rounds=RANGE_ROUNDS)
         progress = ProgressReporter("searching the configuration curves")
         while statistics.needs_more_starts and len(self.curves) < MAX_CURVES:
-            # The number of starts that were made, and the configurations that closed.
+            # The number of starts that were made, and the closed configurations (rad) to
+            # which they led.
             start_count, values, _ = next(rounds)
             self.add_curves(values)
             # The number of the curve on which each configuration lies, -1 for none.
@@ -635,15 +652,18 @@ class _CurveSearch:
         """
         if is_complete:
             self._count_modes_at_further_inputs()
+        # The smallest and the largest input (rad) of each piece.
         input_ranges = [(piece.lowest, piece.highest) for piece in pieces]
         lowest, highest = np.array(input_ranges).reshape(-1, 2).T
         for q, mode_count in self.mode_counts:
+            # Where modes meet, rounding decides how many there are.
             if self._is_near_meeting(q, np.concatenate([lowest, highest])):
                 continue
             piece_count = np.sum((lowest < q) & (q < highest))
-            is_wrong = piece_count < mode_count
             if is_complete:
                 is_wrong = piece_count != mode_count
+            else:
+                is_wrong = piece_count < mode_count
             if is_wrong:
                 self.problems.append(
                     f"at the input {np.degrees(q):.6g} deg there are {mode_count} modes, "
@@ -655,8 +675,10 @@ class _CurveSearch:
 
         Inputs at which modes may have been missed are left out.
         """
-        # The middles of equal parts of the range, which are between its ends.
-        for q in np.linspace(self.low, self.high, 2 * CHECKED_INPUTS + 1)[1::2]:
+        # The middles of `CHECKED_INPUTS` equal parts of the range. The ends and the middles
+        # of the parts alternate.
+        ends_and_middles = np.linspace(self.low, self.high, 2 * CHECKED_INPUTS + 1)
+        for q in ends_and_middles[1::2]:
             configurations = enumerate_assemblies(self.solver, np.array([q]))
             if configurations.is_complete:
                 self.mode_counts.append((q, len(configurations.values)))
@@ -690,6 +712,8 @@ class _CurveSearch:
 def _crossing_ends(curves: Iterable[ArcCurve]) -> Iterator[Floats]:
     """Yield the last nodes (variables,) of curves that end because others cross them."""
     for curve in curves:
-        for status, end in zip(curve.ends, curve.nodes.values[[0, -1]], strict=True):
-            if status == Status.AT_SINGULARITY:
+        # `ends` says for both ends why the curve ends there.
+        first_and_last_node = curve.nodes.values[[0, -1]]
+        for reason, end in zip(curve.ends, first_and_last_node, strict=True):
+            if reason == Status.AT_SINGULARITY:
                 yield end

@@ -269,12 +269,12 @@ class _QuadraticResidual:
 class _FoldModel:
     """Models of the closure residual F at n configurations near folds.
 
-    At a fold two configurations meet at one input. The smallest singular value s of the
-    Jacobian J of F is then near zero: J v = s u, with the unit vectors v and u. If the
-    variables move along v, the loops hardly open to first order. They open in the direction
-    u. So the component u . F as a function of the distance x along v shows where the loops
-    close again. In all other directions J is regular, and a step of Newton's method closes
-    the loops.
+    F is by how much the loops are open. At a fold two configurations meet at one input. The
+    smallest singular value s of the Jacobian J of F is then near zero: J v = s u, with the
+    unit vectors v and u. If the variables move along v, the loops hardly open to first
+    order. They open in the direction u. So the component u . F as a function of the
+    distance x along v shows where the loops close again. In all other directions J is
+    regular, and a step of Newton's method closes the loops.
 
     In the code, v is `_direction` and u is `_residual_direction`.
 
@@ -291,6 +291,11 @@ class _FoldModel:
     def __init__(self, linearisation: Linearisation, free: Indices) -> None:
         """Decompose the closure Jacobian at n nearly closed configurations.
 
+        The closure residual is by how much the loops are open. Its Jacobian J has the
+        derivatives by the variables that are not inputs. At a fold, two configurations meet
+        at one input. The smallest singular value of J is then near zero. So there is a
+        direction of the variables in which the loops hardly open.
+
         Parameters
         ----------
         linearisation
@@ -300,25 +305,33 @@ class _FoldModel:
         """
         self._linearisation = linearisation
         self._free = free
-        # Singular vectors in columns, and singular values from large to small.
-        left_vectors, singular_values, right_vectors = np.linalg.svd(
+        # The singular values are sorted from large to small. `np.linalg.svd` returns the
+        # left vectors as columns and the right ones as rows, which are made columns too.
+        left_vectors, singular_values, right_vector_rows = np.linalg.svd(
             linearisation.jacobian[:, :, free], full_matrices=False
         )
         self._left_vectors = left_vectors
         self._singular_values = singular_values
-        self._right_vectors = np.swapaxes(right_vectors, 1, 2)
-        # The last singular value is the smallest. Moving the variables along this direction
-        # hardly opens the loops. They open in the residual direction.
+        self._right_vectors = np.swapaxes(right_vector_rows, 1, 2)
+        # The vectors of the smallest singular value. If the variables move along
+        # `_direction`, the residual changes along `_residual_direction`, but only little.
         self._direction = self._right_vectors[:, :, -1]
         self._residual_direction = left_vectors[:, :, -1]
         # How much the variables can change per change of the residual: the Frobenius norm
-        # of the inverse Jacobian, whose singular values are the reciprocals.
+        # of the inverse of J, whose singular values are the reciprocals.
         with np.errstate(divide="ignore"):
             self.sensitivity = np.sqrt(np.sum(singular_values**-2.0, axis=1))
+        # The component of the residual along `_residual_direction`, as a quadratic function
+        # of the distance along `_direction` from each configuration.
         self.quadratic = self._expand_residual()
 
     def _expand_residual(self) -> _QuadraticResidual:
-        """Expand the residual component u . F to second order in the distance along v."""
+        """Expand the residual component u . F to second order in the distance along v.
+
+        F is the closure residual (by how much the loops are open) and J its Jacobian. For
+        the smallest singular value s of J, the singular vectors v (`_direction`) and u
+        (`_residual_direction`) have J v = s u.
+        """
         second_derivative = self._second_derivative_along(self._direction)
         return _QuadraticResidual(
             value=np.vecdot(self._residual_direction, self._linearisation.residual),
@@ -330,31 +343,41 @@ class _FoldModel:
     def _second_derivative_along(self, direction: Floats) -> Floats:
         """Return the second derivatives (n, equations) of the residual along a direction.
 
-        The direction (n, free) is one of the variables that are not inputs.
+        The direction (n, free) has a component for each variable that is not an input. The
+        inputs are constant.
         """
+        # The derivatives of all variables by the distance along the direction.
         rates = np.zeros_like(self._linearisation.values)
         rates[:, self._free] = direction
+        # If the variables change at constant rates, the second derivative of the residual
+        # is (dJ/dt) rates, with the Jacobian J.
         return self._linearisation.bias(rates)
 
     def _close_other_equations(self, residual: Floats) -> Floats:
         """Return the step (n, free) that closes the loops in all directions but u.
 
-        u is the left singular vector of the smallest singular value of the Jacobian.
-        `residual` (n, equations) is the closure residual of the loops, in rad.
+        u is the left singular vector of the smallest singular value of the Jacobian J.
+        `residual` (n, equations) is the closure residual of the loops, in rad. The step
+        solves J step = -residual, with the part along u left out.
         """
-        sizes = self._singular_values[:, :-1]
+        # Without the last singular value, which is the smallest.
+        singular_values = self._singular_values[:, :-1]
+        left_vectors = np.swapaxes(self._left_vectors[:, :, :-1], 1, 2)  # as rows
+        right_vectors = self._right_vectors[:, :, :-1]  # as columns
         with np.errstate(divide="ignore", invalid="ignore"):
-            parts = np.vecdot(
-                np.swapaxes(self._left_vectors[:, :, :-1], 1, 2), residual[:, None]
-            )
-            return -np.matvec(self._right_vectors[:, :, :-1], parts / sizes)
+            # The components of the residual along the left vectors, and of the step along
+            # the right vectors.
+            residual_parts = np.vecdot(left_vectors, residual[:, None])
+            step_parts = residual_parts / singular_values
+            return -np.matvec(right_vectors, step_parts)
 
     def step_to_nearest_root(self) -> Floats:
         """Return the step (n, free) to the nearer closed configuration.
 
-        The step leads along v to the nearer root of the quadratic residual, and closes the
-        loops in the other directions. If there is no root, it leads to the extreme value,
-        where the loops are least open.
+        `quadratic` is by how much the loops open if the variables move along `_direction`.
+        The step leads along this direction to the nearer root of `quadratic`, and closes
+        the loops in the other directions. If there is no root, it leads to the extreme
+        value, where the loops are least open.
         """
         distance = self.quadratic.find_nearest_root()
         others = self._close_other_equations(self._linearisation.residual)
@@ -386,10 +409,12 @@ class _FoldModel:
         they contain both roots, else the simple root.
         """
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            # The components of the gap along one direction add up.
+            # The bound g of the component along u, from the bound of every component.
             gap = gap * np.sqrt(self._left_vectors.shape[1])
             slope = self.quadratic.slope
             size = np.abs(self.quadratic.curvature)
+            # Bounds of a simple root, and of two roots. If |e| is at most g, the roots
+            # (-s +- sqrt(s^2 - 2 h e)) / h are at most 2 s / |h| + sqrt(2 g / |h|).
             simple_root = SAFETY_FACTOR * 2.0 * gap / slope
             both_roots = SAFETY_FACTOR * (2.0 * slope / size + np.sqrt(2.0 * gap / size))
             # A root is simple if f is nearly straight up to its bound.
@@ -400,31 +425,53 @@ class _FoldModel:
             rise = np.where(is_simple, slope * reach, 0.5 * size * reach**2)
             # (n,) error (rad) of the variables in all directions but v.
             other_error = np.zeros_like(gap)
-            is_bound = np.ones(len(gap), dtype=bool)
+            is_valid = np.ones(len(gap), dtype=bool)
             for side in (1.0, -1.0):
-                # Move to the end of the bound, and close the loops in all directions but u.
+                # Move to the end of the bound. There the residual along u must be that of
+                # f.
                 x = side * reach
-                moved_values = self._linearisation.values.copy()
-                moved_values[:, self._free] += x[:, None] * self._direction
-                step = self._close_other_equations(closure.linearise(moved_values).residual)
-                moved_values[:, self._free] += step
-                # There the residual along u must be that of f.
-                residual = np.vecdot(
-                    self._residual_direction, closure.linearise(moved_values).residual
-                )
+                residual, other_change = self._move_along_fold(closure, x)
                 expected = self.quadratic.evaluate(x)
-                is_bound &= np.abs(residual - expected) <= LARGEST_MODEL_ERROR * rise
+                is_valid &= np.abs(residual - expected) <= LARGEST_MODEL_ERROR * rise
                 # It must also have the sign of f beyond the roots, and be larger than the
                 # gap, so that no root is outside the bound.
                 sign = np.where(is_simple, side, np.sign(self.quadratic.curvature))
-                is_bound &= residual * sign > gap
-                other_error = np.maximum(other_error, max_abs(step, axis=1))
+                is_valid &= residual * sign > gap
+                other_error = np.maximum(other_error, other_change)
             if self._singular_values.shape[1] > 1:
                 # A second singular value near zero would mean a second fold.
-                second = self._singular_values[:, -2]
-                is_bound &= (
-                    second > LEAST_SECOND_SINGULAR_VALUE * self._singular_values[:, 0]
-                )
-                other_error = 2.0 * other_error + gap / second
+                largest = self._singular_values[:, 0]
+                second_smallest = self._singular_values[:, -2]
+                is_valid &= second_smallest > LEAST_SECOND_SINGULAR_VALUE * largest
+                other_error = 2.0 * other_error + gap / second_smallest
             error = 2.0 * EPS + reach + other_error
-            return np.where(is_bound & (other_error <= reach), error, np.inf)
+            return np.where(is_valid & (other_error <= reach), error, np.inf)
+
+    def _move_along_fold(self, closure: Closure, x: Floats) -> tuple[Floats, Floats]:
+        """Move the configurations by distances x in the direction that opens loops least.
+
+        Loops open along `_residual_direction` then. In all other directions they are closed
+        again.
+
+        Parameters
+        ----------
+        closure
+            The loops, to evaluate the residual.
+        x
+            (n,) distances (rad) along `_direction`.
+
+        Returns
+        -------
+        residual
+            (n,) by how much (rad) the loops are open along `_residual_direction`.
+        other_change
+            (n,) largest change (rad) of a variable that closes the other directions.
+        """
+        moved_values = self._linearisation.values.copy()
+        moved_values[:, self._free] += x[:, None] * self._direction
+        step = self._close_other_equations(closure.linearise(moved_values).residual)
+        moved_values[:, self._free] += step
+        residual = np.vecdot(
+            self._residual_direction, closure.linearise(moved_values).residual
+        )
+        return residual, max_abs(step, axis=1)
