@@ -284,6 +284,10 @@ def test_random_starts_find_the_curves_that_slices_find(kind):
     A slice is the set of configurations with all inputs but one locked. A search by slices
     (here at 4 values of each input) guarantees all curves down to a box size. A search from
     random configurations, without slices, guarantees nothing. Curves of both are compared.
+
+    In a singular configuration a singular motion is possible, in which inputs or output
+    rest (`motion`, rates of all variables). A point is on a curve if its configuration and
+    its singular motion are.
     """
     mechanism = wide_five_bar()
     by_slices = singular_curves(mechanism, kind, slices_of_each=4)
@@ -295,7 +299,7 @@ def test_random_starts_find_the_curves_that_slices_find(kind):
     for curve in by_slices.curves:
         check_points(position_analysis, curve.points, kind)
         inside = curve.points.rows(curve.points.inside)
-        is_on_curve = []
+        is_on_curve = []  # (curves by random starts, points)
         for other in by_starts.curves:
             _report, followed_curve = other.traced
             is_on_curve.append(followed_curve.find(inside.values, inside.motion))
@@ -306,9 +310,12 @@ def test_a_search_without_time_says_so():
     """With 0 s of processor time nothing is searched, and each part of the run says so.
 
     A search that was stopped only claims that it has sampled (`Guarantee.SAMPLED`), because
-    anything may be missing. The rows of the motion (its samples in each assembly mode, or
-    way to assemble the links) are examined nevertheless. The agile eye is of type I in
-    every row of four modes, which is a remark, no warning.
+    anything may be missing. The analysis (`NAME`) searches curves of type I and of type II,
+    and aspects: sets of configurations that are connected without singularities.
+
+    The rows of the motion (its samples in each assembly mode, or way to assemble the links)
+    are examined nevertheless. The agile eye is of type I in every row of four modes. This
+    must be a remark, and no warning may speak of it.
     """
     time_limit = TimeLimit(0.0, "curves of type II")
     curves = singular_curves(sk.load("five_bar"), "II", budget=time_limit)

@@ -64,9 +64,7 @@ def through(random, line):
 
 @pytest.mark.slow
 def test_superposition_gives_the_motion_of_all_inputs_together():
-    """The velocity of a platform is the sum over its inputs, eq.
-
-    (7) of Di Gregorio 2015.
+    """The velocity of a platform is the sum over its inputs (Di Gregorio 2015, equation 7).
 
     Let input i move alone at the rate q'_i, with the other inputs locked. The platform
     (link 8) then turns about its pole axis u_i at a rate w_i. The coefficients c_i and d_i
@@ -81,8 +79,8 @@ def test_superposition_gives_the_motion_of_all_inputs_together():
     random = np.random.default_rng(1)
     for _ in range(8):
         rows, motion = at_reference(three_legs(random_axes(random, 9)))
+        # The only row is regular: neither all inputs together nor one alone are singular.
         assert rows.type[0] == RowType.REGULAR
-        # Also with one input moving alone, this mechanism is not singular.
         assert rows.group[0] == 0
         input_pairs = motion.assembly.inputs
         input_rates = random.normal(size=3)
@@ -104,7 +102,8 @@ def test_superposition_gives_the_motion_of_all_inputs_together():
             rate_alone = link_rates_alone[7]
             assert np.allclose(rows.w[0, k], rate_alone, rtol=1e-9, atol=1e-11)
             assert sine_between_lines(rows.u[0, k], rate_alone) < 1e-10
-            # Both rates are those of one motion, scaled to unit length.
+            # Rates of the output and of this input in the same motion, in which this input
+            # moves alone. They have a common scale, so only their ratio is compared.
             ratio = rows.output_rate[0, k] / abs(rows.input_rate[0, k])
             assert ratio == pytest.approx(np.linalg.norm(rate_alone), rel=1e-9)
 
@@ -171,20 +170,27 @@ def test_coincident_poles_with_a_stretched_leg_are_type_three(seed):
 def test_theorem_1_coplanar_poles_are_type_one_of_the_second_group(seed):
     """Coplanar poles of a platform are a singularity of type I of the second group.
 
-    This is theorem 1 of Di Gregorio 2015. Two inputs are at pairs of one leg, which is
-    stretched. If input i moves alone at the rate q'_i, the platform turns about the axis
-    u_i at a rate w_i with c_i w_i = d_i q'_i. In the first group some d_i vanishes. In the
-    second group none does, but the triple product of the axes u_i vanishes.
+    This is theorem 1 of Di Gregorio 2015. If input i moves alone at the rate q'_i, the
+    platform turns about the pole axis u_i at a rate w_i with c_i w_i = d_i q'_i. At type I
+    inputs can move while the platform rests, for one of two reasons:
+
+    - First group: some d_i vanishes. Input i alone does not move the platform.
+    - Second group: no d_i vanishes, but the three axes u_i are coplanar, so that their
+      triple product vanishes. Several inputs together can leave the platform at rest.
+
+    Two inputs are at pairs of one leg. If this leg is stretched, the axes are coplanar.
     """
     axes = random_axes(np.random.default_rng(6 + seed), 9)
     rows, _ = at_reference(three_legs(axes, TWO_INPUTS_ON_ONE_LEG))
     assert rows.type[0] == RowType.REGULAR
-    assert abs(rows.triples[0, 0]) > 1e-6
+    (triple_product,) = rows.triples[0]
+    assert abs(triple_product) > 1e-6
     stretch_leg(axes)
     rows, _ = at_reference(three_legs(axes, TWO_INPUTS_ON_ONE_LEG))
     assert rows.type[0] == RowType.I
     assert rows.group[0] == 2
-    assert abs(rows.triples[0, 0]) < 1e-12
+    (triple_product,) = rows.triples[0]
+    assert abs(triple_product) < 1e-12
     assert np.all(np.abs(rows.c[0]) > 1e-4)
     assert np.all(np.abs(rows.d[0]) > 1e-4)
 
@@ -304,14 +310,15 @@ def test_type_one_curves_of_a_five_bar_are_the_borders_of_reach():
     """The type I curves of a five-bar are motions with a stretched or folded leg.
 
     The output is the axis 43, which joins both legs. Let a be the crank and b the coupler
-    of a leg. While the leg is in line, it acts as one bar of the arc a + b or |a - b|, and
-    the output moves on a circle of this radius about the fixed axis of the leg. The
-    mechanism is then a four-bar, whose motion is a curve of type I
+    of a leg. While the leg is in line, it acts as one bar of the arc a + b (stretched) or
+    |a - b| (folded). The output then moves on a circle of this radius about the fixed axis
+    of the leg. The mechanism is then a four-bar, whose motion is a curve of type I
     (`four_bars_of_singular_curves`).
 
-    The curves with a folded leg are closed. Those with one of both stretched legs are one
-    closed curve each. They meet in the two configurations with both legs stretched, which
-    divide them into four open curves.
+    - Folded: each motion of a four-bar with a folded leg is a closed curve.
+    - Stretched: there is one motion with the first leg stretched, and one with the second.
+      Both motions meet in the two configurations with both legs stretched. There the search
+      stops. So it finds each motion in two parts, four open curves in all.
     """
     mechanism = five_bar()
     # The search starts from singular points of configuration curves with one input locked,
@@ -358,15 +365,19 @@ def test_type_one_curves_of_a_five_bar_are_the_borders_of_reach():
 def test_type_two_curves_of_a_five_bar_have_coplanar_distal_axes():
     """The type II curves of a five-bar are motions with both couplers in line.
 
-    The couplers then act as one bar, with the sum or the difference of their arcs. Each
-    motion of this four-bar is a curve of type II (`four_bars_of_singular_curves`). Points
-    at which types I and II occur together, those of type III, are listed for each curve.
+    Type I: the inputs can move while the output rests. Type II: the output can move while
+    the inputs are locked. Type III: both. The output is the direction of the axis 43, which
+    joins the couplers. The other ends of the couplers, at the cranks, are the elbows.
+
+    If the couplers are in line, they act as one bar between the elbows, with the sum or the
+    difference of their arcs. Each motion of this four-bar is a curve of type II
+    (`four_bars_of_singular_curves`). Points of type III are listed for each curve.
     Successive points are at most 0.31 rad apart, hardly more than the longest step
     (`MAX_CURVE_STEP_RAD`). The output moves at all of them.
     """
     mechanism = five_bar()
-    # The output is the direction of the axis 43. The search starts from singular points of
-    # configuration curves with one input locked, at five values of each input.
+    # A slice has the configurations with one input locked. The search starts from singular
+    # points in slices at five values of each input.
     result = singular_curves(
         with_full_turns(mechanism), "II", pointing="43", slices_of_each=5
     )
@@ -386,15 +397,20 @@ def test_type_two_curves_of_a_five_bar_have_coplanar_distal_axes():
     cosines_in_line = np.cos([coupler_1 + coupler_2, coupler_1 - coupler_2])
     for curve in result.curves:
         assert curve.closed
+        # Axes 1, 2 and 3 are the first elbow, the output and the second elbow. Couplers in
+        # line have these axes in one plane.
         axes = axes_at_configuration(mechanism, curve.points.values)
         distal_axes = axes[:, 1:4]
         assert np.max(np.abs(np.linalg.det(distal_axes))) < 1e-12
         assert np.min(curve.points.output_rate) > 0.1
 
+        # The arc length between successive points is at least the chord between them.
         chords = np.linalg.norm(np.diff(curve.points.values, axis=0), axis=1)
         assert np.max(chords) < 0.31
         assert np.all(np.diff(curve.s) >= chords - 1e-12)
 
+        # The first point says whether the couplers are stretched or folded on this curve.
+        # The arc between the elbows, here from the inputs alone, must be that everywhere.
         first_cosine = axes[0, 1] @ axes[0, 3]
         nearest = np.argmin(np.abs(cosines_in_line - first_cosine))
         cosines = cosine_between_elbows(*curve.points.inputs.T)

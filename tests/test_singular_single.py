@@ -96,11 +96,15 @@ def test_curves_of_folding_four_bars_cross_in_type_three_with_two_tangents(degre
     """Where a four-bar lies flat, two configuration curves cross in a type III singularity.
 
     All angles are 0 or pi there. Four points lead out of the crossing, two along each
-    tangent. For each tangent there are two relations c w_out = d w_in between the rates of
-    the output 4/1 and of the input, with c and d from pole axes. Form i takes the axes of
-    the three links of both rates, form ii also those of a fourth link. In form ii c and d
-    both vanish (type III), because all axes are coplanar (condition III.a). Where form i
-    does not vanish, it has no type and must hold for the rates along the tangent.
+    tangent.
+
+    The rates of the output 4/1 and of the input satisfy a relation c w_out = d w_in. It is
+    stated in two forms, which compute c and d from different pole axes:
+
+    - Form i takes the axes of the three links of both rates. If c and d do not vanish, this
+      relation is regular (its type is None), and must hold for the rates along the tangent.
+    - Form ii also takes the axes of a fourth link. Here c and d both vanish, which is type
+      III. The reason is that all axes are in one plane (the condition III.a).
     """
     position_analysis = PositionAnalysis(four_bar(np.radians(degrees)))
     curves = all_curves(position_analysis)
@@ -136,6 +140,7 @@ def test_curves_of_folding_four_bars_cross_in_type_three_with_two_tangents(degre
             assert any(x.label == "III.a" and x.certain for x in relation_ii.conditions)
             is_regular = relation_i.type is None
             if is_regular:
+                # The tangent has the rates of all variables.
                 output_term = relation_i.c * tangent[output_variable]
                 input_term = relation_i.d * tangent[input_variable]
                 assert abs(output_term - input_term) < 1e-12
@@ -235,10 +240,12 @@ def test_rest_points_of_all_poles_are_where_relative_rates_vanish(chain, seed):
 def test_input_output_relations_hold_for_rates_by_velocity_equations(chain):
     """Relations c w_out = d w_in hold for 55 quadruples of links of an eight-bar.
 
-    A quadruple has the input link i and its reference r, and the output link o and its
-    reference s. w_in is the rate of i relative to r. w_out is the rate of o relative to s
-    in form i, and relative to r in form ii, where s is any further link. Form ii needs an o
-    that is neither r, which rests, nor i, which is the input.
+    A quadruple is four links i, r, o and s. The input rate w_in is that of link i relative
+    to r. There are two forms of the relation:
+
+    - Form i: w_out is the rate of o relative to s.
+    - Form ii: w_out is the rate of o relative to r. The pole axes of the fourth link s are
+      used to compute c and d. Any link s will do, but o may be neither r nor i.
 
     The coefficients c and d come from pole axes, which a plan computes as intersections of
     great circles. The rates come from the evaluation of all links. The gap may be ten times
@@ -253,8 +260,14 @@ def test_input_output_relations_hold_for_rates_by_velocity_equations(chain):
     planned = PlannedPoles(plan(mechanism), motion)
 
     def direction(pole):
-        """Return the planned direction (3, n) of a pole."""
+        """Return the planned direction of a pole."""
         return planned.directions[pole].T
+
+    def rate(link, reference_link):
+        """Return the angular velocity of a link relative to another, along their pole."""
+        relative_velocity = field.w[link] - field.w[reference_link]
+        pole = pole_of(link, reference_link)
+        return np.sum(relative_velocity * direction(pole), axis=1)
 
     all_quadruples = list(permutations(range(8), 4))
     chosen = random.choice(len(all_quadruples), 50, replace=False)
@@ -269,10 +282,7 @@ def test_input_output_relations_hold_for_rates_by_velocity_equations(chain):
             if form == "ii" and links.o in (links.r, links.i):
                 continue
             relation = make_relation(form, links, direction)
-            rates = []
-            for a, b in (relation.output, (links.i, links.r)):
-                relative_rate = field.w[a] - field.w[b]
-                rates.append(np.sum(relative_rate * direction(pole_of(a, b)), axis=1))
-            output_rate, input_rate = rates
+            output_rate = rate(*relation.output)  # of o relative to s, or to r in form ii
+            input_rate = rate(links.i, links.r)
             gap = relation.residual(output_rate, input_rate)
             assert np.all(gap <= 1e-12 + 10.0 * error_bound), (quadruple, form)

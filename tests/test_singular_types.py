@@ -35,6 +35,8 @@ from spherekit.velocities.transmission_measure import Transmission
 NAME = "singularities"
 FIVE = parse_chain("1-2 2-3 3-4 4-5 1-5")
 RANK = 1e-7
+NAME_OF_CODE = ("regular", "I", "II", "III", "self-motion")
+"""Names of the types by their code (`RowType`)."""
 
 
 def rank(matrix):
@@ -312,9 +314,14 @@ def check_types(mechanism, count):
     """Compare types of regular and singular configurations with those of `kernel_type`.
 
     `kernel_type` finds the type from the null space of the velocity equations of all pairs.
-    For each output, `count` closed configurations at most are projected to the loci of
-    types II, I and self-motion (sets of such configurations). Up to 6 regular
-    configurations and 8 projected ones of each type are compared. Configurations whose type
+
+    - Type II: the output can move while the inputs are locked.
+    - Type I: the inputs can move while the output rests. Type III: both.
+    - Self-motion: links can move while inputs and output rest.
+
+    The locus of a type is the set of its configurations. At most `count` random closed
+    configurations start a search for nearby points of each locus. Up to 6 of the random
+    configurations are compared, and up to 8 points of each locus. Configurations whose type
     depends on rounding are left out: those close to a locus or to where two loci meet.
 
     Returns
@@ -324,9 +331,12 @@ def check_types(mechanism, count):
     solver = solver_of(mechanism)
     compared_types = []
     for output in mechanism.outputs:
+        # The output is a direction with up to two inputs, otherwise an orientation.
         pole = output_of(mechanism, output.name)
-        has_direction = len(mechanism.inputs) <= 2
-        pole = replace(pole, pointing=output.direction if has_direction else None)
+        if len(mechanism.inputs) <= 2:
+            pole = replace(pole, pointing=output.direction)
+        else:
+            pole = replace(pole, pointing=None)
         reports = {
             kind: SingularityReport.for_output(solver, pole, kind)
             for kind in ("II", "I", "self-motion")
@@ -351,16 +361,15 @@ def check_types(mechanism, count):
         type_2_locus = reports["II"].locus
         for k, configuration in enumerate(configurations):
             kind = kernel_type(mechanism, configuration, output)
-            # The measures vanish at type II, at type I, and where some link can move while
-            # the inputs are locked. At a singularity the least one is below 1e-3 times
-            # `SINGULAR_TRANSMISSION`, elsewhere above 1e-3. Between them rounding decides.
+            # `type_two` vanishes at type II, `type_one` at type I, and `hold` where some
+            # link can move while the inputs are locked. At a singularity the least one is
+            # below 1e-3 times `SINGULAR_TRANSMISSION`, elsewhere above 1e-3. Between them
+            # rounding decides.
             least = min(rows.type_two[k], rows.type_one[k], rows.hold[k])
             if 1e-3 * SINGULAR_TRANSMISSION < least < 1e-3:
                 continue
             assert reports["II"].types(configuration[None])[0] == rows.type[k]
-            # The codes are 0 regular, 1 to 3 types I to III, 4 self-motion.
-            code = int(rows.type[k])
-            assert kind == {0: "regular", 4: "self-motion"}.get(code, "I" * code)
+            assert kind == NAME_OF_CODE[int(rows.type[k])]
             if kind in ("II", "III"):
                 tangents = type_2_locus.tangent_space(configuration[None])
                 # The equations of the locus lose rank: a motion with locked inputs exists.
@@ -416,8 +425,9 @@ def test_measures_of_singularities_agree_with_inverse_kinematics(name):
     poses /= np.linalg.norm(poses, axis=1, keepdims=True)
     if not kinematics.points:
         poses = Rotation.from_quat(poses).as_matrix()
-    pairs = range(len(mechanism.pairs))
-    solutions = kinematics.inverse(poses, kinematics.labels, pairs)
+    # Solutions in all working modes, with the variables of all pairs.
+    all_pairs = range(len(mechanism.pairs))
+    solutions = kinematics.inverse(poses, modes=kinematics.labels, pairs=all_pairs)
     is_reached = solutions.solved & np.isfinite(solutions.values).all(axis=1)
     reached = np.flatnonzero(is_reached)
 

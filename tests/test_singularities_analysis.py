@@ -46,10 +46,13 @@ def test_dead_centres_of_a_rocker_are_where_two_links_are_in_line(rocker_result)
 
     `rocker_result` is a run of the analysis. At a dead centre (type II) coupler and rocker
     are in line, the input reverses and two assembly modes meet. At type I the output
-    reverses. The column `condition` labels the pole axes that are parallel. The pole axis
-    of crank and rocker is parallel to the crank's axis in the ground at type I (I.3), and
-    to the rocker's axis at type II (II.3). All types are certain, and no singularity is
-    double (touched without a change of sign).
+    reverses. All types are certain, and no singularity is double (touched without a change
+    of sign).
+
+    A singularity occurs where two pole axes (of relative rotations of links) are the same
+    line. The column `condition` has a label for them. The pole axis of crank and rocker is
+    the fixed axis of the crank at type I (label I.3), and the fixed axis of the rocker at
+    type II (label II.3).
     """
     frame = rocker_result[0].frame()
     type_1 = frame[frame["kind"] == "I"]
@@ -176,10 +179,12 @@ def test_folding_four_bars_have_the_right_types(name):
     """Folding four-bars have singularities of the right types.
 
     `FOLDING` has the arcs of each shape and the expected number of rows by type. Where
-    configuration curves cross, all axes are in one plane: type III, with the condition
-    III.a. A link can also rest on a whole curve. If it is the input, each configuration of
-    the curve is singular of type II, and if it is the output, of type I. Such a curve has
-    one row, without an input. The remarks must not say that the link swings by 0 deg.
+    configuration curves cross, the singularity is of type III. The reason is that all axes
+    are in one plane, a condition with the label III.a.
+
+    A link can also rest on a whole curve. If it is the input, each configuration of the
+    curve is singular of type II, and if it is the output, of type I. Such a curve has one
+    row, without an input. The remarks must not say that the link swings by 0 deg.
     """
     arcs, count_by_type, resting_count_by_type, expected_remarks = FOLDING[name]
     result = sk.run(four_bar(np.radians(arcs)), NAME, samples=37)
@@ -196,6 +201,7 @@ def test_folding_four_bars_have_the_right_types(name):
     resting = frame[frame["q"].isna()]
     assert all("at rest on the whole" in note for note in resting["note"])
     assert resting["kind"].astype(str).value_counts().to_dict() == resting_count_by_type
+    # Rows that are OK have all numbers. Only the transmission angle may be missing.
     relation = result.frame(NAME, "relation")
     assert columns_with_missing_numbers(relation) <= {"transmission"}
 

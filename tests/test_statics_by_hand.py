@@ -35,7 +35,8 @@ def test_forces_of_bevel_gears_are_those_of_a_textbook(tmp_path):
       g = 1/sqrt(10) along the pinion's shaft is 208.0 N, its part 3/sqrt(10) along the
       gear's shaft is 623.9 N.
 
-    `at_rest` returns what the pairs transmit in a mechanism that does not move.
+    `at_rest` returns what the pairs transmit in a mechanism that does not move. No
+    component of a moment or force may be undetermined there (`is_open`, `open_forces`).
     """
     text = BEVEL_GEARS.replace(
         "teeth =", "pressure_angle = 20\ndistance = 0.10385\nteeth ="
@@ -53,6 +54,7 @@ def test_forces_of_bevel_gears_are_those_of_a_textbook(tmp_path):
     assert tangential_force == pytest.approx(1807, rel=1e-3)
     assert np.abs(result.torques.tau) == pytest.approx(59.34, rel=1e-3)
 
+    # The z axis of the frame of a pair leads to the contact point, or along the shaft.
     contact_line = result.frames[:, mesh, :, 2]
     for pair, thrust in (("pinion_shaft", 208.0), ("gearshaft", 623.9)):
         number = mechanism.pair_number[pair]

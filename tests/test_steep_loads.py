@@ -65,7 +65,10 @@ def test_motion_with_dry_friction_satisfies_newton_and_euler(
     mechanism = mechanism.with_inputs(input_pair)
     speed = np.deg2rad(smoothing_speed)
     drive = PairTorque("drive", input_pair, f"10*sin(2*t) - 2*dtheta_{input_pair}")
-    frictions = [Friction(f"rub_{pair}", pair, dry, 0.0, speed) for pair in rubbing]
+    frictions = [
+        Friction(f"rub_{pair}", pair, torque=dry, viscous=0.0, speed=speed)
+        for pair in rubbing
+    ]
     mechanism = replace(mechanism, loads=(drive, *frictions))
     simulation = simulate(mechanism, START, 2.0, engine=engine, check=True)
     assert simulation.end.kind == "time"

@@ -385,23 +385,22 @@ def test_numbers_at_their_physical_limit_have_derivatives():
     No principal moment of inertia of a body exceeds the sum of the other two. In the file
     one of the rocker equals this sum, so that the varied moment cannot be smaller.
 
-    A design has four variables: the arc of link 3, the stiffness and the rest angle (deg)
-    of a spring, and a moment of inertia of the rocker. Formulas have sizes, such as the
-    arc, and numbers of masses and loads. Three of these numbers change with the variables:
-    the moment of inertia, minus the stiffness (the torque is minus stiffness times angle),
-    and the rest angle in rad.
+    A design has four variables, in this order: the arc of link 3, the stiffness of a
+    spring, its rest angle (deg), and a moment of inertia of the rocker. The arc is a size
+    of the mechanism. Each of the other variables determines one number in the formulas of
+    the dynamics. The test is about the derivatives of these three numbers.
     """
     specification = specification_of(EXAMPLES / "spring.toml", designs=4)
     varied = specification.sweep.evaluator.varied_mechanism
-    # The derivatives of these three numbers (rows) by the four variables (columns), both in
-    # the order of the docstring.
-    expected = np.array(
-        [[0.0, 0.0, 0.0, 1.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, np.pi / 180.0, 0.0]]
-    )
+    # Derivatives of the three numbers (rows) by the four variables (columns).
+    by_moment_of_inertia = [0.0, 0.0, 0.0, 1.0]
+    minus_stiffness = [0.0, -1.0, 0.0, 0.0]  # the torque is -stiffness times angle
+    rest_angle_in_rad = [0.0, 0.0, np.pi / 180.0, 0.0]
+    expected = np.array([by_moment_of_inertia, minus_stiffness, rest_angle_in_rad])
     design = varied.evaluate_design(varied.nominal_values)
     # Rows of `slopes` are the sizes that vary, then the numbers of masses and loads.
-    derivatives = design.slopes[len(varied.size_variables) :]
-    assert derivatives == pytest.approx(expected, rel=1e-12)
+    slopes_of_numbers = design.slopes[len(varied.size_variables) :]
+    assert slopes_of_numbers == pytest.approx(expected, rel=1e-12)
     # None would stand for derivatives that are not the same in all designs.
     assert not any(slope is None for slope in varied.constant_slopes)
 

@@ -100,23 +100,27 @@ def command_of(option, cell, out):
 def study_of(option, cell, folder):
     """Write the study file that a row of the table of angles stands for; return its path.
 
-    `option` says which key of the study is tested, and `cell` is its text with an angle.
+    The table is in docs/conventions.md. It lists all options and keys that are angles, with
+    an example in several units. `option` is the first cell of a row: the key of a study
+    that is tested. `cell` is an example: the text of the file with an angle.
     """
+    # Locking an input needs a mechanism with two inputs.
     mechanism = "five_bar" if "lock" in option else "four_bar"
     lines = ["format = 1", f'mechanism = "{mechanism}"']
+    # Values of an input, or a number of samples
     if "values" not in cell:
         lines.append("samples = 5")
+    # Laws and simulations are about time.
     if "law" in option or "start" in option:
         lines.append("duration = 1")
-    lines.append(
-        {
-            "study [lock]": cell,
-            "study [inputs.PAIR]": f"inputs.21 = {{{cell}}}",
-            "study [inputs.PAIR.law]": f"inputs.21.law = {{{cell}}}",
-            "study [start]": f"start = {{{cell}}}\n[analyses.eksergian]",
-            "study [analyses.singularities]": f"analyses.singularities = {{{cell}}}",
-        }[option]
-    )
+    line_by_option = {
+        "study [lock]": cell,
+        "study [inputs.PAIR]": f"inputs.21 = {{{cell}}}",
+        "study [inputs.PAIR.law]": f"inputs.21.law = {{{cell}}}",
+        "study [start]": f"start = {{{cell}}}\n[analyses.eksergian]",
+        "study [analyses.singularities]": f"analyses.singularities = {{{cell}}}",
+    }
+    lines.append(line_by_option[option])
     path = folder / "asked.study.toml"
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
@@ -174,26 +178,32 @@ def without_turns(frame):
 
 
 def assert_equal(first, second):
-    """Assert that contents of files are equal: numbers to 1e-8, other words exactly.
+    """Assert that contents of files are equal: tables, and numbers in texts to 1e-8.
 
     Both arguments are dictionaries by file name, as `results_in` returns them. Angles of
-    pairs in tables may differ by whole turns.
+    pairs in tables may differ by whole turns. Texts must have as many words. A word that is
+    no number may be another word in the other file, but not a number.
     """
     assert first.keys() == second.keys() and first
-    for name, expected in first.items():
-        if isinstance(expected, pd.DataFrame):
-            frames = [without_turns(frame) for frame in (second[name], expected)]
-            pd.testing.assert_frame_equal(*frames, rtol=1e-8, atol=1e-8)
+    for name, first_content in first.items():
+        second_content = second[name]
+        if isinstance(first_content, pd.DataFrame):
+            pd.testing.assert_frame_equal(
+                without_turns(second_content),
+                without_turns(first_content),
+                rtol=1e-8,
+                atol=1e-8,
+            )
             continue
-        assert len(second[name]) == len(expected)
-        for word, other in zip(
-            map(as_number, expected), map(as_number, second[name]), strict=True
-        ):
-            if isinstance(word, float) and isinstance(other, float):
+        assert len(second_content) == len(first_content)
+        for first_word, second_word in zip(first_content, second_content, strict=True):
+            number = as_number(first_word)
+            other = as_number(second_word)
+            if isinstance(number, float) and isinstance(other, float):
                 # Bounds of errors in certificates are rounding, and differ freely.
-                is_rounding = max(abs(word), abs(other)) < 1e-8
-                assert is_rounding or other == pytest.approx(word, rel=1e-8), name
-            elif isinstance(word, str):
+                is_rounding = max(abs(number), abs(other)) < 1e-8
+                assert is_rounding or other == pytest.approx(number, rel=1e-8), name
+            elif isinstance(number, str):
                 assert not isinstance(other, float), name
 
 

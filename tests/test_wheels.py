@@ -70,8 +70,11 @@ def test_wheels_of_an_irrational_ratio_never_return(tmp_path):
     differ by whole turns then have different configurations, which must not be counted
     together. Each input has at most two, the ways to assemble the couplers.
 
-    The left wheel is a cone with the half angle 57 deg. So the rolled length, the variable
-    of the pair `mesh`, changes by -sin(57 deg) per rad of the input.
+    The left wheel is a cone with the half angle 57 deg. That of the right wheel is the rest
+    of the arc of 75 deg between both axes. On the unit sphere, the circle of the left wheel
+    has the radius sin(57 deg) about its axis. So the length that the wheels have rolled,
+    the variable of the pair `mesh`, changes by this radius per rad of the input; its sign
+    is negative.
     """
     path = tmp_path / "irrational.toml"
     text = FIVE_BAR.replace("teeth = [{0}, {1}]", "half_angles = [57.0]")
@@ -352,8 +355,9 @@ def test_wheels_on_moving_links_stay_on_the_curve_of_the_reference_pose(shift_de
 def test_a_second_planet_changes_nothing_about_the_motion(tmp_path):
     """A second planet, opposite the first one, does not change a planetary gear train.
 
-    It adds two contacts that are satisfied already. The phase of all wheels must stay
-    determined, and the common links must move as without it.
+    It adds two contacts that are satisfied already. The common links must move as without
+    it. How far the wheels of each contact have rolled on each other must still follow from
+    the inputs (`gear_phases.all_known`).
     """
     text = (MECHANISMS / "planetary_bevel.toml").read_text().partition("[mass.carrier]")[0]
     text = text.replace(

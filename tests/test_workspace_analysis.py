@@ -81,9 +81,10 @@ def interference_limits_of_the_paper():
 def five_bar_with_driving_four_bar():
     """Return a five-bar of seven links, one crank of which is driven through a four-bar.
 
-    The sizes of a link are its axes, the arcs between consecutive axes and the angles
-    between consecutive arcs, in degrees. The output is a direction (pointer) in the second
-    coupler. The last argument states angles (rad) at which pairs read zero.
+    The sizes of a link are its axes, the arcs from its first axis to each further one, and
+    the angles between these arcs, in degrees. The output is a direction (pointer) in the
+    second coupler: the z axis of this link, which is its first axis c. The last argument
+    states angles (rad) at which pairs read zero.
     """
     return mechanism_from_sizes(
         {
@@ -302,8 +303,10 @@ def test_limits_of_a_five_bar_with_an_inner_loop_agree_with_brute_force(
     def axis(pair):
         """Return the axis (n, 3) of a pair in the frame of the ground."""
         joint = inverse.solver.joints[pair_number[pair]]
-        link = mechanism.ends[pair_number[pair]][0]
-        return configurations.rotations[:, link] @ joint.first[:, 2]
+        first_link, _ = mechanism.ends[pair_number[pair]]
+        # `first` is the frame of the pair in its first link, with the axis as z column.
+        axis_in_link = joint.first[:, 2]
+        return configurations.rotations[:, first_link] @ axis_in_link
 
     # -2 <= f2 <= 1 is |f2 + 0.5| <= 1.5, compared modulo whole turns.
     f2 = configurations.values[:, pair_number["f2"]]
