@@ -166,29 +166,32 @@ class ModeCoalescence:
     """
 
     def __init__(self, solver: PositionSolver) -> None:
-        """Choose an elimination order for each group, and find on which groups it depends.
+        """Prepare one function for each group, whose sign changes where two modes meet.
 
-        A group is a set of bodies that are placed together. An elimination order states in
-        which order the unknown angles of the group are eliminated from its equations.
+        A group is a set of bodies that are placed together by equations for unknown angles.
+        Each solution of the equations is a mode of the group. The determinant of a mode is
+        that of the derivatives of the equations. The function of the group is the product
+        of the determinants of all its modes. Two things are prepared for it:
 
-        A group can have several modes (solutions). Its determinants (of the derivatives of
-        its equations) can depend on the modes of groups that are placed before. Only the
-        modes of such groups have to be combined later.
+        - The order in which the unknown angles are eliminated from the equations.
+        - The earlier groups whose modes change the determinants. The function will combine
+          the modes of the group only with the modes of these groups.
         """
         self.solver = solver
         self.groups = solver.assembly.groups
-        # For each group its elimination order; None for a train of wheels.
+        # For each group its elimination order. None for a train of wheels: gear ratios give
+        # its angles.
         self._orders: list[EliminationOrder | None] = []
         # For each group the numbers of the earlier groups on which its determinants depend.
         self._dependences: list[frozenset[int]] = []
         for position in range(len(self.groups)):
-            # A trial solves the group at a few test inputs. It states the order that was
-            # used, and the determinants at these inputs.
+            # The group is solved at a few test inputs. `trial` has the order that was used,
+            # and the determinants at these inputs.
             trial = self._choose_order(position)
             self._orders.append(trial.order)
             dependence = self._find_dependence(position, trial.determinants)
             self._dependences.append(dependence)
-        # Computing time (s) of the functions of all groups at one input.
+        # Estimated time (s) to compute the functions of all groups at one input.
         self.cost = sum(map(self._estimate_cost, range(len(self.groups))))
 
     def _choose_order(self, position: int) -> OrderTrial:

@@ -236,24 +236,31 @@ class ModeSearch:
     def _find_closed_form_modes(self, search: bool) -> None:
         """Find the assembly modes of a mechanism of dyads and trains of wheels.
 
-        An assembly mode is one way to assemble the mechanism. A dyad (two links) closes in
-        two ways, told apart by its sign. A mode is a combination of signs with which the
-        mechanism closes at some input. The modes are stored in `assembly_modes`. `claim`
-        states how complete they are, `probes` at how many inputs they were searched, and
-        `methods` how.
+        An assembly mode is one way to assemble the mechanism. The links are placed in
+        groups. A dyad (group of two links) closes in two ways. Its sign, 1 or -1, says in
+        which. A mode is a combination of the signs of all groups with which the mechanism
+        closes at some input. The results are stored in attributes:
+
+        - `assembly_modes`: the modes.
+        - `claim`: how complete they are.
+        - `probes`: the number of inputs at which they were searched.
+        - `methods`: for each group the method by which it was solved.
 
         Parameters
         ----------
         search
-            Whether to search for modes other than that of the reference pose.
+            Whether to search for modes other than that of the reference pose (the
+            configuration that the file describes). Without this pose they are always
+            searched.
 
         Raises
         ------
         PlanError
-            If constraints are redundant, and the mobility from the rank of the velocity
-            equations is not the number of inputs.
+            If the mechanism has other degrees of freedom than inputs. The search tests this
+            (`_find_closing_signs`) if constraints are redundant.
         """
         solver = self.solver
+        # The signs of all groups, for each mode that is found; a mode can occur twice.
         all_signs = []
         # The mode of the reference pose comes first and has the number 0.
         if solver.reference is not None:
@@ -263,6 +270,7 @@ class ModeSearch:
             self.probes = len(q)
             self.methods = [CLOSED_FORM] * len(self.groups)
             all_signs += self._find_closing_signs(q)
+        # Drop repetitions, but keep the order.
         different_signs = list(dict.fromkeys(all_signs))
         if len(different_signs) > MAX_ASSEMBLY_MODES:
             reason = f"the first {MAX_ASSEMBLY_MODES} modes are kept, and there are more"

@@ -228,19 +228,24 @@ class ModesOverRange:
         solver = self.solver
         if solver.reference is None:
             return
+        # The input of the pose is changed by whole periods to come into the range.
         values = solver.shift_near_samples(solver.reference, self.input_grid.q)
+        # Follow the mode while the input rises and falls, and add it if it reaches the
+        # range.
         (curve,) = self._follow_configurations(values)
         self._add_mode(curve)
-        # The mode of the pose may end before the range begins. This matters for wheels
-        # (`gear_phases`): without a period of the input, the pose cannot be shifted into
-        # the range. Other modes on the same curve of configurations may reach the range.
-        # So the curve is followed beyond the turning points of the input.
-        if not self.assembly_modes and solver.gear_phases is not None:
+        # A mechanism with wheels may have no period, so the pose can remain outside the
+        # range. Its mode may then end, where the input turns back, before the range begins.
+        # Other modes continue the curve of configurations there, and may reach the range.
+        has_wheels = solver.gear_phases is not None
+        if not self.assembly_modes and has_wheels:
             self._add_modes_on_curve(values[0])
         # `_follow_configurations` has stored the degrees of freedom of the pose, if a group
         # has redundant constraints.
-        if self._mobilities and self._mobilities[0] < 1:
-            check_mobility(solver, self._mobilities[0])
+        if self._mobilities:
+            mobility_of_pose = self._mobilities[0]
+            if mobility_of_pose < 1:
+                check_mobility(solver, mobility_of_pose)
 
     def _follow_configurations(self, values: Floats) -> list[ModeCurve | None]:
         """Close nearly closed configurations, and follow each over the range of the input.
@@ -281,10 +286,10 @@ class ModesOverRange:
         return [next(curves) if mobile else None for mobile in is_mobile]
 
     def _add_mode(self, curve: ModeCurve | None, component: int | None = None) -> bool:
-        """Add the assembly mode of a curve, and return True, if the curve is in the range.
+        """Add the assembly mode of a curve if the curve reaches the range of the input.
 
         An assembly mode is one way to assemble the mechanism. Its configurations over the
-        input form the curve.
+        input form the curve. The result says whether the mode was added.
 
         Parameters
         ----------
@@ -302,24 +307,27 @@ class ModesOverRange:
         low, high = self.input_grid.range
         if curve.inputs[0] > high or curve.inputs[-1] < low:
             return False
-        # Each group (links placed together) has a determinant: of the three axes of a dyad,
-        # or of the velocity equations of another group. Its sign is constant in a mode. It
-        # can be zero at the ends of the curve, so the middle is used. With `least` 0, a
-        # sign is returned even if the determinant is small.
+        # A mode has two lists of signs, with a sign for each group (links placed together).
+        # The signs are constant in a mode, except at its ends, so the middle is used.
         middle_values = curve.values[len(curve.values) // 2]
+        # First list: in which of its two ways a dyad (two links) closes, 1 or -1. The
+        # program places the dyad by this sign. Other groups have 0.
+        dyad_signs = signs_at(self.solver, middle_values)
+        # Second list: the sign of the determinant of each group, dyads included. It serves
+        # to recognise configurations that have left the mode. `least=0.0` asks for the sign
+        # even of a small determinant.
         (determinant_signs,) = group_signs(self.solver, middle_values[None], least=0.0)
         self.assembly_modes.append(
             AssemblyMode(
                 number=len(self.assembly_modes),
-                # A dyad (two links) closes in two ways, told apart by its sign (1 or -1).
-                # Other groups have 0.
-                signs=signs_at(self.solver, middle_values),
+                signs=dyad_signs,
                 # The known configurations, from which others of the mode are computed.
                 guide=curve,
                 group_signs=tuple(determinant_signs.tolist()),
             )
         )
         self._progress.report_if_due(lambda: f"{len(self.assembly_modes)} followed")
+        # `_components` has the number of the component of each mode.
         new_component = max(self._components, default=-1) + 1
         self._components.append(new_component if component is None else component)
         return True
@@ -355,8 +363,10 @@ class ModesOverRange:
     def _find_by_random_search(self) -> Completeness:
         """Find assembly modes from random starts, and return how complete they are.
 
-        The attribute `methods` says how each group of links is solved: dyads (two links) in
-        closed form, the others by random starts unless another method was stored before.
+        An assembly mode is one way to assemble the mechanism. The modes are added to
+        `assembly_modes`. The attribute `methods` says how each group of links is solved:
+        dyads (two links) in closed form, the others by random starts unless another method
+        was stored before.
         """
         methods: list[SolutionMethod | None] = []
         for group, method in zip(self.groups, self.methods, strict=True):
@@ -366,17 +376,18 @@ class ModesOverRange:
                 method = RANDOM_SEARCH
             methods.append(method)
         self.methods = methods
+        # `statistics` counts how many starts led to each component: a connected curve of
+        # configurations, with one or more modes.
         statistics = self._search_from_random_starts()
         if not self.assembly_modes:
             # Random starts leave out configurations near a dead centre. Solving all groups
             # at the middle sample also finds these.
             q = self.input_grid.q
             self._compute_modes_at(q[len(q) // 2][None])
-        return Completeness(
-            Guarantee.SAMPLED,
-            statistics.describe("components"),
-            sentence=statistics.sentence(len(self.assembly_modes)),
-        )
+        # Two texts for users say how likely something was missed.
+        reason = statistics.describe("components")
+        sentence = statistics.sentence(len(self.assembly_modes))
+        return Completeness(Guarantee.SAMPLED, reason, sentence=sentence)
 
     def _find_with_free_wheels(self) -> Completeness:
         """Find some assembly modes, if the input leaves free how far wheels have rolled.
@@ -700,20 +711,23 @@ class ModesOverRange:
         """
         low, high = self.input_grid.range
         rounds = random_starts(self.solver, np.array([low]), np.array([high]))
+        # The statistics decide when to stop. More variables make a start more expensive, so
+        # fewer starts are allowed. `random_starts` yields the first `RANGE_ROUNDS` rounds
+        # together, so at least these are made.
         variable_count = len(self.solver.mechanism.variable_owners)
-        # `random_starts` yields the first `RANGE_ROUNDS` rounds together, later single
-        # rounds.
         statistics = SearchStatistics(variable_count, min_rounds=RANGE_ROUNDS)
-        # First complete the known components. Otherwise a start on a missing mode of one of
-        # them would count as a new component.
+        # First add all modes of the known components. Otherwise a start on a missing mode
+        # of one of them would count as a new component.
         self._follow_modes_beyond_their_ends()
         while statistics.needs_more_starts and not self._has_enough_modes:
             # Number of starts, and the closed configurations to which they led.
             start_count, values, _ = next(rounds)
-            # The number of the component of each configuration, -1 for none.
+            # Follow the configurations that are on no known mode, and add their modes. The
+            # result is the number of the component of each configuration, -1 for none.
             components = self._add_new_modes(
                 values, batch_size=RANDOM_STARTS_FOLLOWED_TOGETHER
             )
+            # Components are numbered from 0. `_components` has the number for each mode.
             component_count = max(self._components, default=-1) + 1
             statistics.add(start_count, hits=components, total=component_count)
             self.probes += start_count

@@ -417,9 +417,11 @@ class SampledModes:
     def _assign_solution(self, values: Floats, sample: int) -> int:
         """Return the number of the solution to which a configuration belongs.
 
-        Configurations are nodes of a graph. From a new configuration, verified steps lead
-        to neighbouring samples of the inputs, and so on. All configurations that they
-        reach, a sheet, are added as nodes and form a new solution. There are at most
+        A solution is a set of configurations that were reached from one start. All known
+        configurations are nodes of a graph, and each node belongs to one solution at most.
+        If the given configuration is no node yet, it becomes the start of a new solution:
+        Steps lead to neighbouring samples of the inputs, and from there to further samples.
+        The configurations that are reached, a sheet, are added as nodes. There are at most
         `MAX_ASSEMBLY_MODES` sheets.
 
         Parameters
@@ -431,15 +433,18 @@ class SampledModes:
         -------
         Number of the solution, or -1 if there is none.
         """
+        # The number of the node, -1 if the configuration is no node.
         node = self._find_node(values, sample)
         if node < 0 and not self._is_sheet_limit_reached:
             sheet = self._follow_sheet(values[None])
             if sheet is not None:
                 self._add_sheet(sheet)
-                # The steps also lead to the sample of the configuration itself. If their
-                # tests fail, the sheet does not contain it.
+                # The configuration is a node now if a step has reached its own sample. A
+                # step is rejected if tests cannot exclude that it leads to another mode.
                 node = self._find_node(values, sample)
-        return self._solutions.find(node) if node >= 0 else -1
+        if node < 0:
+            return -1
+        return self._solutions.find(node)
 
     def _find_node(self, values: Floats, sample: int) -> int:
         """Return the node of the graph that is a configuration at a sample, or -1."""

@@ -73,9 +73,11 @@ def assembly_by_count_or_rank(mechanism: Mechanism) -> Assembly:
     try:
         return plan_assembly(mechanism)
     except CountError:  # counting gives another number of degrees of freedom than inputs
-        # The position analysis searches configurations, and counts by rank. `driven_at`
-        # first checks that all inputs can be driven.
-        position_analysis = position_analysis_of(driven_at(mechanism))
+        # Without names of inputs, `driven_at` returns the mechanism itself. It raises an
+        # error if a pair that the mechanism names as input cannot be driven.
+        checked_mechanism = driven_at(mechanism)
+        # The position analysis searches configurations, and counts by rank.
+        position_analysis = position_analysis_of(checked_mechanism)
         return position_analysis.assembly
 
 

@@ -410,28 +410,35 @@ class PositionAnalysis:
             (k, inputs) inputs (rad).
         rows
             (k,) numbers of the samples with these inputs. None if the inputs are not
-            samples; with several inputs some modes cannot be computed then.
+            samples. Some modes are known only at the samples, if there are several inputs.
+            They have no configurations at other inputs.
 
         Returns
         -------
         The motion: all inputs in the first mode, then all in the next mode, and so on.
         """
         if not self.assembly_modes:
-            # No mode: a motion without rows. It still stores the number of inputs.
+            # No mode: a motion without rows. It still says at how many inputs it was
+            # computed (`samples`).
             no_values = np.empty((0, len(self.mechanism.variable_owners)))
             return replace(make_motion(self.solver, no_values), samples=len(q))
         configurations = ModeConfigurations.concatenate(
             [self.solver.evaluate(mode, q, rows) for mode in self.assembly_modes]
         )
+        if rows is None:
+            # Inputs that are not samples get the numbers 0, 1, ... in their order.
+            sample_numbers = np.arange(len(q))
+        else:
+            sample_numbers = rows
         motion = arrange_rows(
             self.solver,
             self.assembly_modes,
             q=q,
-            # Inputs that are not samples get the numbers 0, 1, ... in their order.
-            sample=np.arange(len(q)) if rows is None else rows,
+            sample=sample_numbers,
             configurations=configurations,
             is_path=self.input_grid.is_path,
         )
+        # The motion also stores a text that says how the modes were searched.
         return replace(motion, search=self.search)
 
     def sparse(self, most: int) -> Motion:
@@ -490,8 +497,8 @@ def trace(
         The mechanism, its name, or its file.
     samples
         Number of samples. They are on a straight path: all inputs go through their ranges
-        together. If `grid` is true, the number for each input, or a sequence with one
-        number for each input.
+        together. If `grid` is true, each input has this number of values. A sequence then
+        gives each input a number of its own.
     input_pair
         Names of the driven pairs, by default those that the mechanism declares.
     assembly_mode
@@ -503,10 +510,10 @@ def trace(
     path
         (n, inputs) values of the inputs in `angle_unit`, instead of their ranges.
     crossings
-        What an assembly mode does where curves of configurations cross. With "end" it keeps
-        the signs of its dyads (groups of two links; the sign tells the two ways to close
-        them apart). With "pass" it follows its smooth curve through the crossing, and signs
-        change.
+        What an assembly mode does where curves of configurations cross. A dyad (group of
+        two links) can close in two ways. With "end", all dyads keep their way, so the mode
+        turns off its smooth curve at the crossing. With "pass", the mode stays on its
+        smooth curve, and dyads change their way.
     angle_unit
         Unit of `path`, ``"rad"`` or ``"deg"``.
     """

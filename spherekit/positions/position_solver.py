@@ -287,9 +287,9 @@ class PositionSolver:
     ) -> Linearisation:
         """Place the bodies of a train of wheels, and make them one rigid body.
 
-        A body is a set of links that are rigid relative to each other. Gear ratios give the
-        angles of the wheels. Newton's method starts from these angles and closes the loops
-        of the train.
+        A body is a set of links that are rigid relative to each other. The angles of the
+        wheels follow from the inputs by gear ratios. These angles give the orientations of
+        all bodies. Newton's method starts there and closes the loops of the train.
 
         Parameters
         ----------
@@ -308,6 +308,8 @@ class PositionSolver:
             to see whether the train is closed.
         """
         group = self.assembly.groups[position]
+        # For each body of the train the rotation from its axes to those of the first body.
+        # `ends` has the numbers of the two links of each pair.
         rotations = place_train_bodies(
             group,
             body_from_link=state.body_from_link,
@@ -315,10 +317,12 @@ class PositionSolver:
             joints=self.joints,
             angles=self.gear_train_angles(q),
         )
+        # A rotation that is the same at all inputs is repeated for each of them.
         rotations = [np.broadcast_to(rotation, (len(q), 3, 3)) for rotation in rotations]
         start = self._compute_train_variables(
             state, group, rotations=np.stack(rotations, axis=1), q=q
         )
+        # Make Newton's steps from these variables, and unite the bodies.
         return place_group(state, group, start)
 
     def _compute_train_variables(

@@ -19,9 +19,9 @@ from spherekit.positions.fold_bounds import LEAST_SECOND_SINGULAR_VALUE
 from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.loop_tree import LoopTree
 from spherekit.positions.quad_rotations import (
+    matrix_vector_products,
     multiply_matrices,
     rotate_about_z,
-    rotate_vectors,
     transpose_matrices,
 )
 
@@ -291,14 +291,15 @@ class GroupLoops:
         axes = []
         for (first_body, _), frames in zip(self.group.ends, self.pair_frames, strict=True):
             z_axis = frames.in_first_body[..., 2]
-            axes.append(rotate_vectors(rotations[first_body], z_axis))
+            axes.append(matrix_vector_products(rotations[first_body], z_axis))
         return np.stack(axes, axis=1)
 
     def close(self, values: Array) -> tuple[Array, Floats]:
         """Close the loops of a group by Newton's method from variables (n, pairs), in rad.
 
-        The Jacobian is inverted in float64, and the residual computed in quad precision. So
-        the solution has quad precision, but convergence is slower.
+        The residual (closure errors of the loops) is computed in quad precision. So the
+        solution has quad precision. The derivatives of the residual are inverted in float64
+        only. This is enough, since errors of a step are corrected by the next step.
 
         Returns
         -------
@@ -315,13 +316,12 @@ class GroupLoops:
         for _ in range(MAX_QUAD_NEWTON_STEPS):
             evaluation = self.evaluate(values)
             inverse = left_inverse(evaluation.jacobian).astype(quad())
-            step = -rotate_vectors(inverse, evaluation.residual)
+            step = -matrix_vector_products(inverse, evaluation.residual)
             length = np.max(np.abs(step.astype(float)), axis=1)
             step_size = np.where(active, length, step_size)
             # Rows that have converged, or that diverge, take no further step.
-            active &= (length > CONVERGED_QUAD_STEP_RAD) & (
-                length < LARGEST_NEWTON_STEP_RAD
-            )
+            is_too_long = ~(length < LARGEST_NEWTON_STEP_RAD)  # also true for NaN
+            active &= (length > CONVERGED_QUAD_STEP_RAD) & ~is_too_long
             if not np.any(active):
                 break
             values[active] += step[active]
@@ -366,7 +366,7 @@ class GroupLoops:
                 np.swapaxes(right_vectors[:, :-1], 1, 2) / singular_values[:, None, :-1]
             )
             inverse = scaled_vectors @ np.swapaxes(left_vectors[:, :, :-1], 1, 2)
-            step = -rotate_vectors(inverse.astype(quad()), evaluation.residual)
+            step = -matrix_vector_products(inverse.astype(quad()), evaluation.residual)
             step = step + (step_to_fold[:, None] * direction).astype(quad())
             # A fold that is farther from the start belongs to another configuration.
             length = np.max(np.abs(step.astype(float)), axis=1)

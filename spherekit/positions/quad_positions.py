@@ -39,10 +39,10 @@ from spherekit.positions.quad_group_loops import (
 )
 from spherekit.positions.quad_rotations import (
     make_frame,
+    matrix_vector_products,
     multiply_matrices,
     normalize,
     rotate_about_z,
-    rotate_vectors,
     transpose_matrices,
 )
 from spherekit.status import Status
@@ -356,7 +356,7 @@ class QuadAssembly:
             side = group.ends[position].index(body)
             pair = group.pairs[position]
             link = self.mechanism.ends[pair][side]
-            return rotate_vectors(
+            return matrix_vector_products(
                 bodies.body_from_link[link], self.frames[pair][side][:, 2]
             )
 

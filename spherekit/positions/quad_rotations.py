@@ -35,8 +35,8 @@ def multiply_matrices(a: Array, b: Array) -> Array:
     return np.sum(a[..., :, :, None] * b[..., None, :, :], axis=-2)
 
 
-def rotate_vectors(matrices: Array, vectors: Array) -> Array:
-    """Return the products of matrices (..., k, 3) with vectors (..., 3)."""
+def matrix_vector_products(matrices: Array, vectors: Array) -> Array:
+    """Return the products of matrices (..., i, j) with vectors (..., j)."""
     return np.sum(matrices * vectors[..., None, :], axis=-1)
 
 

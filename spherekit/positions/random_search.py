@@ -158,10 +158,11 @@ class SearchStatistics:
         Parameters
         ----------
         mode_count
-            Number of assembly modes found. The search counts curves of configurations, and
-            one curve can have several modes.
+            Number of assembly modes found. These statistics count only how many starts led
+            to each curve of configurations. One curve can have several modes.
         """
         starts = counted(self.starts, "random start")
+        # No start has led to a closed configuration.
         if not self.closed_starts:
             return f"A search from {starts} found no assembly mode."
         modes = counted(mode_count, "mode")
@@ -234,7 +235,7 @@ def descend_to_closure(
     low: Floats | float = -np.inf,
     high: Floats | float = np.inf,
 ) -> tuple[Floats, Bools]:
-    """Minimise the sum of squared closure errors from many starts.
+    """Minimise the sum of squared closure errors, independently from many starts.
 
     This brings random starts near to closed loops, where Newton's method can take over. The
     closure errors are angles (rad) by which the loops of links are open. Minima with open
@@ -254,10 +255,9 @@ def descend_to_closure(
     Returns
     -------
     values
-        (n, variables) values at the minima (rad).
+        (n, variables) values at the ends of the descents (rad).
     is_near_closed
-        (n,) whether the errors at the minimum are so small that Newton's method can close
-        the loops.
+        (n,) whether the errors there are so small that Newton's method can close the loops.
     """
     # The unknowns are the variables that are not fixed.
     free = [v for v in range(values.shape[1]) if v not in fixed]
@@ -272,11 +272,18 @@ def descend_to_closure(
         linearisation = closure.select_rows(rows).linearise(all_values)
         return linearisation.residual.copy(), linearisation.jacobian[:, :, free]
 
-    # `squares` (n,) are the sums of squared residuals at the minima.
+    # A descent ends early when the root of its sum of squares is below `NEWTON_START_RAD`,
+    # because Newton's method can close the loops from there. `squares` (n,) are the sums of
+    # squares at the ends.
     values[:, free], squares = minimize_squares(
-        evaluate_residuals, values[:, free], free_low, free_high, NEWTON_START_RAD
+        evaluate_residuals,
+        values[:, free],
+        free_low,
+        free_high,
+        sufficient_root=NEWTON_START_RAD,
     )
-    return values, squares < NEWTON_START_RAD**2
+    is_near_closed = squares < NEWTON_START_RAD**2
+    return values, is_near_closed
 
 
 @dataclass(frozen=True)
@@ -320,18 +327,28 @@ class RolledLength:
     wheels: tuple[int, int]
 
     def find_repetition(self, additional_length: float) -> WheelRepetition | None:
-        """Return which wheels have made whole revolutions after rolling on.
+        """Return which of two wheels have made whole revolutions after rolling on.
 
-        Such a wheel touches at the same point of its profile as before. `additional_length`
-        is the arc length (rad) by which the wheels have rolled on. The result is None if
-        neither wheel has made whole revolutions.
+        A wheel that has made whole revolutions touches at the same point of its profile as
+        before. It is called the repeated wheel, and the other one the turned wheel.
+
+        Parameters
+        ----------
+        additional_length
+            Arc length (rad) by which the two wheels have rolled on. It is the same on both
+            profiles.
+
+        Returns
+        -------
+        The repeated and the turned wheel. None if neither has made whole revolutions.
         """
         first_profile, second_profile = self.profiles
         first_repeats = _is_whole_circumference(first_profile, additional_length)
         second_repeats = _is_whole_circumference(second_profile, additional_length)
         first_wheel, second_wheel = self.wheels
         if first_repeats and second_repeats:
-            # Both have, so either can be the repeated wheel, and there is no turned wheel.
+            # Both have made whole revolutions. The first one is chosen as the repeated
+            # wheel, and there is no turned wheel.
             return WheelRepetition(repeated_wheel=first_wheel, turned_wheel=None)
         if first_repeats:
             return WheelRepetition(repeated_wheel=first_wheel, turned_wheel=second_wheel)
@@ -424,11 +441,17 @@ class DistinctConfigurations:
         return [configuration.values for configuration in self._configurations]
 
     def add(self, values: Floats) -> Indices:
-        """Add those of the given closed configurations that are new.
+        """Add those of the given closed configurations of a group that are new.
 
         A configuration is left out if contact profiles enter each other, or end before the
-        contact point. Configurations that differ by whole revolutions of wheels count as
-        one. The one with the least rolling is added first, and represents the others.
+        contact point. Each configuration is stored with two numbers:
+
+        - `copy_tolerance`: a configuration that differs by less counts as the same.
+        - `is_singular`: whether the group may be movable although the inputs are locked.
+          The number of such configurations is limited.
+
+        Configurations that differ by whole revolutions of wheels also count as one. The one
+        with the least rolling is added first, and represents the others.
 
         Parameters
         ----------
@@ -441,18 +464,24 @@ class DistinctConfigurations:
         if it was left out.
         """
         indices = np.full(len(values), -1, dtype=np.intp)
+        # Closure errors and their derivatives (the Jacobian), and the states of contacts.
         linearisation = self.closure.linearise(values)
+        # `inside` says whether the contact points are on the profiles.
         exists = np.all(linearisation.states.inside, axis=1)
         exists &= ~has_penetration(self.closure.joints, linearisation.states)
+        # The group may be movable if the smallest singular value of the Jacobian is nearly
+        # 0, compared with the largest.
         singular_values = np.linalg.svd(linearisation.jacobian, compute_uv=False)
-        smallest = singular_values[:, -1]
-        is_singular = smallest < SINGULAR_MODE_RATIO * singular_values[:, 0]
+        largest, smallest = singular_values[:, 0], singular_values[:, -1]
+        is_singular = smallest < SINGULAR_MODE_RATIO * largest
         copy_tolerance = compute_copy_tolerances(
             linearisation.closure_residual, np.asarray(smallest)
         )
+        # Sum of the lengths by which wheels have rolled on each other.
         rolled_variables = [length.variable for length in self._rolled_lengths]
         rolled_sum = np.sum(np.abs(values[:, rolled_variables]), axis=1)
-        for row in np.argsort(rolled_sum, kind="stable").tolist():
+        rows_by_rolling = np.argsort(rolled_sum, kind="stable").tolist()
+        for row in rows_by_rolling:
             if exists[row]:
                 indices[row] = self._add_configuration(
                     ClosedConfiguration(
@@ -525,6 +554,8 @@ class DistinctConfigurations:
         - The other one may touch at another point of its profile. In this case it is called
           the turned wheel.
         """
+        # One repetition for each contact at which wheels have rolled on, with the numbers
+        # of its two wheels. Empty if such a contact has no repeated wheel.
         repetitions = self._find_repetitions(configuration.values - stored.values)
         if not repetitions:
             return False
@@ -536,13 +567,13 @@ class DistinctConfigurations:
         # joints, it would have moved other bodies.
         if any(self._joint_counts[wheel] > 2 for wheel in turned_wheels):
             return False
-        # All other bodies must have the same orientations relative to each other. They are
-        # compared relative to the repeated wheel of any contact, here the last one.
-        last_repetition = repetitions[-1]
+        # All bodies except turned wheels must have the same orientations relative to each
+        # other. One of them, a repeated wheel, is the reference of the comparison.
+        repeated_wheel = repetitions[-1].repeated_wheel
         return _have_equal_orientations(
             configuration.rotations,
             stored.rotations,
-            reference_body=last_repetition.repeated_wheel,
+            reference_body=repeated_wheel,
             ignored_bodies=turned_wheels,
         )
 

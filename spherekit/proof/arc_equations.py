@@ -428,9 +428,10 @@ class ArcEquations:
             abs(derivative of f by the variables j1 to jk) <= C d_j1 ... d_jk
 
         Reason: f = U . W - cos(arc), with two axes U and W and the constant arc of a link.
-        Each axis is a unit vector, multiplied by the orientations of the links along a
-        path. C is the product of the bounds of all these matrices. A derivative by variable
-        j is at most d_j times as large as the bound (`_orientation_norms`).
+        Each axis is a unit vector, multiplied by the orientation matrices of the links
+        along a path. `_orientation_norms` has a bound of the norm of each matrix. C is the
+        product of these bounds, so abs(U . W) <= C. Each derivative by variable j
+        multiplies the bound of a trigonometric polynomial by d_j at most (Bernstein).
         """
         norms = self._orientation_norms
         bounds = []
@@ -444,18 +445,19 @@ class ArcEquations:
 
     @cached_property
     def _orientation_norms(self) -> dict[int, float]:
-        """For each link an upper bound of the norm of its orientation at real angles.
+        """For each link an upper bound of the norm of its orientation matrix.
 
-        The matrix leads from link axes to those of another link, its reference. The
-        derivatives of the matrix have the same bound, multiplied by the degrees of the
-        variables.
+        The norm of a matrix says by how much it lengthens a vector at most. The orientation
+        of a link is relative to another link, its reference. The bound is valid at all real
+        angles, also at those with which the loops are open.
         """
-        # A link placed by one pair rotates about the axis of the pair. The rotation and its
-        # derivatives by the angle have the norm 1.
+        # The orientation of a link placed by one pair is a rotation about the axis of the
+        # pair, so its norm is 1. `_rotation_terms` has these links as keys.
         norms = dict.fromkeys(self._rotation_terms, 1.0)
-        # A closing link is oriented by two axes U and W of earlier links. Each axis is a
-        # unit vector, multiplied by the orientations of the links on a path. The norms of
-        # these links are known.
+        # A closing link is put on two axes U and W of earlier links. While the loop is
+        # open, these are not as far apart as the axes of the link. So the matrix is no
+        # rotation, and its norm can exceed 1. Each axis is a unit vector, multiplied by the
+        # orientations of the links on a path. The norms of these links are known.
         for step in self.construction.equation_steps:
             paths = self.construction.parent_paths(step)
             norms[step.link] = _bound_closing_link_norm(

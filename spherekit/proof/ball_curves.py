@@ -507,20 +507,21 @@ def _evaluate_de_boor(
     for level in range(degree - 1):
         interpolated_points = []
         for k in range(degree - level):
-            # The algorithm states the knots between which points k and k + 1 are
-            # interpolated.
+            # De Boor's formula: points k and k + 1 are interpolated linearly between the
+            # knots k + level and k + degree.
             low = knots[k + level][:, None]
             high = knots[k + degree][:, None]
             slope = (points[k + 1] - points[k]) / (high - low)
             interpolated_points.append(points[k] + (u - low) * slope)
         points = interpolated_points
-    # The last two points belong to the knots on both sides of the parameter.
+    # The same formula on the last level: k is 0, and the level is degree - 1. The two knots
+    # are those on both sides of the parameter.
     first_point, last_point = points
     low = knots[degree - 1][:, None]
     high = knots[degree][:, None]
     slope = (last_point - first_point) / (high - low)
     spline_point = first_point + (u - low) * slope
-    # The derivative of a spline is the last slope, times the degree.
+    # Another formula of de Boor: the derivative is the last slope, times the degree.
     derivative = degree * slope
     return spline_point, derivative
 

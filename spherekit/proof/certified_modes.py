@@ -144,12 +144,14 @@ class CertifiedModes:
         """What is guaranteed about the list of assembly modes, and why.
 
         An assembly mode (one way to assemble the mechanism) is a real solution of the
-        equations. That none is missing is proven in one of three ways:
+        equations. One of three ways can prove that none is missing:
 
-        1. As many complex solutions (modes) are proven as there can be.
-        2. The equations consist of systems that are solved one after another. For each, as
-           many solutions are proven as there can be, also those at infinity.
-        3. Space is divided into boxes, in which further real modes are excluded.
+        1. As many complex solutions (modes) are proven as there can be (`is_counted`).
+        2. The equations are divided into small systems, which are solved one after another
+           (`systems`). For each, as many solutions are proven as there can be, also those
+           at infinity.
+        3. The space of the unknown angles is divided into boxes, in which further real
+           modes are excluded (`is_complete`).
 
         Otherwise some boxes stay undecided. Real modes can only be missing there.
         """
@@ -175,12 +177,14 @@ class CertifiedModes:
             # A cluster consists of undecided boxes that touch. Its width is that of the
             # angle in which it is widest.
             widths = [2.0 * np.max(half_widths) for _, half_widths in self.clusters]
-            return Completeness(
-                Guarantee.TO_BOX,
+            words = (
                 f"{statement}; undecided in {len(widths)} clusters, nothing else outside; "
-                f"{arithmetic}",
-                max(widths, default=TURN),
+                f"{arithmetic}"
             )
+            # Without clusters, space was not divided. Modes can then be missing at any
+            # angle, so the width is a whole turn.
+            largest_width = max(widths, default=TURN)
+            return Completeness(Guarantee.TO_BOX, words, largest_width)
         return Completeness(Guarantee.CERTIFIED, words)
 
     def angles(self) -> list[list[Ball]]:
@@ -384,19 +388,19 @@ class _RootSearch:
         """Find roots by homotopies, and try to prove them.
 
         A root is a set of values of the unknown angles, real or complex, that solves the
-        equations of the mechanism. A homotopy follows approximate roots from a system with
+        equations of the mechanism. A homotopy follows approximate roots from equations with
         known roots to these equations. Up to `HOMOTOPY_SEEDS` homotopies with different
         random numbers are tried. The search ends as soon as one of these is true:
 
-        1. As many roots are proven as there can be.
-        2. As many finite roots are approximated as there can be. The caller may still prove
-           them with more bits.
-        3. The real roots are proven to be complete.
+        1. As many roots are proven as there can be (`_is_complete`).
+        2. As many finite roots are approximated as there can be (`_is_complete`). The
+           caller may still prove them with more bits.
+        3. No real root is missing. To prove this, the equations are divided into small
+           systems, which are solved one after another (`_find_complete_systems`).
 
         Returns
         -------
-        All approximations with their complex conjugates. In case 3 also the systems of
-        equations that prove the real roots.
+        All approximations with their complex conjugates. In case 3 also the small systems.
         """
         approximations: list[Sequence[complex]] = []
         for seed in range(HOMOTOPY_SEEDS):
@@ -410,8 +414,11 @@ class _RootSearch:
                     approximations.append(angles)
             if self._is_complete(roots):
                 break
-            # The systems take time, so they are not tried after a homotopy without roots.
-            systems = self._find_complete_systems() if len(roots) else ()
+            # A homotopy without roots is followed by the next one at once, since the
+            # systems take time.
+            if not len(roots):
+                continue
+            systems = self._find_complete_systems()
             if systems:
                 return _HomotopyResult(approximations, systems)
         return _HomotopyResult(approximations, systems=())

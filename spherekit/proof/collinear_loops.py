@@ -574,18 +574,19 @@ class Crossings:
     def is_constant(self, pieces: Sequence[CertifiedArc], variable: int) -> bool:
         """Return whether a variable is proven to be constant along a configuration curve.
 
-        Example: a four-bar with arcs a, a, b, b. With both links a folded onto each other,
-        and both links b likewise, two axes coincide. The links a can turn about this axis
-        together, while the other two pairs rest.
+        Example: a four-bar whose links have the arcs a, a, b, b. Fold the two links a onto
+        each other, and the two links b, too. Then the folded links a turn together against
+        the links b. The angle between the links a is constant.
 
         The proof uses one arc of the curve, the middle one:
 
-        1. At certain angles of the variable, a loop of four pairs closes with all angles of
-           its other variable (`FourPairLoop.angles_that_free_other_variable`). This is a
-           curve along which the variable is constant.
+        1. A loop of four pairs has two variables. At certain angles of one variable, the
+           loop closes with all angles of the other one
+           (`FourPairLoop.angles_that_free_other_variable`). These configurations form a
+           curve along which the first variable is constant.
         2. A configuration of this curve is inside the box of the arc.
-        3. The box contains no other configurations than the arc. So the arc, and with it
-           the whole curve, is the curve of step 1.
+        3. The box contains only configurations of the arc. So the arc, and with it the
+           whole curve, is the curve of step 1.
 
         Parameters
         ----------
@@ -644,22 +645,27 @@ class Crossings:
     def _contains_proven_crossing(self, box: OrientedBox) -> bool:
         """Return whether configuration curves are proven to cross in a box.
 
-        The equations F = 0 are reduced to one equation g(u, v) = 0 near the box: F = g l on
-        a surface with the coordinates u and v. l is a constant vector. `find_saddle` has
-        proven that both slopes of g are 0 at exactly one point of the box, the saddle
-        point. Curves cross there if a loop of four pairs (joints) has all its axes in one
-        plane:
+        The test looks for a configuration in the box in which a loop of four pairs (joints)
+        has all its axes in one plane. Curves cross there, for this reason: The equations of
+        the mechanism are F_1 = 0, F_2 = 0, ... Near the box there is a surface of positions
+        with two coordinates u and v. On the surface, each F_i is l_i g(u, v) with a
+        constant l_i, so the configurations are the curves g = 0. The caller, `find_saddle`,
+        has proven that both slopes of g are 0 at exactly one point of the surface in the
+        box, the saddle point.
 
-        1. The reflection in this plane reverses small changes of the angles, and does not
-           change the equation of the loop. So its derivatives by the angles are 0.
-        2. On the surface, this equation is g times its number in l. So both slopes of g are
-           0, and the planar loop is the saddle point.
-        3. The planar loop is closed, so g = 0. Two curves g = 0 cross at a saddle point.
+        1. Let F_i = 0 be the equation of the loop. Reflect the planar loop in its plane:
+           small changes of the angles are reversed, but F_i stays the same. So all
+           derivatives of F_i are 0.
+        2. F_i is l_i g on the surface. So both slopes of g are 0, too, and the planar
+           configuration is the saddle point.
+        3. The configuration is closed, so g = 0 at the saddle point. Two curves g = 0 cross
+           at a saddle point.
         """
-        return any(
-            _is_near_centre(configuration, box)
-            for configuration in self._find_planar_configurations(box.centre)
-        )
+        for configuration in self._find_planar_configurations(box.centre):
+            # A configuration near the centre is in the box.
+            if _is_near_centre(configuration, box):
+                return True
+        return False
 
     def _find_planar_configurations(self, position: Floats) -> Iterator[Array]:
         """Yield configurations near a position in which a loop of four pairs is planar.

@@ -245,8 +245,10 @@ class Construction:
         has the numbers of its equations, and the numbers of as many unknowns. Other
         unknowns in these equations follow from the systems before it.
         """
-        # (equations, unknowns) whether an equation contains an unknown of no system so far.
+        # (equations, unknowns) whether an equation contains an unknown, that is, whether it
+        # has a degree in this unknown. Unknowns that have a system are removed below.
         has_unknown = self.degrees[:, : self.unknown_count] > 0
+        # Numbers of the equations that have no system yet.
         open_equations = list(range(len(has_unknown)))
         systems = []
         while open_equations:

@@ -223,9 +223,12 @@ class CurveSearch:
         curve cannot be followed there, so boxes near it stay undecided: they are not proven
         to be empty, nor inside the box of a known curve.
 
-        Known curves that pass a new saddle are divided there. Four branches of curves, the
-        arms, leave a saddle. Some arms leave the range of the input near the saddle, so no
-        curve was followed along them. A curve of one arc is added for each of these.
+        Each known curve is stored as a chain: a row of arcs, each in a box without other
+        configurations. Chains that pass a new saddle are divided there.
+
+        Four branches of curves, the arms, leave a saddle. Some arms are short: they leave
+        the range of the input near the saddle, so no curve was followed along them. A chain
+        of one arc is added for each of these.
         """
         for _ in range(MAX_SADDLES):
             new_saddle = self._add_saddle_near(undecided.centres)

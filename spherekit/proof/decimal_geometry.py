@@ -65,10 +65,11 @@ class CircleContact:
 
     @property
     def centre_arc(self) -> Ball:
-        """Arc (rad) from the first centre to the second, counted towards the contact.
+        """Arc (rad) from the first centre to the second, on the circle through the contact.
 
-        It is negative if the second centre is on the other side of the first one than the
-        contact.
+        The arc is positive in the direction from the first centre to the contact. It is
+        negative if the second centre lies in the opposite direction. In external contact it
+        is the sum of the radii, in internal contact the difference.
         """
         return self.radii[0] - self.sense * self.radii[1]
 
@@ -78,21 +79,23 @@ class CircleContact:
         """Return the directions from the centres of two circles to their contact point.
 
         They are unit tangents of the sphere at the centres. The contact point is on the
-        great circle through both centres.
+        great circle through both centres. Let "forwards" on this great circle be the
+        direction in which one comes from the first centre to the contact point.
 
         Parameters
         ----------
         first_centre, second_centre
             (3,) unit vectors in any common axes, which are the axes of the result, too.
         """
-        # `centre_arc` is counted from the first centre towards the contact. Both tangents
-        # have the same direction along the great circle as this arc.
+        # Both tangents point forwards. `centre_arc` is the arc from the first centre to the
+        # second, negative if the second centre lies backwards.
         tangent_at_first, tangent_at_second = _great_circle_tangents(
             first_centre, second_centre, self.centre_arc
         )
-        # Seen from the first centre, the contact is in this direction. So it is from the
-        # second centre if one circle is inside the other (`sense` 1). If the circles are
-        # side by side (`sense` -1), the second centre lies beyond the contact.
+        # By the definition of forwards, the contact is forwards from the first centre. If
+        # one circle is inside the other (`sense` 1), both centres are on the same side of
+        # the contact, so it is also forwards from the second one. If the circles are side
+        # by side (`sense` -1), the second centre is beyond the contact.
         return tangent_at_first, self.sense * tangent_at_second
 
 

@@ -134,8 +134,13 @@ class Harmonics:
             # The coefficients have an axis of length 2 m + 1 for each variable. Variables
             # that do not occur (m = 0) have the length 1, and `squeeze` removes them.
             variables = np.flatnonzero(self.degrees[equation])
+            # Values and derivatives of the equation at the points. `sums` has an axis for
+            # each variable that occurs. The index on this axis is the order of the
+            # derivative by the variable. The points are the last axis.
             sums = _sum_waves(np.squeeze(coefficients), waves[variables]).real
-            # `sums` counts only the variables that occur, as 0, 1, ...
+            # `_select_derivative` returns the derivative (n,) by the variables with the
+            # given positions i and j in `variables`. Without positions it returns the
+            # values.
             count = len(variables)
             results[0][:, equation] = _select_derivative(sums, count)
             for i in range(count):
@@ -379,14 +384,16 @@ def _interpolate(values: Array) -> tuple[Complexes, float]:
     #    rounding of the sums, and radii of the balls.
     coefficients = sums.astype(complex)
     conversion_error = sum(map(upper_magnitude, (sums - coefficients).flat))
+    # Each rounding changes a sum by at most `UNIT_ROUNDOFF` times the magnitudes of its
+    # terms, to first order. The factor 2 is a margin, also for the rounding of this bound.
     roundings = sum(map(_bound_rounding_count, node_counts))
-    allowance = 2.0
+    margin = 2.0
     sum_of_magnitudes = np.sum(np.abs(coefficients))
-    rounding_error = allowance * roundings * UNIT_ROUNDOFF * sum_of_magnitudes
+    rounding_error = margin * roundings * UNIT_ROUNDOFF * sum_of_magnitudes
     # At the nodes the error is at most the radius. Between nodes it can be larger by the
     # norm of the interpolation.
     radius_error = largest_radius * prod(map(_interpolation_norm, node_counts))
-    # The factor covers the rounding of this sum.
+    # The factor 1.001 covers the rounding of this sum.
     return coefficients, 1.001 * (radius_error + conversion_error) + rounding_error
 
 

@@ -450,7 +450,10 @@ class Linkage:
         return orientations, np.concatenate(residuals, axis=1)
 
     def pair_axes(self, values: Array, orientations: Array) -> Array:
-        """Return the axis of each pair (joint) in ground axes; the point of a contact.
+        """Return the direction of each pair (joint) in ground axes.
+
+        All pairs are on a sphere. The direction from its centre is the axis of an R pair,
+        or leads to the contact point of a contact pair.
 
         Parameters
         ----------
@@ -463,16 +466,13 @@ class Linkage:
         -------
         (n, pairs, 3) unit vectors.
         """
-        return np.stack(
-            [
-                np.matvec(
-                    orientations[:, pair.first_link],
-                    pair.kinematics.axis(values[:, pair.variables]),
-                )
-                for pair in self._pairs
-            ],
-            axis=1,
-        )
+        ground_axes = []
+        for pair in self._pairs:
+            # The direction in the axes of the first link of the pair.
+            link_axis = pair.kinematics.axis(values[:, pair.variables])
+            ground_from_link = orientations[:, pair.first_link]
+            ground_axes.append(np.matvec(ground_from_link, link_axis))
+        return np.stack(ground_axes, axis=1)
 
     def variable_vectors(self, values: Array, orientations: Array) -> Array:
         """Return for each variable the angular velocity of its pair (joint) at unit rate.

@@ -582,7 +582,7 @@ def _bound_angle_deviation(
         z - z0 = linear motion + deviation,   where |deviation| <= tube radius.
 
     So the angle deviates from linear motion by at most (tube radius) / ``|z0|``, plus the
-    remainder.
+    remainder. The function adds some margins, for rounding and for the error of z0.
 
     Parameters
     ----------
@@ -604,7 +604,8 @@ def _bound_angle_deviation(
     tube_deviation = tubes.tube_radius[:, np.newaxis] / magnitude
     relative_change = tubes.displacement / magnitude
     logarithm_remainder = _bound_logarithm_remainder(relative_change)
-    # The approximation of a real root may have a magnitude other than 1.
+    # The exact z of a real root has the magnitude 1. The amount by which z0 misses this is
+    # an error of the approximation. It is added as a further margin.
     magnitude_error = np.abs(magnitude - 1.0)
     # These allowances are far larger than the rounding errors (relative error 1.1e-16,
     # angles below pi). The factor 1.05 covers the rounding of the first two terms.

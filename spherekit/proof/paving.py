@@ -247,7 +247,9 @@ def subdivide(
     Parameters
     ----------
     boxes
-        (2, n, v) n boxes in the space of v variables (`VariableRanges`).
+        (2, n, v) n boxes in the space of v variables. A box is the part of the range of
+        each variable with a certain number, after a number of halvings. Index 0 of the
+        first axis is the number of halvings, index 1 the number of the part.
     max_at_once
         Largest number of boxes that are examined in one call.
     activity
@@ -266,6 +268,7 @@ def subdivide(
     examined_count = 0
     progress = ProgressReporter(activity)
     while waiting:
+        # The first `max_at_once` boxes are examined now, the others later.
         batch, postponed = np.split(waiting.pop(), [max_at_once], axis=1)
         examined_count += batch.shape[1]
         # The text is built by a function, only if it is shown.

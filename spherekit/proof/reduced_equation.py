@@ -74,11 +74,12 @@ Larger: less accurate critical points. Smaller: steps that are only rounding are
 class SurfaceDerivatives:
     """First derivatives of a surface of positions near a loss of rank, as balls.
 
-    A ball is a number with a bound of its error.
-    F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Let l be the
-    direction in which no small change of z changes F where the derivatives F' lose a rank.
-    Then F(z) = g l, with given coordinates u and v of z, determines z and the number g. The
-    points z form a surface. It contains the configurations, at g = 0.
+    A ball is a number with a bound of its error. Where the n - 1 equations F(z) = 0 of a
+    mechanism in n variables z lose a rank, small changes of z do not change F in one
+    direction l, a constant vector. So F is made zero only across l, and may have a
+    component g along l: F(z) = g l. If two coordinates u and v of z are given, this
+    determines z and the number g. The points z form a surface. It contains the
+    configurations, at g = 0.
 
     Attributes
     ----------
@@ -104,9 +105,11 @@ class SurfaceDerivatives:
 class SurfaceCurvatures:
     """Second derivatives of the variables z and of the number g by u and v, as balls.
 
-    Balls are numbers with a bound of their error. F(z) = 0 are the equations of a mechanism
-    in n variables z. Near a loss of rank of F', F(z) = g l with a constant vector l and
-    given coordinates u and v of z determines z and g (`ReducedEquation`).
+    Balls are numbers with a bound of their error. Where the n - 1 equations F(z) = 0 of a
+    mechanism in n variables z lose a rank, small changes of z do not change F in one
+    direction l, a constant vector. So F is made zero only across l, and may have a
+    component g along l: F(z) = g l. If two coordinates u and v of z are given, this
+    determines z and the number g. The points z form a surface.
 
     Attributes
     ----------
@@ -115,8 +118,9 @@ class SurfaceCurvatures:
     hessian
         (2, 2) second derivatives of g.
     gradient_correction
-        (2,) change of the gradient of g by the step of Newton's method in
-        `SurfaceDerivatives.correction`, to first order.
+        (2,) change of the gradient of g on the way from a given point z beside the surface
+        to the surface, to first order. The way is a step of Newton's method with constant u
+        and v.
     """
 
     variable_curvatures: Array
@@ -188,10 +192,14 @@ class ReducedEquation:
     ) -> SurfaceDerivatives:
         """Return the first derivatives of the variables z and of the number g by u and v.
 
-        F(z) = 0 are the equations of a mechanism in n variables z. F(z) = g l, with a
-        constant vector l and given coordinates u and v of z, determines z and g. The
-        configurations of the mechanism are at g = 0. The result also has a step of Newton's
-        method (`correction`) from the given z to a solution.
+        Near a crossing of curves, the n - 1 equations F(z) = 0 of a mechanism in n
+        variables z hardly change in one direction l: a constant vector,
+        `left_null_vector`. So F is made zero only across l, and may have a component g
+        along l: F(z) = g l. If two coordinates u and v of z are given, this determines z
+        and the number g. The configurations are at g = 0.
+
+        The given z may satisfy F(z) = g l only approximately. The result also has a step of
+        Newton's method (`correction`) from this z to an exact one, with equal u and v.
 
         Parameters
         ----------
@@ -209,16 +217,22 @@ class ReducedEquation:
         """
         if residual is None:
             residual = exact_balls(np.zeros(len(self.left_null_vector)))
+        # `slopes` are the derivatives F' by z. F' and F(z) = g l give linear equations for
+        # the step and for the derivatives.
         _, slopes = self.equations.evaluate(positions, 1)
-        return _name_derivatives(self._solve_first_order(slopes, residual))
+        solution = self._solve_first_order(slopes, residual)
+        return _name_derivatives(solution)
 
     def differentiate_twice(
         self, positions: Array, residual: Array
     ) -> tuple[SurfaceDerivatives, SurfaceCurvatures]:
         """Return the first and second derivatives of the variables z and of g by u and v.
 
-        F(z) = 0 are the equations of a mechanism in n variables z. F(z) = g l, with a
-        constant vector l and given coordinates u and v of z, determines z and the number g.
+        Near a crossing of curves, the n - 1 equations F(z) = 0 of a mechanism in n
+        variables z hardly change in one direction l: a constant vector,
+        `left_null_vector`. So F is made zero only across l, and may have a component g
+        along l: F(z) = g l. If two coordinates u and v of z are given, this determines z
+        and the number g. The configurations are at g = 0.
 
         Parameters
         ----------
@@ -249,10 +263,14 @@ class ReducedEquation:
     def _solve_first_order(self, slopes: Array, residual: Array) -> Array:
         """Return a step of Newton's method, and the derivatives of (z, g) by u and v.
 
-        F(z) = 0 are the equations of a mechanism in n variables z. F(z) = g l, with a
-        constant vector l, determines z and the number g. u = a . z and v = b . z are given
-        coordinates, with constant vectors a and b. The step and the derivatives (z', g')
-        solve three sets of linear equations:
+        Near a crossing of curves, the n - 1 equations F(z) = 0 of a mechanism in n
+        variables z hardly change in one direction l: a constant vector,
+        `left_null_vector`. So F is made zero only across l, and may have a component g
+        along l: F(z) = g l. If two coordinates u and v of z are given, this determines z
+        and the number g. The configurations are at g = 0.
+
+        The coordinates are u = a . z and v = b . z, with constant vectors a and b. The step
+        and the derivatives (z', g') solve three sets of linear equations:
 
             Newton's step:   F' z' - g' l = -residual,   a . z' = 0,   b . z' = 0,
             along u:         F' z' - g' l = 0,           a . z' = 1,   b . z' = 0,
@@ -279,10 +297,17 @@ class ReducedEquation:
     def _solve_second_order(self, slopes: Array, curvatures: Array, rates: Array) -> Array:
         """Return second derivatives of (z, g) in three directions: Newton's step, u and v.
 
-        F(z) = 0 are the equations of a mechanism in n variables z. F(z) = g l, with a
-        constant vector l, determines z and the number g. u = a . z and v = b . z are given
-        coordinates, with constant vectors a and b. A step of Newton's method counts as a
-        third direction. Differentiated in two directions i and j the equations are
+        Near a crossing of curves, the n - 1 equations F(z) = 0 of a mechanism in n
+        variables z hardly change in one direction l: a constant vector,
+        `left_null_vector`. So F is made zero only across l, and may have a component g
+        along l: F(z) = g l. If two coordinates u and v of z are given, this determines z
+        and the number g. The configurations are at g = 0.
+
+        The first derivatives z_i of z are known in three directions i: along u, along v,
+        and along a step of Newton's method, which corrects an approximate z. The second
+        derivatives say, for example, how the derivative of g along u changes in the step.
+        The coordinates are u = a . z and v = b . z, with constant vectors a and b. F(z) =
+        g l, differentiated in two directions i and j, gives linear equations:
 
             F' z_ij - g_ij l = -F''(z_i, z_j),   a . z_ij = 0,   b . z_ij = 0.
 
@@ -303,16 +328,23 @@ class ReducedEquation:
         second_changes = rates.T @ curvatures @ rates
         right_sides = np.zeros((variable_count + 1, 9), object)
         right_sides[:equation_count] = -second_changes.reshape(equation_count, 9)
-        return solve_balls(self._border(slopes), right_sides).reshape(-1, 3, 3)
+        # All nine sets of equations have the same matrix on the left side.
+        solution = solve_balls(self._border(slopes), right_sides)
+        return solution.reshape(-1, 3, 3)
 
     def _border(self, slopes: Array) -> Array:
         """Return the matrix (n + 1, n + 1) of the linear equations for (z', g').
 
-        F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Their values
-        may differ from 0 by a number g times a constant vector l: F(z) = g l. The
-        coordinates a . z and b . z are given, with constant vectors a and b. The
-        derivatives z' and g' satisfy F' z' - g' l = ..., a . z' = ..., b . z' = .... With
-        F' as `slopes` (k, n) the matrix is
+        Near a crossing of curves, the n - 1 equations F(z) = 0 of a mechanism in n
+        variables z hardly change in one direction l: a constant vector,
+        `left_null_vector`. So F is made zero only across l, and may have a component g
+        along l: F(z) = g l. If two coordinates u and v of z are given, this determines z
+        and the number g. The configurations are at g = 0.
+
+        The coordinates are u = a . z and v = b . z, with constant vectors a and b. A prime
+        at z or g is a derivative by u or v, and F' are the derivatives of F by z. All
+        linear equations for z' and g' have the left sides F' z' - g' l, a . z' and b . z'.
+        With F' as `slopes` (n - 1, n) their matrix is
 
             [F'  -l]
             [a^T  0]
@@ -330,10 +362,14 @@ class ReducedEquation:
     def find_critical_point(self, position: Array) -> Array:
         """Return the point near a position where both slopes of g(u, v) are 0.
 
-        F(z) = 0 are the equations of a mechanism in n variables z. F(z) = g l, with a
-        constant vector l and given coordinates u and v of z, determines z and the number g.
-        So g is a function of u and v, and its zeros are the configurations. If g is 0 at
-        the point, curves of configurations cross there.
+        Near a crossing of curves, the n - 1 equations F(z) = 0 of a mechanism in n
+        variables z hardly change in one direction l: a constant vector,
+        `left_null_vector`. So F is made zero only across l, and may have a component g
+        along l: F(z) = g l. If two coordinates u and v of z are given, this determines z
+        and the number g. The configurations are at g = 0.
+
+        So g is a function of u and v. If g is 0 at the point where its slopes are 0, and
+        has a saddle there, curves of configurations cross.
 
         Newton's method solves F(z) = g l and grad g = 0 together. Later proofs are about
         boxes around the point, so its error does not matter.
@@ -367,13 +403,17 @@ class ReducedEquation:
     def _step_to_critical_point(self, position: Array) -> Array:
         """Return the Newton step of all variables towards F(z) = g l and grad g = 0.
 
-        F(z) = 0 are the equations of a mechanism in n variables z. F(z) = g l, with a
-        constant vector l and given coordinates u and v of z, determines z and g. So g is a
-        function of u and v, with the configurations as zeros. The step has two parts, which
-        are added:
+        Near a crossing of curves, the n - 1 equations F(z) = 0 of a mechanism in n
+        variables z hardly change in one direction l: a constant vector,
+        `left_null_vector`. So F is made zero only across l, and may have a component g
+        along l: F(z) = g l. If two coordinates u and v of z are given, this determines z
+        and the number g. The configurations are at g = 0.
 
-        1. With u and v constant, z and g are corrected so that F(z) = g l.
-        2. u and v are changed so that grad g, after part 1, becomes 0. z follows.
+        So g is a function of u and v, with the gradient grad g. All z that satisfy F(z) =
+        g l form a surface. The step has two parts, which are added:
+
+        1. To the surface: with u and v constant, z and g are corrected so that F(z) = g l.
+        2. Along the surface: u and v are changed so that grad g becomes 0. z follows.
 
         Parameters
         ----------
@@ -386,8 +426,10 @@ class ReducedEquation:
         """
         # The residual is the error F(z) - g l at the position.
         _level, residual = self.split_residual(position)
+        # First and second derivatives of z and g by u and v. They also say how part 1
+        # changes z (`correction`) and grad g (`gradient_correction`).
         first, second = self.differentiate_twice(position, residual)
-        # Part 1: the step of z with constant u and v. It also changes the gradient of g.
+        # Part 1, and the gradient of g after it.
         step_to_surface = first.correction
         gradient = exact_centres(first.gradient + second.gradient_correction)
         # Part 2: hessian (2, 2) times the step of u and v is -gradient.
@@ -410,10 +452,14 @@ class ReducedEquation:
     ) -> tuple[Ball, Array]:
         """Return g(u, v) and its slopes at the u and v of an approximate position.
 
-        F(z) = 0 are the equations of a mechanism in n variables z. F(z) = g l, with a
-        constant vector l and given coordinates u and v of z, determines z and the number g.
-        The position and the level satisfy it only approximately. The result encloses the
-        exact values.
+        Near a crossing of curves, the n - 1 equations F(z) = 0 of a mechanism in n
+        variables z hardly change in one direction l: a constant vector,
+        `left_null_vector`. So F is made zero only across l, and may have a component g
+        along l: F(z) = g l. If two coordinates u and v of z are given, this determines z
+        and the number g. The configurations are at g = 0.
+
+        The given z and g satisfy F(z) = g l only approximately. The result encloses the
+        exact g, for the same u and v, and its slopes there.
 
         Parameters
         ----------
@@ -423,9 +469,10 @@ class ReducedEquation:
         level
             The approximate g.
         derivatives
-            Derivatives that are valid in balls around the exact z. The object also has two
-            corrections, as balls. They contain the differences of the exact z and g from
-            the position and the level.
+            The result of `differentiate` for a box that contains the exact z, and for the
+            error F(z) - g l of the approximate z. Its `correction` and `level_correction`
+            are balls. By the mean value theorem they contain the exact z minus the
+            position, and the exact g minus the level.
 
         Returns
         -------
@@ -433,27 +480,31 @@ class ReducedEquation:
         """
         enclosed_position = position + derivatives.correction
         enclosed_level = level + derivatives.level_correction
-        return enclosed_level, self.differentiate(enclosed_position).gradient
+        gradient = self.differentiate(enclosed_position).gradient
+        return enclosed_level, gradient
 
 
 @dataclass(frozen=True)
 class SaddleReduction:
     """The reduced equation g(u, v) = 0 about a saddle point of g, with its curvatures.
 
-    The zeros of g are configurations of a mechanism; near the saddle point two curves of
-    them cross or narrowly miss each other. u and v are along the principal curvatures: g is
-    convex in u and concave in v.
+    A mechanism has n variables and n - 1 equations. Near the saddle point, two curves of
+    configurations cross or narrowly miss each other. There all equations but one are
+    solved, so that all variables become functions of two coordinates u and v. The last
+    equation is g(u, v) = 0: its zeros are the configurations. The directions of u and v are
+    chosen so that g is convex in u and concave in v.
 
     Attributes
     ----------
     reduced_equation
         The reduced equation. Its centre is the saddle point.
     units
-        (2,) unit lengths of u and v; the larger is 1. In these units the two curves of a
-        crossing are the diagonals of a square.
+        (2,) unit lengths of u and v. If u and v are divided by them, the two curves of a
+        crossing are the diagonals u = v and u = -v, to first order. The larger unit is 1.
     other_curvatures
-        (n - 2, 2, 2) magnitudes of the second derivatives, by u and v, of the other n - 2
-        coordinates. They say how far the curves leave the plane of u and v.
+        (n - 2, 2, 2) second derivatives, by u and v, of n - 2 further coordinates at right
+        angles to u and v, as magnitudes. They say how far the curves leave the plane of u
+        and v.
     """
 
     reduced_equation: ReducedEquation

@@ -231,14 +231,16 @@ class _CoordinateSeries:
 class _EndCondition:
     """A quantity that is positive while a time step is valid; the step ends at its zero.
 
-    Example: the angle between a joint and its limit. Or a sliding speed: the friction is
-    computed with a fixed sign, and the quantity is the speed times this sign.
+    One example is the angle between a joint and its limit. The other example is a load with
+    a switch: a function such as `sign` or `abs`, which depends on the sign of its argument.
+    The step is computed as if this sign did not change. The quantity is the argument,
+    multiplied by its sign at the start. The step is valid as long as this is positive.
 
     Attributes
     ----------
     switch
-        Number of the function in a load, such as `sign` or `abs`, that has a fixed sign.
-        `JOINT_LIMIT_SWITCH` for a joint limit.
+        Number of the switch in the loads. `JOINT_LIMIT_SWITCH` if the quantity belongs to a
+        joint limit.
     coefficients
         (terms,) Legendre coefficients of the quantity as a function of time, which runs
         from -1 at the start of the step to 1 at its end.

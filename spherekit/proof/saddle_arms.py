@@ -331,9 +331,15 @@ def _prove_rate_signs(
 ) -> Indices:
     """Return the signs of the rates of all variables along an arm, towards larger v.
 
-    An arm is a branch of configuration curves that leaves a saddle (where curves cross or
-    nearly do). All its points are, seen from the saddle, in directions between the two
-    slope bounds. A sign that is proven for all these directions is valid on the whole arm.
+    An arm is a branch of configuration curves, the zeros of g(u, v), that leaves a saddle
+    (where curves cross or nearly do). Rates are derivatives of the variables along the
+    tangent of the arm. Its two possible directions are opposite; here the one with growing
+    v is meant.
+
+    Seen from the saddle, all points of the arm are in directions between two slope bounds.
+    g is nearly a quadratic form, so each rate is a linear function of u and v. In a
+    direction between the bounds, a rate is a sum of its values at both bounds, with
+    positive factors. So a sign that is equal at both bounds is valid on the whole arm.
 
     Parameters
     ----------
@@ -349,12 +355,16 @@ def _prove_rate_signs(
     -------
     (variables,) the signs, 0 if not proven.
     """
+    # `flat` and `steep` are the two slope bounds.
     sector = SectorRates(
         first=_evaluate_direction(derivatives, slope_bounds.flat, relative_gradient_error),
         last=_evaluate_direction(derivatives, slope_bounds.steep, relative_gradient_error),
     )
-    # Without a proven direction of the tangent, no sign is known.
-    return sector.signs if sector.is_towards_larger_v else np.zeros_like(sector.signs)
+    # The signs belong to the tangent (-g_v, g_u). If v is not proven to grow along this
+    # tangent, no sign is known.
+    if not sector.is_towards_larger_v:
+        return np.zeros_like(sector.signs)
+    return sector.signs
 
 
 def _bound_changes(derivatives: SaddleDerivatives, slope_bounds: SlopeBounds) -> Floats:
@@ -411,25 +421,29 @@ def bound_arm_rates(derivatives: SaddleDerivatives, errors: ArmErrors) -> ArmRat
     derivatives
         Derivatives of the variables and of g in a rectangle about the saddle.
     errors
-        How much the arms differ from straight lines through the point u = v = 0. On such
-        lines the quadratic form Q = (u, v) g'' (u, v)^T is 0, and the gradient of g is g''
-        (u, v)^T. `relative_form_error` bounds |Q| on the arms, `relative_gradient_error`
-        the error of the gradient. Both are divided by powers of the larger of |u| and |v|.
+        How much the arms differ from straight lines through the point u = v = 0, on which
+        the quadratic form Q = (u, v) g'' (u, v)^T is 0. Let m be the larger of |u| and |v|.
+        `relative_form_error` bounds |Q| / m^2 on the arms. `relative_gradient_error` bounds
+        the error of the gradient g'' (u, v)^T, divided by m. `centre_error` bounds the
+        distance (rad) of the exact saddle from u = v = 0.
 
     Raises
     ------
     ZeroDivisionError
         If the slopes of the arms cannot be bounded.
     """
+    # Bounds of the slopes v / u. Arms in opposite quadrants have the same bounds:
+    # `positive` where u and v have equal signs, `negative` where their signs differ.
     arm_slopes = _bound_arm_slopes(derivatives.hessian, errors.relative_form_error)
     outward_signs = {}
     reach = {}
-    # Arms in opposite quadrants have the same slopes.
+    # A quadrant is written as the signs of u and v.
     for slope_bounds, quadrant_of_larger_v, quadrant_of_smaller_v in (
         (arm_slopes.positive, (1, 1), (-1, -1)),
         (arm_slopes.negative, (-1, 1), (1, -1)),
     ):
-        # Away from the saddle, v grows on the first arm and falls on the second.
+        # Away from the saddle, v grows on the first arm and falls on the second. So the
+        # signs of the rates are opposite.
         signs_towards_larger_v = _prove_rate_signs(
             derivatives, slope_bounds, errors.relative_gradient_error
         )
@@ -495,11 +509,15 @@ def _bound_arc_errors(hessian: Array, level: Ball, gradient_at_saddle: float) ->
 
     The arcs are configurations with g(u, v) = 0, where g = level + Q(u, v) / 2 up to
     errors, with a quadratic form Q. The computed saddle u = v = 0 is not exact, so g has a
-    small gradient s there. Let m be the larger of |u| and |v|.
+    small gradient there, with components of at most s. Let m be the larger of |u| and |v|.
 
-    - The gradient adds at most s |u| + s |v| <= 2 s m to g. So Q, with the factor 1 / 2,
-      differs from -2 level by at most 4 s m.
-    - The gradient of g has an error of at most s.
+    - The gradient adds at most s |u| + s |v| <= 2 s m to g. So Q, which has the factor
+      1 / 2 in g, differs from -2 level by at most 4 s m. Q grows with m^2, so the result
+      has this error divided by m^2: 4 s / m.
+    - The derivatives of g by u and v have an error of at most s. They grow with m, so the
+      result has this error divided by m: s / m.
+
+    Both results are largest at the point of the arcs with the least m.
 
     Parameters
     ----------
@@ -511,8 +529,9 @@ def _bound_arc_errors(hessian: Array, level: Ball, gradient_at_saddle: float) ->
     gradient_at_saddle
         The bound s of both components of the gradient at the computed saddle.
     """
+    # A lower bound of m on the arcs.
     least_distance = _bound_distance_from_saddle(hessian, level)
-    # 4 s m / m^2 and s / m, at the least m. The factors are increased for rounding.
+    # 4 s / m and s / m. The factors 4 and 1 are increased a little for rounding.
     return ArcErrors(
         relative_form_error=4.004 * gradient_at_saddle / least_distance,
         relative_gradient_error=1.001 * gradient_at_saddle / least_distance,

@@ -123,7 +123,7 @@ class Saddle(OrientedBox):
         cross, None if no sign is proven. With a positive level the arms of equal sign of v
         are joined, with a negative level those of equal sign of u.
     gap
-        Largest distance (rad) at which the curves miss each other.
+        Upper bound (rad) of the distance between the curves where they miss each other.
     central_zone
         (variables,) largest distance (rad) of each variable from the centre in the zone in
         which the arms bend, so that the signs of rates do not apply.
@@ -372,7 +372,7 @@ def _make_saddle(
     arm_rates: ArmRates,
     is_monotonic: Bools,
 ) -> Saddle:
-    """Return a saddle: a box with further attributes.
+    """Return a saddle with the attributes of a box and further ones.
 
     At a saddle two configuration curves cross or narrowly miss each other. They are the
     zeros of a function g(u, v) with a saddle point, and leave the box by four branches, the
@@ -386,15 +386,17 @@ def _make_saddle(
         Sign of the value of g at the saddle point: 0 if the curves cross, 1 or -1 if they
         miss each other, None if it is not proven.
     gap
-        Largest distance (rad) at which the curves miss each other.
+        Upper bound (rad) of the distance between the curves where they miss each other.
     central_zone
         (variables,) size of the zone in which curves that miss each other bend from one arm
-        to another: the largest distance (rad) of each variable from the centre.
+        to another: the largest difference (rad) of each variable from its value at the
+        centre.
     arm_rates
         Signs of the rates of all variables along the arms, away from the saddle
         (`outward_signs`), and how far the arms extend (`reach`).
     is_monotonic
-        (variables,) whether it is proven that a variable is not stationary in this zone.
+        (variables,) whether it is proven that a variable is not stationary in the central
+        zone. A variable is stationary where its rate along the curve is 0.
     """
     return Saddle(
         centre=box.centre,

@@ -403,8 +403,9 @@ class TubeTest:
     ) -> None:
         """Compute all quantities at the centre from which bounds follow.
 
-        F are the equations of the mechanism, and Y is approximately the inverse of their
-        derivatives along the normals of the frame.
+        F = 0 are the equations of a mechanism, and the centre is a point of a configuration
+        curve. The columns of the frame are the tangent and the normals of the curve. Y is
+        approximately the inverse of the derivatives of F along the normals.
 
         Parameters
         ----------
@@ -418,20 +419,25 @@ class TubeTest:
         values, slopes, curvatures = derivatives
         frame = tangent_frame.frame
         inverse = tangent_frame.inverse
-        # The equations are trigonometric polynomials. The derivative by the variables i, j
-        # and l is at most C d_i d_j d_l, with the degrees d and a constant C. A column of
-        # the frame is a unit vector. The derivative along it is the sum of the derivatives
-        # by the variables, times its components. So the same bound holds with the sum of
-        # the degrees, times the magnitudes of the components, as its degree.
-        self.third_bound = equations.derivative_bound
+        # An equation contains cosines and sines of multiples of the angles. Let d_i be the
+        # highest multiple of variable i, its degree. With a constant C, the third
+        # derivative by the variables i, j and l is at most C d_i d_j d_l.
+        #
+        # The derivative along a column t of the frame is the sum of t_i times the
+        # derivative by variable i. So d = |t_1| d_1 + |t_2| d_2 + ... is the degree along
+        # the column: with it, the same bound holds for derivatives along columns.
+        self.third_bound = equations.derivative_bound  # C
         self.degrees = equations.degrees @ np.abs(frame) * ROUND_UP
+        # Bounds of the errors of the computed F, F' and F''.
         self.derivative_error = _bound_derivative_error(equations)
         self.inverse_size = np.abs(inverse)
+        # Y F'' along the frame.
         self.second_derivatives = np.tensordot(inverse, frame.T @ curvatures @ frame, 1)
         # Largest element of |Y F|, including errors.
         residual_error = self.inverse_size @ self.derivative_error
         self._residual = np.max(np.abs(inverse @ values) + residual_error)
-        # (k, v) |Y F' - (0, I)| at the centre, with F' along the frame and the identity I.
+        # (k, v) |Y F' - (0, I)| at the centre, with F' along the frame. (0, I) is a column
+        # of zeros for the tangent, and the identity matrix for the normals.
         slopes_along_frame = inverse @ (slopes @ frame)
         slopes_along_frame[:, 1:] -= np.eye(len(inverse))
         self._slope_error = np.abs(slopes_along_frame)
@@ -507,7 +513,8 @@ class TubeTest:
 
         1. The contraction is the largest row sum of ``|E|`` in the box.
         2. The slope ``|y'|`` is at most ``|e|`` / (1 - contraction).
-        3. ``|y|`` is at most its bound at s = 0, plus the mean slope times the half length.
+        3. ``|y|`` is at most its bound at s = 0, plus the mean slope bound between s = 0
+           and the end of the box, times the half length.
 
         Parameters
         ----------
@@ -516,11 +523,13 @@ class TubeTest:
             boxes.
         """
         normal_count = len(self.inverse_size)
-        # (2, ..., v) largest coordinates in the whole box, and in its part with s = 0.
+        # (..., v) each: largest coordinates in the whole box, and in its part with s = 0.
         reach_of_box = _largest_coordinates(half_length, radius, normal_count)
         reach_at_centre = _largest_coordinates(0.0, radius, normal_count)
         reaches = np.stack(np.broadcast_arrays(reach_of_box, reach_at_centre))
-        # (..., k, v) each: bounds of |e| and |E|, side by side.
+        # (..., k, v) each: bounds of Y F' - (0, I). The first column bounds |e|, the others
+        # |E|. The bounds are polynomials in the largest coordinates, with positive
+        # coefficients.
         change_in_box, change_at_centre = self.bound_slope_change(reaches)
 
         # 1. Contraction. `ROUND_UP` is slightly above 1 and covers the rounding of the
@@ -536,8 +545,9 @@ class TubeTest:
 
         # 3. Largest |y_i|. At s = 0 it is at most the residual |Y F| at the centre, divided
         #    by 1 - contraction. From there the slope is integrated along s. Its bound is
-        #    the largest of some polynomials of |s| with positive coefficients, so it is
-        #    convex. The mean of a convex function is at most the mean of its end values.
+        #    a convex function of |s|: each |e_i| has a polynomial with positive
+        #    coefficients as its bound, and the largest of convex functions is convex. So
+        #    the mean slope is at most the mean of the bounds at s = 0 and at the end.
         largest_at_centre = self._residual / margin
         mean_slope = 0.5 * slope_in_box + 0.5 * slope_at_centre
         largest = (largest_at_centre + half_length * mean_slope) * ROUND_UP

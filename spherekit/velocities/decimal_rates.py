@@ -23,7 +23,7 @@ from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.motion import Motion
 from spherekit.positions.quad_positions import QuadAssembly
-from spherekit.positions.quad_rotations import rotate_vectors
+from spherekit.positions.quad_rotations import matrix_vector_products
 from spherekit.status import Status
 from spherekit.tolerances import EPS, MAX_RATE_SENSITIVITY
 
@@ -123,7 +123,7 @@ class DecimalRates:
         for pair, (first_link, _) in enumerate(tree.ends):
             first_frame, _ = quad_assembly.frames[pair]
             axes_of_pairs.append(
-                rotate_vectors(rotations[:, first_link], first_frame[:, 2])
+                matrix_vector_products(rotations[:, first_link], first_frame[:, 2])
             )
         axes = np.stack(axes_of_pairs, axis=1)
         return _solve_rates(motion, driven, is_known, axes)
