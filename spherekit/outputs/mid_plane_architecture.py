@@ -156,6 +156,10 @@ class MidPlaneArchitecture:
     def orientations(self, normals: Floats) -> Floats:
         """Return the orientations of the end effector, the mirror image of the base.
 
+        The constant matrix `image` leads from the axes of the end effector to mirror axes,
+        which are axes of the base in which formulas are simple. There the mid-plane
+        reflects vectors. The constant rotation `frame` leads to the axes of the base.
+
         Parameters
         ----------
         normals
@@ -421,9 +425,10 @@ class MidPlaneArchitecture:
         (n, 3) axes, or (1, 3) for a pair of the base, whose axis does not move. All vectors
         are in mirror axes: the axes of the base, turned by the constant matrix `frame`.
         """
-        # What the axis of this pair is. Several pairs can share an elbow or the normal,
-        # some with the opposite direction, which is stated by `sense`.
+        # What the axis of this pair is: its kind, and the number of its leg. Several pairs
+        # can share an elbow or the normal. `sense` is -1 for those in opposite direction.
         pair_axis = self.along[pair]
+        # `plane.axes` has the axes of all legs at the base.
         if pair_axis.kind == "base":
             return self.plane.axes[pair_axis.leg][None]
         if pair_axis.kind == "tip":
@@ -477,6 +482,7 @@ class MidPlaneArchitecture:
             the pair's first link, and as carried by its second. It is zero, up to rounding,
             if the links fit together.
         """
+        # All joints are R pairs. `revolutes` only states this as their type.
         joints = revolutes(self.joints)
         return measure_pair_angles(self.mechanism.ends, joints, placed)
 
@@ -718,6 +724,8 @@ def _difference_of_equal_lengths(vectors: Floats, reference: Floats) -> Floats:
     (n, 3) differences v - r.
     """
     difference = vectors - reference
+    # |v|^2 - |r|^2, and from it |v| - |r|; both are (n, 1).
     square_difference = np.sum(difference * (vectors + reference), axis=1, keepdims=True)
     length_difference = 0.5 * square_difference
+    # v less its part that is too long, less r.
     return difference - length_difference * vectors

@@ -17,7 +17,7 @@ from itertools import product
 
 import numpy as np
 
-from spherekit.arrays import Floats, Indices, Integers
+from spherekit.arrays import Bools, Floats, Indices, Integers
 from spherekit.completeness import Completeness, Guarantee
 from spherekit.errors import ModelError
 from spherekit.geometry.sphere_mesh import hemisphere, list_edges
@@ -278,50 +278,23 @@ class _MidPlaneCurveSearch:
             Unit vectors (3,) that become vertices of the mesh. Curves around them are found
             however small they are.
         """
-        # 1. The mesh. The vertex nearest to each centre is moved there.
-        vertices, triangles = hemisphere(LOCUS_MESH_SIDE_RAD)
-        vertices = vertices.copy()
-        for centre in centres:
-            vertices[np.argmax(vertices @ centre)] = centre
+        vertices, triangles = _make_mesh(centres)
         # (edges, 2) numbers of the vertices of each edge, and (triangles, 3) numbers of the
         # edges of each triangle.
         edges, triangle_edges = list_edges(triangles)
-
-        # 2. The zeros on edges whose ends have values of opposite signs.
+        # An edge has a zero if the values at its ends have opposite signs.
         values = function(vertices)[edges]
         has_zero = all_finite(values, 1) & (values[:, 0] * values[:, 1] < 0.0)
-        edge_starts, edge_ends = vertices[edges[has_zero]].swapaxes(0, 1)
-        zero_count = len(edge_starts)
-
-        def interpolate(part: Floats, rows: Indices) -> Floats:
-            """Return points (k, 3) on some edges at parts (k,) of their lengths."""
-            difference = (edge_ends - edge_starts)[rows]
-            return unit_rows(edge_starts[rows] + part[:, None] * difference)
-
-        start_values, end_values = values[has_zero].T
-        zero_parts, _ = find_bracketed_zeros(
-            lambda part, rows: function(interpolate(part, rows)),
-            low=np.zeros(zero_count),
-            high=np.ones(zero_count),
-            values_at_low=start_values,
-            values_at_high=end_values,
+        zeros = _find_zeros_on_edges(
+            function, edge_ends=vertices[edges[has_zero]], end_values=values[has_zero]
         )
-        zeros = interpolate(zero_parts, np.arange(zero_count))
-
-        # 3. The links between zeros of the same triangle. `zero_of_edge` is the number of
-        # the zero of each edge, -1 without one. A triangle that the curve crosses has two
-        # zeros, which are the last two of its sorted numbers.
-        zero_of_edge = np.where(has_zero, np.cumsum(has_zero) - 1, -1)
-        triangle_zeros = np.sort(zero_of_edge[triangle_edges], axis=1)
-        links = triangle_zeros[np.sum(triangle_zeros >= 0, axis=1) == 2, 1:]
-
-        # 4. The curves. A chain is the numbers of the zeros of one curve, in order.
-        for chain in order_chains(zero_count, links):
-            # In a closed chain the first zero belongs to two links; a chain of two zeros
-            # that are linked twice encloses nothing and counts as open.
-            link_count = np.count_nonzero(links == chain[0])
-            is_closed = bool(link_count == 2 < len(chain))
-            normals = zeros[np.append(chain, chain[:1]) if is_closed else chain]
+        links = _link_zeros(has_zero, triangle_edges)
+        # A chain is the numbers of the zeros of one curve, in order.
+        for chain in order_chains(len(zeros), links):
+            is_closed = _is_chain_closed(chain, links)
+            if is_closed:
+                chain = np.append(chain, chain[0])
+            normals = zeros[chain]
             curve_reason = reason or self._find_reason(normals, signs)
             yield self._make_curve(normals, signs, is_closed, curve_reason)
 
@@ -502,3 +475,105 @@ class _MidPlaneCurveSearch:
             why=reason,
             modes=tuple(signs.tolist()),
         )
+
+
+def _make_mesh(centres: Sequence[Floats]) -> tuple[Floats, Indices]:
+    """Return a mesh of a hemisphere of unit normals, with some centres as vertices.
+
+    Parameters
+    ----------
+    centres
+        Unit vectors (3,). The vertex nearest to each of them is moved there.
+
+    Returns
+    -------
+    vertices
+        (V, 3) unit vectors.
+    triangles
+        (T, 3) numbers of the vertices of each triangle.
+    """
+    vertices, triangles = hemisphere(LOCUS_MESH_SIDE_RAD)
+    vertices = vertices.copy()
+    for centre in centres:
+        nearest_vertex = np.argmax(vertices @ centre)
+        vertices[nearest_vertex] = centre
+    return vertices, triangles
+
+
+def _find_zeros_on_edges(
+    function: Callable[[Floats], Floats], edge_ends: Floats, end_values: Floats
+) -> Floats:
+    """Return the points of edges at which a function of unit normals is zero.
+
+    Parameters
+    ----------
+    function
+        Function of unit normals (n, 3) with values (n,).
+    edge_ends
+        (k, 2, 3) unit normals at both ends of each edge.
+    end_values
+        (k, 2) values of the function there, with opposite signs.
+
+    Returns
+    -------
+    (k, 3) unit normals.
+    """
+    edge_starts, edge_stops = edge_ends.swapaxes(0, 1)
+    edge_count = len(edge_ends)
+
+    def interpolate(parts: Floats, rows: Indices) -> Floats:
+        """Return points on some edges (`rows`) at parts (0 to 1) of their lengths."""
+        difference = (edge_stops - edge_starts)[rows]
+        return unit_rows(edge_starts[rows] + parts[:, None] * difference)
+
+    def evaluate(parts: Floats, rows: Indices) -> Floats:
+        """Return the values of the function at these points."""
+        return function(interpolate(parts, rows))
+
+    values_at_start, values_at_stop = end_values.T
+    zero_parts, _ = find_bracketed_zeros(
+        evaluate,
+        low=np.zeros(edge_count),
+        high=np.ones(edge_count),
+        values_at_low=values_at_start,
+        values_at_high=values_at_stop,
+    )
+    return interpolate(zero_parts, np.arange(edge_count))
+
+
+def _link_zeros(has_zero: Bools, triangle_edges: Indices) -> Indices:
+    """Return pairs of zeros (links, 2) on edges of the same triangle.
+
+    Zeros are numbered from 0 in the order of their edges.
+
+    Parameters
+    ----------
+    has_zero
+        (edges,) whether each edge has a zero.
+    triangle_edges
+        (triangles, 3) numbers of the edges of each triangle.
+    """
+    # The number of the zero of each edge, -1 without one.
+    zero_of_edge = np.where(has_zero, np.cumsum(has_zero) - 1, -1)
+    # A curve crosses two edges of a triangle. Sorted, the zeros of the three edges are then
+    # -1 and the numbers of two zeros.
+    triangle_zeros = np.sort(zero_of_edge[triangle_edges], axis=1)
+    has_two_zeros = np.sum(triangle_zeros >= 0, axis=1) == 2
+    return triangle_zeros[has_two_zeros, 1:]
+
+
+def _is_chain_closed(chain: Indices, links: Indices) -> bool:
+    """Return whether a chain of linked zeros is closed.
+
+    Its first zero then belongs to two links. A chain of only two zeros that are linked
+    twice encloses nothing, and counts as open.
+
+    Parameters
+    ----------
+    chain
+        Numbers of the zeros, in order.
+    links
+        (links, 2) pairs of linked zeros.
+    """
+    link_count = np.count_nonzero(links == chain[0])
+    return bool(link_count == 2 and len(chain) > 2)

@@ -319,29 +319,53 @@ class NearestPoseSearch:
                 # penalty exceeds all multipliers. It never decreases.
                 penalty[start] = max(penalty[start], 2.0 * largest_multiplier)
 
-            # 2. Line search. Axes: active starts, fractions, d.
-            trial_points = v[active_starts, None] + STEP_FRACTIONS[:, None] * steps[:, None]
-            trial_merit = _merit(
-                trial_points,
-                self._evaluate_margins(chart, trial_points),
-                penalty[active_starts, None],
+            # 2. The best point along each step.
+            best_points, best_merit = self._search_along_steps(
+                chart, v[active_starts], steps, penalty[active_starts]
             )
             merit_before = _merit(v[active_starts], values, penalty[active_starts])
-            # The best fraction of each start.
-            best_trial = np.argmin(trial_merit, axis=1)
-            active_index = np.arange(len(active_starts))
-            has_decreased = trial_merit[active_index, best_trial] < merit_before
-            best_points = trial_points[active_index, best_trial]
+            has_decreased = best_merit < merit_before
 
             # 3. A start whose merit does not decrease, or whose step is tiny, has
             # converged.
             length = np.linalg.norm(best_points - v[active_starts], axis=1)
             v[active_starts[has_decreased]] = best_points[has_decreased]
-            merit[active_starts] = np.minimum(
-                trial_merit[active_index, best_trial], merit_before
-            )
+            merit[active_starts] = np.minimum(best_merit, merit_before)
             active_starts = active_starts[has_decreased & (length > MIN_STEP_LENGTH)]
         return self._move_inside(chart, v, starts)
+
+    def _search_along_steps(
+        self, chart: NormalCoordinates, points: Floats, steps: Floats, penalty: Floats
+    ) -> tuple[Floats, Floats]:
+        """Try fractions of steps from some points, and return the best point of each step.
+
+        The best one has the smallest value of the merit function: half the squared distance
+        from the target, plus the penalty times the sum of all violations of limits.
+
+        Parameters
+        ----------
+        chart
+            Coordinates around the target pose.
+        points, steps
+            (k, d) coordinates of the points, and a step from each.
+        penalty
+            (k,) factor of the violations in the merit function.
+
+        Returns
+        -------
+        best_points
+            (k, d) coordinates.
+        best_merit
+            (k,) values of the merit function there.
+        """
+        # (k, fractions, d) points, and (k, fractions) values of the merit function.
+        trial_points = points[:, None] + STEP_FRACTIONS[:, None] * steps[:, None]
+        trial_merit = _merit(
+            trial_points, self._evaluate_margins(chart, trial_points), penalty[:, None]
+        )
+        rows = np.arange(len(points))
+        best_fraction = np.argmin(trial_merit, axis=1)
+        return trial_points[rows, best_fraction], trial_merit[rows, best_fraction]
 
     def _linearise_margins(
         self, chart: NormalCoordinates, v: Floats

@@ -285,7 +285,7 @@ class Plan:
 
         A pole is the axis of the relative rotation of two bodies. Here several pairs in
         series join the bodies. Their axes should be one line, but the numbers of the file
-        are rounded, so they differ a little.
+        are rounded, so they differ a little. `rounded_axes` has a pair of each such line.
         """
         return frozenset(
             step.pole

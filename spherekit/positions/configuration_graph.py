@@ -747,33 +747,8 @@ class ConfigurationGraph:
         """
         self._is_tried[direction, nodes] = True
         old_node_count = len(self.sample)
-        starts_of_chunks = [np.empty(0, dtype=np.intp)]
-        ends_of_chunks = [np.empty(0, dtype=np.intp)]
-        for first in range(0, len(nodes), PATHS_AT_ONCE):
-            chunk = nodes[first : first + PATHS_AT_ONCE]
-            self._progress.report_if_due(lambda: f"{len(self._pieces)} pieces")
-            # The sample next to that of each node.
-            target = self._neighbours[direction][self.sample[chunk]]
-            is_verified, values = self._follow_paths(chunk, target)
-            starts_of_chunks.append(chunk[is_verified])
-            # `add` returns the node of each configuration, new or already present.
-            ends_of_chunks.append(self.add(target[is_verified], values[is_verified]))
-        starts = np.concatenate(starts_of_chunks)
-        ends = np.concatenate(ends_of_chunks)
-        # A path can be followed back to its start, so two paths cannot end at one node. If
-        # they do, one of them has jumped to another assembly mode without being noticed.
-        # Both are left out, since the wrong one is not known. A path to a node that a path
-        # of an earlier call has reached is left out, too. This is judged after all chunks,
-        # so the result does not depend on their size.
-        paths_to_end = np.bincount(ends, minlength=len(self.sample))[ends]
-        is_sound = (paths_to_end == 1) & ~self._is_reached[direction, ends]
-        # The determinant of the closure Jacobian with locked inputs keeps its sign along a
-        # path, which each step tests. A new node is exactly the end of its path. An old
-        # node may differ from the end by up to `SAME_CONFIGURATION_RAD`. Beside a singular
-        # configuration the two may be on different sides of it, with different signs.
-        is_sound &= (ends >= old_node_count) | (
-            self._determinant_sign[ends] == self._determinant_sign[starts]
-        )
+        starts, ends = self._find_ends_of_paths(nodes, direction)
+        is_sound = self._are_paths_sound(starts, ends, direction, old_node_count)
         starts = starts[is_sound]
         ends = ends[is_sound]
         self._is_reached[direction, ends] = True
@@ -785,6 +760,73 @@ class ConfigurationGraph:
         self._edges.append(NodeEdges(starts, ends))
         for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
             self._pieces.unite(start, end)
+
+    def _find_ends_of_paths(
+        self, nodes: Indices, direction: int
+    ) -> tuple[Indices, Indices]:
+        """Follow paths from nodes in a direction, and return the nodes at both ends.
+
+        A node is one closed configuration at one sample of the inputs. A path leads to the
+        next sample in the direction. A configuration at its end that is no node yet becomes
+        one.
+
+        Parameters
+        ----------
+        nodes
+            (m,) nodes at which the paths start.
+        direction
+            Direction in the grid of inputs, in which all nodes have a neighbouring sample.
+
+        Returns
+        -------
+        starts, ends
+            (p,) the nodes at the start and at the end of each path. Paths with a step that
+            failed its tests are left out.
+        """
+        starts_of_chunks = [np.empty(0, dtype=np.intp)]
+        ends_of_chunks = [np.empty(0, dtype=np.intp)]
+        for first in range(0, len(nodes), PATHS_AT_ONCE):
+            chunk = nodes[first : first + PATHS_AT_ONCE]
+            self._progress.report_if_due(lambda: f"{len(self._pieces)} pieces")
+            # The sample next to that of each node.
+            target = self._neighbours[direction][self.sample[chunk]]
+            is_verified, values = self._follow_paths(chunk, target)
+            starts_of_chunks.append(chunk[is_verified])
+            # `add` returns the node of each configuration, new or already present.
+            ends_of_chunks.append(self.add(target[is_verified], values[is_verified]))
+        return np.concatenate(starts_of_chunks), np.concatenate(ends_of_chunks)
+
+    def _are_paths_sound(
+        self, starts: Indices, ends: Indices, direction: int, old_node_count: int
+    ) -> Bools:
+        """Return which paths cannot have jumped to another assembly mode.
+
+        A node is one closed configuration at one sample of the inputs. A path leads from a
+        node to a node at the next sample.
+
+        - A path can be followed back to its start, so two paths cannot end at one node. If
+          they do, one of them has jumped. Neither is sound, since the wrong one is not
+          known. A path to a node that an earlier path has reached is not sound, either.
+        - The determinant of the closure Jacobian with locked inputs keeps its sign along a
+          path. So both ends must have the same sign.
+
+        Parameters
+        ----------
+        starts, ends
+            (p,) nodes at the start and at the end of each path.
+        direction
+            Direction of the paths in the grid of inputs.
+        old_node_count
+            Number of nodes before these paths were followed.
+        """
+        paths_to_end = np.bincount(ends, minlength=len(self.sample))[ends]
+        is_reached_once = (paths_to_end == 1) & ~self._is_reached[direction, ends]
+        # A new node is exactly the end of its path, where the sign was tested. An old node
+        # may differ from the end by up to `SAME_CONFIGURATION_RAD`. Beside a singular
+        # configuration the two may be on different sides of it, with different signs.
+        is_new = ends >= old_node_count
+        has_equal_signs = self._determinant_sign[ends] == self._determinant_sign[starts]
+        return is_reached_once & (is_new | has_equal_signs)
 
     def _follow_paths(self, nodes: Indices, sample: Indices) -> tuple[Bools, Floats]:
         """Follow straight paths of the inputs from configurations to other samples.
