@@ -190,9 +190,9 @@ class Counting(MinimalAnalysis):
     """Analysis for tests with the number of rows in a block of samples as its finding.
 
     A row is one sample in one assembly mode (way to assemble the links). The column `x` is
-    the angle of pair 41 without jumps of whole revolutions (`continued_value`), an example
-    of a quantity that continues from block to block. The method `joined` joins the findings
-    of two blocks. If `joins` is False, it is as if this analysis did not define the method.
+    an example of a quantity that continues from block to block: the angle of pair 41
+    without jumps of whole revolutions (`continued_value`). The method `joined` joins the
+    findings of two blocks. If `joins` is False, it is as if the method were not defined.
     """
 
     name: ClassVar = "counting"

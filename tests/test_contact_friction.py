@@ -147,9 +147,9 @@ def test_contact_forces_and_torques_with_friction_are_those_by_hand(
     rows = run.frame("reactions", "reactions").query("pair == 'touch'")
     assert rows["contact_torque"].to_numpy() == pytest.approx(push, abs=1e-7)
     assert rows["traction"].to_numpy() == pytest.approx(traction, abs=1e-7)
-    # In the axes of the contact, x is tangent to both circles, y is normal to them, and z
-    # leads to the contact point at the distance r. The force (X, Y, 0) at this point has
-    # the moment (-r Y, r X, 0): the push is about x, and the traction about y.
+    # Axes of the contact: x is tangent to both circles, y is normal to them, and z leads to
+    # the contact point at the distance r. The force (X, Y, 0) at this point has the moment
+    # (-r Y, r X, 0). The push is the moment about x, the traction that about y.
     force_x = traction / distance
     force_y = -push / distance
     assert rows["force_x"].to_numpy() == pytest.approx(force_x, abs=1e-6)

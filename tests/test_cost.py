@@ -228,8 +228,8 @@ def test_singularities_of_a_part_are_listed_once_for_all_modes_that_have_them(tw
     """A singularity of an output is listed once, with all assembly modes that have it.
 
     Links 4 and 1 of the twelve-bar belong to a part that has two assembly modes (ways to
-    assemble the links). The whole mechanism has 32 modes, 16 for each of these two. Each of
-    the four singularities of the output 4/1 must be listed with the 16 modes in which the
+    assemble the links). The whole mechanism has 32 modes, 16 for each of these two. The
+    output 4/1 has four singularities. Each must be listed with 16 modes: those in which the
     velocity coefficient of the pole 4/1 changes its sign there. A second run computes only
     the links that the output needs (`only_needed`), so only this part. It must find the
     singularities at the same input angles.
@@ -249,10 +249,15 @@ def test_singularities_of_a_part_are_listed_once_for_all_modes_that_have_them(tw
 
     q = np.linspace(0.0, 2.0 * np.pi, 73)
     for _, singularity in singularities.iterrows():
-        k = int(np.searchsorted(q, singularity["q"]))
-        modes = [m for m, rate in rates.items() if rate[k - 1] * rate[k] < 0.0]
-        assert singularity["assembly_mode"].split("+") == [str(mode) for mode in modes]
-        assert len(modes) == 16
+        sample_after = int(np.searchsorted(q, singularity["q"]))
+        sample_before = sample_after - 1
+        modes_with_change = [
+            str(mode)
+            for mode, rate in rates.items()
+            if rate[sample_before] * rate[sample_after] < 0.0
+        ]
+        assert singularity["assembly_mode"].split("+") == modes_with_change
+        assert len(modes_with_change) == 16
 
     # The table `relation` repeats the velocity coefficient, in its rows of the form i. The
     # sign depends on the direction of the pole, so sizes are compared.

@@ -25,10 +25,10 @@ def assert_direction_derivatives_are_whole(rows):
 def assert_direction_derivatives_are_uncertain(rows):
     """Assert that the derivative du/dq of pole directions would have a large error.
 
-    Only then may it be missing in these rows. With the relative angular velocity v per unit
-    rate of the input, the direction is u = v / |v|, and du/dq is the part of dv/dq
-    perpendicular to u, over |v|. The error of du/dq is about the sum of three errors, over
-    |v|: those of v, of dv/dq, and of u times |dv/dq|.
+    Only then may it be missing in these rows. Let v be the relative angular velocity per
+    unit rate of the input. The direction is u = v / |v|. So du/dq is the part of dv/dq
+    perpendicular to u, divided by |v|. Its error is about the sum of three errors, divided
+    by |v|: those of v, of dv/dq, and of u times |dv/dq|.
 
     The table has no |dv/dq|. It has the acceleration coefficient, the part of dv/dq along
     u, which is at most as large. So the sum here is rather too small, and the assertion

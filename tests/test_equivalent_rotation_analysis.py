@@ -337,7 +337,8 @@ def test_a_rotation_ends_where_a_leg_reaches_no_farther():
         is_beyond = ~has_all_elbows(form.plane, turned_normals)
         if np.any(is_beyond):
             ended_rotations += 1
-            first_angle_beyond = sampled_angles[np.argmax(is_beyond)]
+            first_sample_beyond = np.flatnonzero(is_beyond)[0]
+            first_angle_beyond = sampled_angles[first_sample_beyond]
         else:
             first_angle_beyond = largest_angle
         assert first_angle_beyond - spacing - 1e-9 <= rotation.reached

@@ -182,9 +182,11 @@ def test_links_that_rest_have_no_pole(name):
         q = np.array([mode.at])
         evaluated = sk.evaluate(mechanism, q if len(inputs) > 1 else q[0])
         results = results_of_formulas(exported_formulas, mode)
+        # `evaluated` has a row for each mode; `row` is that of this mode.
         row = row_of_mode(evaluated, exported_formulas, results, mode)
         for reference_link, link in combinations(mechanism.links, 2):
             for moving_input in inputs:
+                # With several inputs, names of results end with the one that moves.
                 suffix = "" if len(inputs) == 1 else f"_by_{moving_input}"
                 by_formulas = rotation_by_formulas(results, link, reference_link, suffix)
                 by_evaluate = rotation_by_evaluate(

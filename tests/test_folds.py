@@ -268,8 +268,8 @@ def test_the_range_of_a_new_vertex_is_the_longest(tmp_path):
     One degree beyond the range, the middle crease (c3) is closer than 5 deg to a flat (0)
     or closed (180) fold.
 
-    The creases c1 to c4 are the corners of a spherical quadrilateral, and the sector angles
-    s1 to s4 are its sides: s1 from c1 to c2, and so on. The angle of the quadrilateral at a
+    The creases c1 to c4 are the corners of a spherical quadrilateral. The sector angles s1
+    to s4 are its sides: s1 from c1 to c2, and so on. The angle of the quadrilateral at a
     crease is 180 deg minus its fold angle. The arc from c2 to c4 divides the quadrilateral
     into triangles with the angles at c1 and c3. The cosine rule in both gives c3 from the
     input c1.

@@ -481,7 +481,7 @@ def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equatio
     pointers = rotations @ np.array(output.direction)
     # (poses, 3, inputs) angular velocities per unit rate of each input.
     rates = output_rates(motion, output)
-    along_pointer = np.einsum("ni,nij->nj", pointers, rates)
+    along_pointer = np.vecmat(pointers, rates)
     rates = rates - pointers[:, :, None] * along_pointer[:, None]
 
     # A direction leaves the turn about it open. Newton's method finds this turn, from the

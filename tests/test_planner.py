@@ -37,11 +37,11 @@ def test_a_plan_for_one_pole_has_only_its_ancestors():
     """A plan for one pole has only the steps that this pole needs.
 
     A pole is the axis of the relative rotation of two links. A step of the kind `LinePole`
-    intersects great circles (Aronhold-Kennedy). The pole of links i and j is on a great
-    circle through the poles of i and k and of j and k, for each third link k. `via` are the
-    third links of a step, and `sources` the poles that its great circles go through. These
-    poles must be those of earlier steps, and a later step must use the result. This is
-    checked for each pole of each eight-bar.
+    intersects great circles (Aronhold-Kennedy). Let i, j and k be three links. Their three
+    poles, ij, ik and jk, are on one great circle. So each third link k gives a great circle
+    on which the pole ij is. `via` are the third links of a step, and `sources` the poles
+    that its great circles go through. These poles must be those of earlier steps, and a
+    later step must use the result. This is checked for each pole of each eight-bar.
     """
     planned = sk.plan(sk.load("stephenson"), ["5/2"])
     intersections = [step.pole for step in planned.steps if isinstance(step, LinePole)]

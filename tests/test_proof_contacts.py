@@ -53,8 +53,8 @@ def bars(internal=""):
 
     The mechanism has three sliding contacts a, b and c. In each, a disc of the plate (link
     3) touches a disc of another link: link 1 in a and b, link 2 in c. `PLATE_DISCS` has the
-    discs of the plate by contact, and `LINK_DISCS` those of the links 1 and 2: arc and
-    angle of the centre in the axes of the link, and the radius (deg).
+    discs of the plate by contact, and `LINK_DISCS` those of the links 1 and 2. A disc is
+    stated by arc and angle of its centre in the axes of the link, and its radius (deg).
 
     A bar joins the centres of two discs in contact. It has the arc of the sum of both
     radii, or of their difference if one disc is inside the other. `internal` is the name of

@@ -352,11 +352,11 @@ def test_curves_with_an_input_locked_are_those_with_it_held(tmp_path):
 def test_rates_along_pieces_are_within_their_bounds():
     """First and second derivatives along proven curves are within stated bounds.
 
-    Each piece of a curve is a box with exactly one arc. It is parametrized by the length s
-    along its tangent t; its points are centre + s t + N y with normals N. y(s) is found by
-    Newton's method from the closure equations, and differentiated implicitly. The first
-    derivatives of the variables by s are the rates, the second ones the derivatives of the
-    rates.
+    Each piece of a curve is a box with exactly one arc. A point of the arc has the
+    coordinate s along its tangent t, and the coordinates y along the normals N: centre + s
+    t + N y. Newton's method finds y(s) from the closure equations, which are then
+    differentiated. The first derivatives of the variables by s are the rates, the second
+    ones the derivatives of the rates.
 
     The piece states bounds of both derivatives. It also bounds the length of y, the
     distance of the arc from the straight line centre + s t (`euclidean_distance`).
@@ -370,9 +370,10 @@ def test_rates_along_pieces_are_within_their_bounds():
         normals = piece.frame[:, 1:]
         for s in random.uniform(-piece.half_length, piece.half_length, 3):
             y = np.zeros(normals.shape[1])
-            for _ in range(8):
+            for _ in range(8):  # Newton's method
                 angles = piece.centre + s * tangent + normals @ y
-                # Values, first and second derivatives by the angles at n = 1 points.
+                # Values, first and second derivatives of the closure equations by the
+                # angles, at one point.
                 points = cosines_and_sines(angles)[None]
                 derivatives = curves.equations.harmonics.derivatives(points, order=2)
                 (values,), (jacobian,), (hessian,) = derivatives
@@ -380,7 +381,8 @@ def test_rates_along_pieces_are_within_their_bounds():
             assert np.max(np.abs(y)) <= piece.euclidean_distance
             slope = np.linalg.solve(jacobian @ normals, jacobian @ tangent)
             rate = tangent - normals @ slope
-            curvature = np.einsum("ijl,j,l->i", hessian, rate, rate)
+            # Second derivatives (equations,) along the rates
+            curvature = hessian @ rate @ rate
             second = -normals @ np.linalg.solve(jacobian @ normals, curvature)
             assert np.all(bounds.rate_low <= rate + 1e-12)
             assert np.all(rate <= bounds.rate_high + 1e-12)

@@ -50,9 +50,9 @@ def test_dead_centres_of_a_rocker_are_where_two_links_are_in_line(rocker_result)
     of sign).
 
     A singularity occurs where two pole axes (of relative rotations of links) are the same
-    line. The column `condition` has a label for them. The pole axis of crank and rocker is
-    the fixed axis of the crank at type I (label I.3), and the fixed axis of the rocker at
-    type II (label II.3).
+    line. The column `condition` has a label for them. One of them is the pole axis of crank
+    and rocker. The other is the fixed axis of the crank at type I (label I.3), and that of
+    the rocker at type II (label II.3).
     """
     frame = rocker_result[0].frame()
     type_1 = frame[frame["kind"] == "I"]

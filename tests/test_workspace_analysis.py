@@ -287,10 +287,14 @@ def test_limits_of_a_five_bar_with_an_inner_loop_agree_with_brute_force(
     """Whether a direction is in a workspace agrees with rotation matrices of all links.
 
     One crank of this five-bar is driven through a four-bar. `seven_link_case` has the
-    mechanism, its kinematics and limits (rad): angle of f2 from -2 to 1, axes b1 and b2 at
-    least 0.3 apart, e2 and c at most 1.9 apart, singularities at least 6 degrees away.
-    `signs` is the working mode, a sign for each dyad (two links joined by a pair). `type_1`
-    (of each input) and `type_2` are sines of the angle to a singularity.
+    mechanism, its kinematics and limits (rad):
+
+    - The angle of pair f2 is from -2 to 1.
+    - The axes b1 and b2 are at least 0.3 apart, e2 and c at most 1.9 apart.
+    - Singularities are at least 6 degrees away. `type_1` (of each input) and `type_2` are
+      sines of the angle to a singularity.
+
+    `signs` is the working mode, a sign for each dyad (two links joined by a pair).
     """
     mechanism, kinematics, bounds = seven_link_case
     inverse = InverseKinematics(mechanism)

@@ -228,7 +228,7 @@ def _count_missing_numbers(field, is_ok):
     A pole is the axis of the relative rotation of two links. A row is one sample in one
     assembly mode (way to assemble the links). In rows that are OK, coefficients of poles
     and their bounds must be numbers. The derivative of a pole direction by the input
-    (`direction_dq`) may be NaN, but it needs a bound in every row that has it.
+    (`direction_dq`) may be NaN. Where it is a number, it needs a bound.
 
     Parameters
     ----------
@@ -361,8 +361,8 @@ def _compare_rows(comparison, evaluated_poles, rows, is_decimal, every):
     row_errors = _errors_of_rows(evaluated_poles, rows, is_decimal, Digits(MIN_DIGITS))
     needs_50_digits = row_errors.find_doubtful_rows()
     if every:
-        # The first one is arbitrary. It depends on the inputs that were compared before and
-        # on the kind of reference, so that these do not all use the same samples.
+        # The first one is arbitrary. It changes with the inputs and the kind of reference,
+        # so that not always the same samples are chosen.
         first = comparison.rows
         if is_decimal:
             first += 1

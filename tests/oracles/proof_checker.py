@@ -425,8 +425,8 @@ class System:
 
         A placement puts a link on links placed before it:
 
-        - on one pair. The link can turn by the angle of this pair, so this angle must be an
-          unknown, an input, or a follower (pair that wheels turn with an input).
+        - on one pair. The link can turn by the angle of this pair. It must be the angle of
+          an unknown, an input, or a follower (pair that wheels turn with an input).
         - on two pairs. The link closes a loop, and gives one equation.
         """
         used_pairs = []
@@ -732,9 +732,9 @@ def place_on_axes(link, axes, axes_in_common, scales):
     """Return the closure equation of a link on two axes, and its matrix, as dual arrays.
 
     The link is joined to other links by pairs about its two axes. Both axes are also known
-    in one other link, the common link: the first is u / a, the second is w / b. The numbers
-    a and b are their scales. They are common denominators, so that u, w, a and b are
-    polynomials in the unknowns. No result is divided by them, to stay a polynomial.
+    in one other link, the common link. There the first is u / a, the second is w / b. The
+    numbers a and b are their scales. They are common denominators, so that u, w, a and b
+    are polynomials in the unknowns. No result is divided by them, to stay a polynomial.
 
     - The equation u . w - a b cos(arc) = 0 says that the arc between both axes is that in
       the link.
@@ -1148,6 +1148,7 @@ class Arc:
         """
         slopes = None
         for cell in itertools.product(range(cuts), repeat=len(self.inverse_slope)):
+            # The intervals of y together reach from -radius to radius.
             middle = self.radius * (2 * ball(cell) + 1 - cuts) / cuts
             y = middle + arb(0, (self.radius / cuts).upper())
             _, derivatives = self.equations(axis_points + self.across @ y)

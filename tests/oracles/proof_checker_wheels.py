@@ -330,10 +330,10 @@ def check_wheels(certificate):
 def check_rolling(wheels, contact):
     """Check that two wheels roll at the stated ratios, in all positions of their pairs.
 
-    They roll if their circles touch and the slips of all pairs between them, at the stated
-    rates of the pairs, add up to zero. Gap and slip are trigonometric polynomials of degree
-    2 in the angle of each pair, so values at five angles of each pair bound them at all
-    angles. `need` refuses the certificate if a condition is false.
+    They roll if their circles touch and if they do not slip: at the stated rates, the slips
+    by all pairs between them add up to zero. Gap and slip are trigonometric polynomials of
+    degree 2 in the angle of each pair. So values at five angles of each pair bound them at
+    all angles. `need` refuses the certificate if a condition is false.
 
     The result has the slip (3,) at the contact by pair, while this pair turns alone at unit
     rate. It is that in the last of these positions. The caller needs it in one position
