@@ -145,6 +145,7 @@ class BlockRows:
         n = q.shape[1]
         self.closure_residual = np.empty(n)
         self.configuration_error = np.empty(n)
+        # Rows count as certified, and have the status OK (0), until `fill` changes this.
         self.is_certified = np.ones(n, dtype=bool)
         self.status = np.zeros(n, dtype=np.int8)
         # Error bounds near dead centres. The solver fills them in uncertified rows only.
@@ -152,8 +153,11 @@ class BlockRows:
         # A closed form computes all pair variables (joint angles) in `fill`. Otherwise the
         # caller predicts them before. Rows without a prediction stay NaN; the solver
         # computes them one by one.
-        new_array = np.empty if kernel.has_closed_form else nans
-        self.values = new_array((len(position_analysis.mechanism.variable_owners), n))
+        variable_count = len(position_analysis.mechanism.variable_owners)
+        if kernel.has_closed_form:
+            self.values = np.empty((variable_count, n))
+        else:
+            self.values = nans((variable_count, n))
         # This function computes the error bounds of rows. In closed form it starts from the
         # inputs and the assembly mode, otherwise from the predicted `values`.
         if kernel.has_closed_form:
@@ -312,6 +316,7 @@ class BlockRows:
         self._store_closure(rows, columns)
         is_certified = self._find_certified_rows(columns)
         self.is_certified[rows] = is_certified
+        # All other rows have to be solved by the caller.
         is_complete = np.all(is_certified | is_out_of_reach)
         if not is_complete or not np.any(is_certified):
             return None
@@ -804,7 +809,7 @@ class BatchRunner:
             largest_size = MAX_BLOCK_GROWTH * size
         samples_of_blocks = self._split_samples(first_sample, size, largest_size)
         # The next block may be computed in another thread while the caller uses a block.
-        return prefetch(self.motion_at, samples_of_blocks, self.looks_ahead)
+        return prefetch(self.motion_at, samples_of_blocks, looks_ahead=self.looks_ahead)
 
     def _split_samples(
         self, first_sample: int, first_size: int, largest_size: int
@@ -827,9 +832,9 @@ class BatchRunner:
         while start < sample_count:
             end = min(start + size, sample_count)
             yield np.arange(start, end)
-            # The caller has used the block or an earlier one before it asks for the next.
-            # So it is known now whether columns were read.
             start = end
+            # This is computed when the caller asks for the next block. By then, analyses
+            # may have read columns of the blocks before.
             size = self._choose_next_size(size, first_size, largest_size)
 
     def _choose_next_size(self, size: int, first_size: int, largest_size: int) -> int:

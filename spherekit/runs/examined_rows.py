@@ -547,9 +547,11 @@ class ExaminedRows:
         """
         rate_before = segment.rates[before]
         rate_after = segment.rates[after]
-        # The rates are derivatives of the angle by the time or by the single input. A place
-        # is the time in the first case.
-        path = segment.places if self.plan.moves_over_time else segment.inputs[:, 0]
+        # The rates are derivatives of the angle by the time, or by the single input.
+        if self.plan.moves_over_time:
+            path = segment.places  # times
+        else:
+            path = segment.inputs[:, 0]
         step = path[after] - path[before]
         # For a linear rate, the trapezoidal rule yields the step of the angle exactly.
         linear_angle_step = 0.5 * (rate_before + rate_after) * step
@@ -567,7 +569,8 @@ class ExaminedRows:
             return
         overview.add_turning_error(error)
         overview.add_rest(_place_of_rest(segment, before, after))
-        # The linear rate is zero at this share of the step.
+        # The linear rate is zero at this share of the step. Until then its mean is half of
+        # its first value.
         share = rate_before / (rate_before - rate_after)
         extreme = segment.angles[before] + 0.5 * rate_before * share * step
         overview.widen_angle(np.array([extreme]))
@@ -622,7 +625,8 @@ def _link_rates(motion: Motion) -> Floats:
     passive = list(motion.passive_variables)
     rates = []
     for pair in motion.assembly.inputs:
-        # One input moves at unit rate, and the other inputs are locked.
+        # One input moves at unit rate, and the other inputs are locked. A pair that is an
+        # input has a single variable.
         driven = motion.mechanism.variables_of(pair)[0]
         variable_rates = np.zeros((len(motion), motion.values.shape[1]))
         variable_rates[:, driven] = 1.0

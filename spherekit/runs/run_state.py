@@ -446,8 +446,11 @@ def _omit_failed_configurations(
     batch
         The configurations to which the rows belong.
     """
+    # With an array for each of several poles, the rows of a pole usually have the order of
+    # the configurations.
     if isinstance(data[column.name], Interleaved):
         return _select_pole_failures(codes, batch)
+    # Otherwise the columns of the sample and of the assembly mode tell the configuration.
     return _select_table_failures(codes, data, batch)
 
 

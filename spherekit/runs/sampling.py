@@ -506,7 +506,8 @@ def _sample_laws(study: Study, mechanism: Mechanism, t: Floats) -> Sampling:
     """
     laws = study.laws
     if not laws:
-        # The single input moves from the start of its range at the default speed.
+        # There is a single input. It moves from the start of its range at the default
+        # speed, in the sense in which the range is given.
         driven = mechanism.inputs[0]
         law = ConstantSpeed(driven.sense * DEFAULT_INPUT_SPEED, driven.start)
         laws = {driven.pair: law}

@@ -159,9 +159,10 @@ class _BlockRows(ArrayRows):
 def order_evenly(numbers: Integers) -> Indices:
     """Return an order of numbers in which the first ones are spread evenly over all.
 
-    Rows of a run are selected for checks in this order. For a number k, the multiple k + 1
-    of the golden ratio has a fractional part. The numbers are sorted by it. So the order of
-    two numbers does not depend on the other numbers, and stays the same if more are added.
+    Rows of a run are selected for checks in this order. For a number k, take k + 1 times
+    the golden ratio less 1 (`GOLDEN`), and its fractional part. For successive k, these
+    parts are spread evenly from 0 to 1. The numbers are sorted by them. So the order of two
+    numbers does not depend on the other numbers, and stays the same if more are added.
 
     Parameters
     ----------

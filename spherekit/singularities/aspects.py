@@ -698,10 +698,14 @@ class _AspectGraph:
             inputs=nodes.values[:, self.driven],
             label=label,
             sizes=sizes,
+            # For each aspect, the sign of a determinant in all its configurations. It is 0
+            # if they have no common sign.
             sign_two=_common_signs(nodes.determinant_two, label, sizes),
             sign_one=_common_signs(determinant_one, label, sizes),
+            # For each aspect, the largest number of its configurations at one sample.
             modes=_most_modes_at_a_sample(label, nodes.sample, len(sizes)),
             free_of=free_of,
+            # The number of singular configurations, which belong to no aspect.
             singular=len(self.nodes) - len(regular_numbers),
             note=self.time_limit.note,
         )

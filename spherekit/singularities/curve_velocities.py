@@ -251,8 +251,9 @@ class LinkMotion:
         curve of configurations) at right angles to the axis, divided by |w|. Where w is
         exactly zero, the rate is NaN.
         """
-        _, dw = self.relative(*pole)
-        speed, _ = self.speeds(pole)
+        _, dw = self.relative(*pole)  # w'
+        speed, _ = self.speeds(pole)  # |w|
+        # The direction of w, and a bound of its error (rad) by rounding.
         axis = self._axis_by_velocity(pole)
         along_axis = axis.direction * np.vecdot(axis.direction, dw)[:, None]
         across_axis = dw - along_axis
@@ -568,8 +569,9 @@ class CurveMotion:
             # The start of a closed curve is also its end. A zero there counts once.
             zeros = zeros.merge_seam(curve.length)
         # The minimum of the length of the whole vector is more accurate than the zero of
-        # one component.
+        # one component. At a double zero, the component touches zero and keeps its sign.
         s = self._refine_zeros(zeros.places, zeros.double, pole)
+        # Bounds of the errors of the arc lengths s.
         errors = self._bound_zero_errors(s, zeros.double, pole)
         # The links rest where the whole vector vanishes. At other zeros only the component
         # along `PROJECTION` vanishes.

@@ -659,13 +659,15 @@ class SingularityLocus:
         # changes per unit of u, x continues to close them.
         motion_slopes = _motion_slopes(space, motion_space, unit_motions)
 
-        # The four blocks of the matrix.
+        # The upper two blocks of the matrix: d(E x)/du and d(E x)/dz.
         rates_by_configuration = self._constrained_rate_slopes(
             space, unit_motions, motion_slopes
         )
-        constraint_matrix = self.constraint.equations(space.linearisation)
+        constraint_matrix = self.constraint.equations(space.linearisation)  # E
         rates_by_motion = constraint_matrix @ motion_space.basis
-        # The changes `motion_slopes` are perpendicular to x, so u does not change |x|.
+        # The lower two blocks: d|x|/du and d|x|/dz. The changes `motion_slopes` are
+        # perpendicular to x, so u does not change |x|. As |x| is 1, its derivatives by the
+        # coordinates of x are these coordinates themselves.
         length_by_configuration = np.zeros((len(values), 1, space.dimension))
         length_by_motion = motion_coordinates[:, None]
         return _LinearisedLocus(
@@ -798,9 +800,8 @@ def _motion_slopes(
     -------
     (n, V, g) derivatives of the rates along the g changes.
     """
-    # `closed_changes` are the g changes of the configurations.
-    # (n, g, V, V) for each change, the matrix whose product with a motion is the change of
-    # this motion.
+    # (n, g, V, V) for each change of the configuration (`closed_changes`), the matrix whose
+    # product with a motion is the change of this motion.
     correction_matrices = motion_space.rate_corrections(space.closed_changes)
     # The products of these matrices and the motions. The letters are: n configuration,
     # g change, v rate after the change, w rate of the motion.

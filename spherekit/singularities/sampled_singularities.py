@@ -158,13 +158,15 @@ class SampledSingularities:
         """
         self.whole = position_analysis
         self._values = values
-        part = find_placing_part(
-            position_analysis, [link for output in outputs for link in output]
-        )
+        # The part of the mechanism that determines the positions of the output links.
+        output_links = [link for output in outputs for link in output]
+        part = find_placing_part(position_analysis, output_links)
         self.position_analysis = part.position_analysis
         # For each assembly mode of the part, those of the whole mechanism that contain it.
         self._whole_modes = part.whole_modes
+        # Number of the variable of the input, among all variables of the part.
         self._driven = self.position_analysis.solver.input_variable
+        # All curves of the part, each with its pieces in the different assembly modes.
         self.configurations: Configurations = self.position_analysis.configurations
         self.curves = [item.curve for item in self.configurations.curves]
         # The singularities on the curves. The part numbers its links anew, so outputs are
@@ -385,10 +387,9 @@ class SampledSingularities:
         """
         for piece, input_in_piece in self._pieces_with_inputs(curve, s):
             # Both inputs belong to the same configuration, so they differ by whole periods.
+            # They are the same input if no period is between them, and in the exceptions.
             periods_between = round((input_in_piece - q) / self._period(curve))
-            # This is so if no period is between them, and in the two exceptions.
-            fits = self._is_same_input(curve, periods_between)
-            if fits:
+            if self._is_same_input(curve, periods_between):
                 yield piece
 
     def _pieces_with_inputs(self, curve: int, s: float) -> Iterator[tuple[Piece, float]]:

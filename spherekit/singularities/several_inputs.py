@@ -514,11 +514,12 @@ def _find_single_input_motions(
     speed = np.linalg.norm(angular_velocity, axis=2, keepdims=True)
     # If the speed is only rounding, the link has no direction of rotation.
     is_turning = speed > SINGULAR_TRANSMISSION * sizes[..., None]
+    known_speed = np.where(is_turning, speed, np.nan)
     # Division by the sizes scales all rates in a motion to a vector of length 1.
     return SingleInputMotions(
         input_rate=input_determinant[:, None] / unique_sizes,
         output_rate=output_sizes / unique_sizes,
-        output_direction=angular_velocity / np.where(is_turning, speed, np.nan),
+        output_direction=angular_velocity / known_speed,
     )
 
 
