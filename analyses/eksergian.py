@@ -342,6 +342,9 @@ class Eksergian(AbstractAnalysis):
         # No row has a configuration, so there is nothing to report.
         if not np.any(np.isfinite(batch.residual)):
             return Findings()
+        # In a simulation the loads alone cause the motion, so the torque at the input is a
+        # rounding error. It is replaced by 0. Otherwise, the division by the rate of a pair
+        # (`at`) could turn the rounding error into a large torque.
         input_torque = self._torque_without_rounding_errors(batch)
         torque = self._torque_at_pair(batch, input_torque)
         worst_row = int(np.nanargmax(batch.closure_conditioning))
@@ -350,7 +353,8 @@ class Eksergian(AbstractAnalysis):
             "at_q_rad": float(batch.q[worst_row]),
             "at_assembly_mode": int(batch.assembly_mode[worst_row]),
         }
-        # The mapping has the only input, or is empty if no torque is known.
+        # A mapping from the name of the only input to its largest torque. It is empty if no
+        # torque is known.
         largest_by_input = find_largest_torques(
             batch, torque[:, None], LARGEST_DRIVING_TORQUE
         )
@@ -466,14 +470,15 @@ def _solve_torque(batch: Batch) -> InverseSolution:
     A row is the configuration at one sample in one assembly mode (way to assemble the
     links). There are two cases:
 
-    - Friction is proportional to the forces in the pairs (joints). The rates of all links
-      and pairs are then computed from the configurations.
-    - Without friction, the batch has the motion of all links and pairs that matter. Rows
-      with inaccurate rates get the status ILL_CONDITIONED.
+    - Friction is proportional to the forces in the pairs (joints). These forces depend on
+      the motion of all links. The batch does not have all rates, so they are computed
+      from the configurations.
+    - Otherwise, only the links and pairs with masses or loads matter. The batch has their
+      motion. Rows with inaccurate rates get the status ILL_CONDITIONED.
     """
-    # A spring counts whole revolutions, so angles of pairs with loads must not jump by 2
-    # pi. In the second case `_coordinate_motion` reads angles without jumps.
     if Loads(batch.mechanism).friction_components:
+        # A spring counts whole revolutions, so angles of pairs with loads must not jump by
+        # 2 pi. This function removes the jumps.
         motion = continue_load_angles(batch)
         return needed_torques(motion)
     status = batch.status.copy()
@@ -484,8 +489,10 @@ def _solve_torque(batch: Batch) -> InverseSolution:
     timing = Timing(batch.t, batch.input_rates, batch.input_accelerations)
     # The rows, and by how much the loops fail to close (rad).
     rows = (batch.sample, batch.assembly_mode, batch.inputs, batch.residual)
+    # The motion of the links and pairs with masses or loads, with angles without jumps.
+    motion_by_input = _coordinate_motion(batch)
     # `balancing` returns the torques that balance inertia and loads.
-    return balancing(batch.mechanism, rows, timing, _coordinate_motion(batch), status)
+    return balancing(batch.mechanism, rows, timing, motion_by_input, status)
 
 
 def _coordinate_motion(batch: Batch) -> CoordinateMotion:

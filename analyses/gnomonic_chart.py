@@ -73,13 +73,14 @@ def _choose_positive_directions(directions: Floats) -> Floats:
 def circle_coordinates(normals: Floats) -> tuple[Floats, Floats]:
     """Return the slope epsilon and the distance angle theta (n,) of great circles, rad.
 
-    The gnomonic chart projects the sphere from its centre onto a plane x = 1. A great
-    circle is a straight line in it, with two coordinates:
+    The gnomonic chart projects the sphere from its centre onto a plane x = 1, with the
+    horizontal axis y and the vertical axis z. A great circle is a straight line in it, with
+    two coordinates:
 
-    - Its slope, the angle epsilon from the horizontal axis to the line, from -pi/2
-      (exclusive) to pi/2.
-    - Its distance from the origin, tan theta. It is positive if the origin is to the right
-      of the direction (cos epsilon, sin epsilon) of the line.
+    - Its slope: the angle epsilon from the horizontal axis to the line. It is above -pi/2
+      and at most pi/2.
+    - Its distance from the origin, tan theta. The distance is positive if the line is above
+      the origin. A vertical line has a positive distance if it is on the left.
 
     The great circle x = 0 is the line at infinity. Its slope is NaN, and its theta is pi/2
     with either sign.
@@ -90,14 +91,15 @@ def circle_coordinates(normals: Floats) -> tuple[Floats, Floats]:
         (n, 3) normals of the planes of the circles, in the axes x, y, z of the chart. The
         sign of a normal has no effect, except for the circle x = 0.
     """
-    # Of the two normals of a plane, that with c > 0 is used. If c is 0, that with b < 0 is.
+    # Both normals of a plane describe the same circle. The one with c > 0 is used, or with
+    # b < 0 if c is 0. Then epsilon is above -pi/2 and at most pi/2.
     a, b, c = _orient_normals(normals)
     # The circle has the equation a x + b y + c z = 0. In the chart x is 1, so its line has
-    # the equation a + b y + c z = 0. The direction (y, z) of the line is (c, -b).
+    # the equation b y + c z = -a, and the direction (y, z) = (c, -b).
     length = np.hypot(b, c)
     epsilon = np.where(length > 0.0, np.arctan2(-b, c), np.nan)
-    # The distance is tan theta = -a / length. For example, the line y = -1 has a = b = -1
-    # and c = 0. It points upwards, and the origin is to its right at the distance 1.
+    # The distance is -a / length. For example, the line z = 1 above the origin has a = -1,
+    # b = 0 and c = 1, so its distance is 1.
     theta = np.arctan2(-a, length)
     return epsilon, theta
 

@@ -235,11 +235,14 @@ def draw_construction(batch: Batch, row: int, chart: ChartAxis = "yes") -> Scene
     row
         The row of the batch that has the configuration.
     chart
-        The ground axis at which the gnomonic chart (flat projection) touches the sphere.
+        The page also has a gnomonic chart: a projection of the sphere onto a plane. The
+        plane touches the sphere at the ground axis "x", "y" or "z". With "yes" it is the
+        one that is nearest to the pair axes of the ground.
     """
     mechanism = batch.mechanism
     steps = _list_construction_steps(batch)
-    # There is only one input, and its plan lists all poles.
+    # There is only one input. Its plan has the order in which poles are found. The keys of
+    # `pass_numbers` are all poles, each a pair of two link numbers.
     poles = list(batch.plans[0].pass_numbers)
     # Directions by step, pole and component. Normals of great circles by step, circle
     # (first or second) and component. NaN is not drawn.

@@ -374,8 +374,9 @@ class Poles(AbstractAnalysis):
     ) -> dict[str, Any]:
         """Return the coordinates of poles and of their great circles in the chart, by name.
 
-        The chart is a projection of the sphere from its centre onto a plane. A pole that is
-        not the axis of a pair (joint) is the intersection of two great circles.
+        A pole is the axis about which two links turn relative to each other. The chart is a
+        projection of the sphere from its centre onto a plane. A pole that is not the axis
+        of a pair (joint) is the intersection of two great circles.
 
         Parameters
         ----------
@@ -385,6 +386,7 @@ class Poles(AbstractAnalysis):
             The poles, each while one input moves.
         """
         mechanism = batch.mechanism
+        # Numbers of the ground axes that are called x, y and z in the chart.
         axes = list(chart_axes(mechanism, self.chart))
         values_by_name: dict[str, list[Floats]] = {name: [] for name in CHART_MEANINGS}
         for pole in moving_poles:
@@ -399,6 +401,8 @@ class Poles(AbstractAnalysis):
                     coordinates += circle_coordinates(normals[:, circle][:, axes])
             for name, values in zip(CHART_MEANINGS, coordinates, strict=True):
                 values_by_name[name].append(values)
+        # Each column has the values of all poles in the first row of the batch, then those
+        # in the second row, and so on.
         return {name: batch.interleaved(values) for name, values in values_by_name.items()}
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:

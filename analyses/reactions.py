@@ -259,7 +259,7 @@ class ReactionAnalysis(AbstractAnalysis):
             columns[f"moment_{axis}"] = moments[:, component]
         for component, axis in enumerate("xy"):
             columns[f"moment_{axis}_first"] = moments_in_first[:, component]
-        # The part of the moment at right angles to the axis.
+        # The length of the part of the moment along x and y.
         columns["transverse_moment"] = result.across.ravel()
         # The normal force of a contact (`push`) and the tangential force (`traction`), both
         # as moments about the centre.

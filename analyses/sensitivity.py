@@ -271,8 +271,9 @@ class SensitivityAnalysis(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Check the parameters, and return what this analysis reads of a run.
 
-        It reads the configurations. It also reads times and rates if a quantity depends on
-        them. With one input they are always read, because all samples have them.
+        It reads the configurations. It also reads times and rates of the inputs if a
+        quantity depends on them. With one input they are always read, because all samples
+        have them.
 
         Raises
         ------
@@ -283,11 +284,11 @@ class SensitivityAnalysis(AbstractAnalysis):
         # This call only raises an error if a parameter of the deviations is not valid.
         self._size_deviations(sensitivity)
         return Needs(
-            # This gives access to the configurations.
+            # The tracer is the position analysis of the run. It has the configurations.
             tracer=True,
             time=len(mechanism.inputs) == 1 or sensitivity.timed,
-            # Pairs on which loads such as springs depend. A spring counts whole
-            # revolutions.
+            # Pairs (joints) whose angles are needed without jumps of 2 pi, because loads
+            # depend on them. A wound spring, for example, counts whole revolutions.
             continued_values=frozenset(sensitivity.wound),
             # Links on which the quantities depend. The run does not compute others.
             links=sensitivity.links,
@@ -413,8 +414,11 @@ class SensitivityAnalysis(AbstractAnalysis):
             gradients[~np.isfinite(gradients) | has_failed] = np.nan
             size_variances = _variances_by_size(gradients, deviations)
             variance = np.sum(size_variances, axis=0)  # (quantities, rows)
+            # (sizes, quantities, rows) part of the variance that each size causes.
             shares = self._shares_of_variance(size_variances, variance)
 
+        # Standard deviation and largest deviation in the draws, and the part of the draws
+        # that cannot be assembled (lost).
         drawn_spread, drawn_worst, lost = self._compute_draws(
             sensitivity, samples, configurations, values
         )

@@ -251,6 +251,7 @@ class WorkspaceModes:
                         **direction_or_quaternion_columns(
                             arc.points, mid_plane_architecture
                         ),
+                        # `margin` is the number of the limit that is reached on the arc.
                         "constraint": self._name_of_limit(arc.margin),
                     }
                 )
@@ -378,7 +379,9 @@ class WorkspaceModes:
         record: Columns = {
             "volume": orientations.volume,
             "error": orientations.error,
+            # The volume as a part of that of all orientations.
             "fraction": orientations.fraction,
+            # Number of orientations whose margins were computed.
             "evaluations": orientations.evaluations,
         }
         # The depth is the smallest margin of the best orientation, `place`. If it is

@@ -403,14 +403,18 @@ class EquivalentRotation(AbstractAnalysis):
     def _schedule_record(self, schedule: TimeScaling) -> dict[str, Any]:
         """Return the record of a schedule (the rotation in time) for the summary.
 
-        It has the duration, and the largest speeds and accelerations of the inputs.
+        It has the duration, and the extremes: the largest speed and the largest
+        acceleration of each input. An extreme occurs at a time t. The rotation has then
+        reached the angle theta.
         """
-        # The duration is as short as one limit of speed or acceleration allows: the binding
-        # one.
+        # The speeds and accelerations of the inputs are limited. The duration is as short
+        # as these limits allow. The binding one is the limit that makes it so long.
         binding = schedule.binding
         return {
             "shape": self.shape,
             "duration_s": schedule.duration,
+            # The controller of the inputs works in cycles of this time. The duration is a
+            # whole number of cycles. None if no cycle time is given.
             "cycle_s": schedule.cycle,
             "set_by": f"{binding.quantity} of {binding.input} at {binding.t:.6g} s",
             "extremes": [

@@ -230,13 +230,14 @@ class RotationResult:
             yield GreatCircle("mid_plane/now", "mid-plane", normals)
 
     def _draw_output_arcs(self) -> Iterator[SphereCurves]:
-        """Yield the arcs along which directions of the output move.
+        """Yield the arcs along which directions of the output move, and marks on them.
 
         If the output is a direction, its arc is drawn. If it is an orientation, the arcs of
         all pair axes of its link are drawn. Samples that the mechanism does not reach are
         left out. The marks ``start`` and ``end`` are at the first and the last sample that
-        it reaches. The first arc also has marks at the singularities of type II
-        (crossings), where the output can move while the inputs rest.
+        it reaches.
+
+        Singularities on the way are yielded last, as marks without a curve.
         """
         link = self.mechanism.link_number[self.output.link]
         directions = link_axes(self.mechanism)[self.output.link]
@@ -245,8 +246,6 @@ class RotationResult:
         theta = np.linspace(0.0, self.rotation.angle, POINTS_OF_ARC)
         arc_samples = self.rotation.at(theta)
         arc_orientations = self.orient_links(arc_samples.values)[:, link]
-        crossing_samples = self.rotation.at(self.rotation.crossings)
-        crossing_orientations = self.orient_links(crossing_samples.values)[:, link]
         for name, direction in directions.items():
             path = _finite_rows(arc_orientations @ direction)
             if len(path):
@@ -257,12 +256,23 @@ class RotationResult:
                 yield SphereCurves(
                     f"arc/{name}", f"arc of {name}", [path], PATH_COLOUR, marks
                 )
-        if len(crossing_orientations):
-            label = "type II singularity"
+        if len(self.rotation.crossings):
+            # Marks on one arc are enough to show the singularities.
             first_direction = next(iter(directions.values()))
-            points = _finite_rows(crossing_orientations @ first_direction)
-            marks = [Mark(label, point, SINGULARITY_COLOUR) for point in points]
-            yield SphereCurves("lost", label, [], SINGULARITY_COLOUR, marks)
+            yield self._mark_singularities(link, first_direction)
+
+    def _mark_singularities(self, link: int, direction: Floats) -> SphereCurves:
+        """Return marks where a direction of a link is at the singularities of the rotation.
+
+        They are singularities of type II: the output can move while the inputs rest. The
+        rotation crosses them at the angles `crossings`.
+        """
+        samples = self.rotation.at(self.rotation.crossings)
+        orientations = self.orient_links(samples.values)[:, link]
+        points = _finite_rows(orientations @ direction)
+        label = "type II singularity"
+        marks = [Mark(label, point, SINGULARITY_COLOUR) for point in points]
+        return SphereCurves("lost", label, [], SINGULARITY_COLOUR, marks)
 
 
 def _finite_rows(vectors: Floats) -> Floats:

@@ -211,9 +211,10 @@ class InverseSolutions:
         # 1. At 0, the output can move while the inputs are locked.
         columns |= input_columns(mechanism, solutions.type_1, "type_1")
         columns["type_2"] = solutions.type_2
-        # Sign of the determinant of the rates of three inputs by the three components of
-        # the output's angular velocity. It changes only at singularities. With two inputs,
-        # the direction of the output is the third row.
+        # Sign of the determinant of the matrix of rates. The sign changes only at
+        # singularities. The matrix has a row for each input, with its rates if the output
+        # turns about x, y and z. With two inputs, the direction of the output is added as
+        # the third row.
         columns["sense"] = sense_of(solutions.rates, directions)
         columns["status"] = solutions.status
         columns["solved_by"] = solver.solved_by

@@ -210,7 +210,10 @@ def _read_list(
                 f"by {listing(first_pose)}; give all poses by the same quantities"
             )
     rows = [[pose[term] for term in form] for pose in given_numbers]
-    return NumberTable(form, np.array(rows), units=dict.fromkeys(form, "rad"))
+    # `read_terms` has converted all angles to rad. Other numbers, such as components of a
+    # direction, have no unit, and their entry is not used.
+    units = dict.fromkeys(form, "rad")
+    return NumberTable(form, np.array(rows), units=units)
 
 
 def _read_file(

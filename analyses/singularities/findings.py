@@ -149,6 +149,7 @@ def describe_output_ranges(sampled: SampledSingularities, names: list[str]) -> l
         # The sentence does not apply to all curves, so it states to which.
         if len(curves) != curve_count:
             sentence += f" on {numbered('configuration curve', curves)}"
+            # A curve can pass through several assembly modes, each of them in pieces.
             pieces = [
                 piece
                 for number in curves
@@ -158,9 +159,12 @@ def describe_output_ranges(sampled: SampledSingularities, names: list[str]) -> l
             if modes:
                 sentence += f" ({numbered('assembly mode', modes)})"
         sentences.append(sentence)
-    # Without a full revolution of the input, the ranges of the sentences need a remark.
+    # The sentences are about whole curves. If the user limits the input to a range below a
+    # full revolution, a remark says so. In a simulation (motion caused by loads) the user
+    # gives no range of the input, so the remark does not apply.
     low, high = sampled.range
-    if not sampled.is_simulation and high - low < 2.0 * np.pi - 1e-9:
+    is_limited = high - low < 2.0 * np.pi - 1e-9
+    if is_limited and not sampled.is_simulation:
         sentences.append(
             "These rotations are those on whole configuration curves, also outside the "
             "range of the input"
@@ -243,8 +247,9 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
 def describe_accuracy(points: Mapping[str, Any]) -> list[str]:
     """Return a sentence about the accuracy of the listed singularities.
 
-    The sentence is in a list, which is empty if no singularity has an error bound. This
-    occurs on curves on which an output always rests.
+    The sentence is in a list, which is empty if no singularity has an error bound. For
+    example, if the output rests on a whole curve, the curve is listed as one singularity.
+    It has no place, and so no error bound.
 
     Parameters
     ----------
@@ -256,7 +261,7 @@ def describe_accuracy(points: Mapping[str, Any]) -> list[str]:
     errors = errors[np.isfinite(errors)]
     if len(errors) == 0:
         return []
-    # A bound is rounded up to one digit.
+    # The largest bound is rounded up to one digit.
     bound = np.max(errors)
     unit = 10.0 ** np.floor(np.log10(bound)) if bound > 0.0 else 1.0
     return [

@@ -490,7 +490,8 @@ class OneInput:
                 angle = sampled.output_angle(number, output, s)
                 links = sampled.report.outputs[output]
                 # If a pair (joint) connects both links, the output is the angle of the
-                # pair. This angle is drawn without whole revolutions.
+                # pair. It is drawn in (-pi, pi]. Otherwise the output
+                # is the angle turned since the start of the curve, and is drawn in full.
                 if sampled.position_analysis.mechanism.angle_between(*links) is not None:
                     angle = wrap(angle)
                 q = sampled.input_at(number, s)
@@ -599,7 +600,8 @@ class OneInput:
         the relation c y' = d q' between the rates of output and input. In form i of this
         relation, y' is the rate of the output link relative to its own reference link. In
         form ii, y' is its rate relative to the reference link of the input. The axes of
-        form ii are drawn if this form exists, otherwise those of form i.
+        form ii are drawn if this form exists, otherwise those of form i. Form ii does not
+        exist if the output link is one of the two links of the input.
 
         Parameters
         ----------
@@ -618,7 +620,6 @@ class OneInput:
             if "ii" in relation_by_form:
                 relation = relation_by_form["ii"]
             else:
-                # The output link is also a link of the input.
                 relation = relation_by_form["i"]
             poles_of_each.append(relation.poles)
         axes_by_name = {
@@ -658,6 +659,7 @@ def _coinciding_planes(six_poles: SixPoles, kinds: Any) -> list[Primitive]:
     for number, (label, axes_by_type) in enumerate(
         (("one triplet", AXES_OF_FIRST_PLANE), ("the other", AXES_OF_SECOND_PLANE))
     ):
+        # `plane` also returns a measure of accuracy, which is not needed here.
         normals_at_type_1, _ = six_poles.plane(axes_by_type["I"])
         normals_at_type_2, _ = six_poles.plane(axes_by_type["II"])
         normals = np.where(is_type_1[:, None], normals_at_type_1, normals_at_type_2)

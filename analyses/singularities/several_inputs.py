@@ -251,7 +251,8 @@ class SeveralInputs:
                     tables.append(
                         {
                             "kind": locus.kind,
-                            # This includes the configurations in the ranges of the inputs.
+                            # All configurations are singular, so also those with inputs in
+                            # their ranges.
                             "inside": "yes",
                             "residual": 0.0,
                             "output": name,
@@ -374,12 +375,15 @@ class SeveralInputs:
         output
             The output that is singular there.
         """
+        # The position analysis of the run.
         tracer = self.batch.tracer
         # The orientations of all links at these configurations.
         motion = tracer.given(points.values)
         # The condition that the output rests: linear equations in the rates of all
         # variables.
         rest_condition = output_of(self.batch.mechanism, output.name)
+        # `pointing` are the directions of the output, None if the output is an orientation.
+        #
         # The run has counted the degrees of freedom by the rank of the loop equations
         # (`by_rank`) or by the numbers of links and pairs. The same count is used here.
         return what_vanishes(
@@ -426,9 +430,11 @@ class SeveralInputs:
             "assembly_mode": batch.assembly_mode,
             **input_columns(batch.mechanism, batch.inputs),
             "output": name_output(batch.mechanism, output),
-            # In form "i", w is relative to the reference link of the output. Form "ii"
-            # occurs only in mechanisms with one input.
+            # The form of the relation: in form "i", w is relative to the reference link of
+            # the output. In mechanisms with one input, the relation can also have w
+            # relative to the reference link of the input: form "ii".
             "form": "i",
+            # Angles that are 0 at singularities of type I, and of type II.
             "distance_I": angle_from_sine(rows.type_one),
             "distance_II": angle_from_sine(rows.type_two),
             # The smallest singular value of the loop equations with all inputs locked. It
@@ -964,12 +970,16 @@ def _reach_text(parts: Sequence[Floats], inputs: Sequence[str]) -> str:
 def _locus_table(rows: Sequence[tuple[str, ...]]) -> ScreenTable:
     """Return a table for the screen about the loci (singularities of one kind each).
 
+    The column "in the ranges" has the number of curves or surfaces of a locus in the ranges
+    of the inputs, the column "outside" that of others. The last column lists the intervals
+    of input angles over which they reach.
+
     With one output, its name is in the title. With several, it is a column.
 
     Parameters
     ----------
     rows
-        For each locus the output and the cells of `_locus_cells`.
+        For each locus the name of the output, and then the cells of these columns.
     """
     columns = [
         ScreenColumn("kind"),

@@ -282,8 +282,7 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
 
     A curve was followed as a series of singular configurations (its nodes). In type I the
     output rests while an input moves. In type II the output can move while the inputs rest.
-    Some nodes of a curve can be of another type. For example, on a curve of type II only
-    links that do not move the output may be able to move. Such nodes separate the parts.
+    Some nodes of a curve can be of another type. Such nodes separate the parts.
 
     Some points of a part can be of types I and II at once. These points are located, too.
 

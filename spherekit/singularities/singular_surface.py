@@ -247,6 +247,9 @@ class SingularSurface:
         """
         first, second = self.nodes.values[edges.T]
         first_motion, second_motion = self.nodes.motions[edges.T]
+        # A variable can grow by a period without a change of the configuration: an angle by
+        # a revolution, an arc length by the circumference of its profile. Such periods are
+        # removed from the differences.
         edge_vectors = less_periods(second - first, self.periods)
         # A singular motion (inputs or output at rest) is known up to its sign. The motion
         # at the second end gets the sign that agrees with the motion at the first end.
@@ -389,6 +392,8 @@ def _inside_polygon(
     vertices are the corners that are inside, and the new vertices on the sides. The list is
     empty if nothing remains. It is also empty if a side has to be cut but has no new
     vertex.
+
+    If a mesh is refined instead, all corners are inside, and sides have a new vertex, too.
 
     Parameters
     ----------

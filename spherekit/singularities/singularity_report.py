@@ -51,8 +51,8 @@ class SingularPoints(ArrayRows):
     values
         (n, V) pair variables (rad).
     motion
-        (n, V) rates of the singular motion, with norm 1. Pairs that do not move the output
-        have the rate zero, because their motion alone is no singularity of the output.
+        (n, V) rates of the singular motion, with norm 1. For types I and II, pairs that
+        cannot move the output are left out of the search. Their rates are then set to 0.
     inputs
         (n, g) values of the inputs (rad). Whole revolutions are added to the pair
         variables, so that the inputs are in their declared ranges or next to them.

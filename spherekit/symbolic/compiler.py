@@ -48,12 +48,14 @@ def heyoka() -> ModuleType:
     try:
         import heyoka as heyoka_module
     except ImportError as error:
-        raise EngineError(
+        fault = (
             f"the compiled engine needs heyoka, which does not import ({error}); "
             'install it with pip install "spherekit-mechanisms[compiled]" (Linux) or '
-            "conda-forge",
-            "or use the NumPy engine, which gives the same results",
-        ) from None
+            "conda-forge"
+        )
+        # The message ends with this advice, unless the caller changes the engine itself.
+        advice = "or use the NumPy engine, which gives the same results"
+        raise EngineError(fault, advice) from None
     module: ModuleType = heyoka_module
     return module
 

@@ -163,15 +163,18 @@ def float_function(
         if step.operation in _INFIX_OPERATIONS:
             code = f" {step.operation} ".join(step.arguments)
         else:
-            name = _NUMPY_NAMES.get(step.operation, step.operation)
+            # Other operations have the names of functions, such as "sin". Only "**" does
+            # not.
+            name = "power" if step.operation == "**" else step.operation
             code = f"{name}({', '.join(step.arguments)})"
         lines.append(f"{step.result} = {code}")
     lines.append(f"return [{', '.join(program.output_names)}]")
+    # All names that occur in the code: functions by name, and constants.
     namespace: dict[str, Any] = {
         **vars(math),
+        # `math` has no functions with these three names.
         "power": math.pow,
         "maximum": _float_maximum,
-        # `math` has no such function.
         "sign": lambda a: np.sign(a).item(),
         **program.constants,
     }

@@ -117,16 +117,15 @@ def _frames_from_pose(
     The frames (3, 3) of the pair in the axes of its first and of its second link.
     """
     frame = _frame_in_pose(geometry, design, pair.name)
-    # The design may change arcs and angles between the axes of a link. This rotates the
-    # frame of the pair in that link, but not its frame in the other link.
+    # Both links have the same frame so far. The design may change arcs and angles between
+    # the axes of a link. This rotates the frame of the pair in that link only.
     first_frame, second_frame = (
         _rotate_by_size_changes(mechanism, design, link, pair.name, frame)
         for link in pair.links
     )
-    # R are the orientations of the links, and Z(v) is the rotation about z by the variable
-    # v. Then R_second second_frame = R_first first_frame Z(v). In the reference pose both R
-    # are the unit matrix. So second_frame = first_frame Z(value),
-    # with the value of v there.
+    # So far, both frames have the x axis that points east. If the sizes are those of the
+    # file, the two x axes coincide in the reference pose. The angle between them has to be
+    # the value of the variable in this pose, so the second frame is turned by it.
     value = design.get(("values", pair.name), geometry.values.get(pair.name, 0.0))
     return first_frame, second_frame @ about_z(value)
 

@@ -125,10 +125,12 @@ def _make_categories(texts: Array) -> "pd.Categorical[Any]":
     if has_python_strings:
         return pd.Categorical(texts)
 
+    # Equal texts have equal numbers: 0, 1, ... in the order in which they first occur.
     text_numbers = _number_distinct_texts(texts)
-    # One row of each distinct text, in the order of the text numbers.
+    # The first row of each distinct text. So `distinct_texts[k]` is the text number k.
     is_first_row = ~pd.Series(text_numbers).duplicated().to_numpy()
     distinct_texts: list[str] = texts[is_first_row].tolist()
+    # Category k is the text at the position k in alphabetical order.
     categories = sorted(distinct_texts)
     category_by_text = {text: category for category, text in enumerate(categories)}
     category_by_number = np.array(
@@ -356,11 +358,14 @@ def _open_parquet_writer(
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    # Two settings make files smaller. Each distinct text is stored once, in a dictionary.
-    # Floats are stored byte by byte: their first bytes together, then their second bytes,
-    # ...
-    floats = [item.name for item in schema if pa.types.is_floating(item.type)]
+    # Each distinct text is stored once, in a dictionary.
     texts = [item.name for item in schema if not pa.types.is_primitive(item.type)]
+    # Floats are stored byte by byte: their first bytes together, then their second bytes,
+    # and so on. This alone saves nothing, but equal bytes next to each other compress
+    # better.
+    byte_by_byte: list[str] | bool = False
+    if compression == "zstd":
+        byte_by_byte = [item.name for item in schema if pa.types.is_floating(item.type)]
     with open_for_writing(path) as stream:
         writer = pq.ParquetWriter(
             stream,
@@ -368,7 +373,7 @@ def _open_parquet_writer(
             compression=compression,
             write_page_checksum=True,
             use_dictionary=texts,
-            use_byte_stream_split=floats if compression == "zstd" else False,
+            use_byte_stream_split=byte_by_byte,
         )
         try:
             yield writer

@@ -247,7 +247,7 @@ def _find_slices_in_order(modes: Array, samples: Array) -> list[tuple[int, slice
     mode_steps = np.diff(modes)
     sample_steps = np.diff(samples)
     falls_within_mode = (mode_steps == 0) & (sample_steps < 0)
-    # Divide the configurations where the mode changes.
+    # Divide the items where the mode changes from one item to the next.
     starts = [0, *(np.flatnonzero(mode_steps) + 1).tolist()]
     stops = [*starts[1:], len(modes)]
     modes_of_slices = [int(modes[start]) for start in starts]

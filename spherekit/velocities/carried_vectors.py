@@ -335,9 +335,9 @@ def _vector_along_profile(
 ) -> CarriedVector:
     """Return the vector of a contact that moves along one of its two profiles.
 
-    It is the angular velocity of the second link relative to the first, per unit of arc
-    length along this profile. It is n + k p, with the normal n, the curvature k and the
-    contact point p of the profile. Along the profile of the second link it is -(n + k p).
+    A contact has two variables: the arc lengths along the profiles of both links. Here only
+    the arc length along one profile changes. The vector is the angular velocity of the
+    second link relative to the first, per unit of this arc length.
 
     Parameters
     ----------
@@ -364,10 +364,11 @@ def _vector_along_circle(
 ) -> CarriedVector:
     """Return the vector of a contact that moves along a circle, per unit of arc length.
 
-    The vector is the angular velocity of the second link relative to the first. Only the
-    arc length along this circle changes. The other link then always touches the circle at
-    the same point of its own profile, so this link turns about the centre of the circle.
-    The length of the vector is the angle about the centre per unit of arc length.
+    The vector is the angular velocity of the second link relative to the first. One link
+    carries the circle. Only the arc length along this circle changes. The other link then
+    touches the circle always at the same point of its own profile. So the other link turns
+    about the centre of the circle, as seen from the link with the circle. The length of the
+    vector is the angle about the centre per unit of arc length.
 
     Parameters
     ----------
@@ -389,10 +390,17 @@ def _vector_along_curve(
 ) -> CarriedVector:
     """Return the vector of a contact that moves along a profile, per unit of arc length.
 
-    The vector is the angular velocity of the second link relative to the first. It is
-    n + k p, with the normal n, point p and curvature k of the profile at the contact. Let t
-    be the tangent, and primes derivatives by the arc length, as seen from the link. Because
-    n' = -k t and p' = t,
+    The contact has the tangent t of the profile, the normal n = p x t, and the point p on
+    the unit sphere. As the contact moves along the profile, these three axes turn with the
+    angular velocity n + k p, with the curvature k of the profile. The rotation n moves the
+    point along the profile. The rotation k p turns the tangent.
+
+    The other link touches always with the same point of its own profile, so it turns with
+    the three axes. The vector is the angular velocity of the second link relative to the
+    first. So it is n + k p if the first link carries the profile, otherwise -(n + k p).
+
+    Let primes be derivatives by the arc length, as seen from the link with the profile.
+    Because n' = -k t and p' = t,
 
         first derivative:  k' p
         second derivative: k' t + k'' p
@@ -404,7 +412,7 @@ def _vector_along_curve(
     ----------
     sign
         1.0 if the first link of the contact carries the profile, -1.0 if the second does.
-        It is a factor of the vector and of its derivatives.
+        The vector and its derivatives are multiplied by the sign.
     side
         The profile.
     link

@@ -71,7 +71,7 @@ class CoordinateRates(VelocityEquations):
         Parameters
         ----------
         structure
-            The mechanism with its inputs. Its links are placed group by group.
+            The mechanism with its inputs and its pairs.
         variables
             Expressions (rad) of all variables: angles of R pairs, and arc lengths along
             profiles, which locate contact points. If `placed` is passed, the angles are not
@@ -276,17 +276,26 @@ class CoordinateRates(VelocityEquations):
     def motion_rates(self, speeds: Sequence[Expr]) -> MotionRates:
         """Return the rates of all variables and links for some rates of the inputs.
 
-        `tau` and `w` are the rates of variables and links per unit rate of each input,
-        times the determinant D of the velocity equations. The rates of the inputs are
+        For each input, `tau` has the rates of all variables, and `w` the angular velocities
+        of all links, while this input moves at unit rate. They are multiplied by the
+        determinant D of the velocity equations (`scale`). The rates of the inputs are
         therefore divided by D. The contributions of all inputs add up.
         """
         scaled_speeds = [speed * (1.0 / self.scale) for speed in speeds]
+        # For each variable, the sum over the inputs of its rate times the scaled speed.
+        variable_rates = [
+            dot(rates_by_input, scaled_speeds)
+            for rates_by_input in zip(*self.tau, strict=True)
+        ]
+        # For each link, the sum over the inputs of its vector (3,) times the scaled speed.
+        angular_velocities = [
+            dot(vectors_by_input, scaled_speeds)
+            for vectors_by_input in zip(*self.w, strict=True)
+        ]
         return MotionRates(
             scaled_speeds=scaled_speeds,
-            variable_rates=[
-                dot(column, scaled_speeds) for column in zip(*self.tau, strict=True)
-            ],
-            w=[dot(column, scaled_speeds) for column in zip(*self.w, strict=True)],
+            variable_rates=variable_rates,
+            w=angular_velocities,
         )
 
     def bias_accelerations(self, rates: Sequence[Expr], w: Sequence[Exprs]) -> list[Exprs]:

@@ -632,9 +632,10 @@ class DesignExpressions:
         # direction below would be divided.
         if self._rest_together(link_name, other_name, moving):
             return 0.0
-        # The relative angular velocity is the coefficient c times a unit vector u, so its
-        # derivative is c' u + c u'. Because u' is perpendicular to u,
-        # the component along u is c'.
+        # The relative angular velocity is c u, with the coefficient c from above. The unit
+        # vector u is the axis of the pair or, without a pair, the direction of the motion.
+        # The derivative is c' u + c u'. Because u' is perpendicular to u, the component of
+        # the derivative along u is c'.
         dw = self._link_velocity_derivatives[moving]
         direction = self._relative_direction(link_name, other_name, moving)
         return dot(dw[link] - dw[other], direction)
@@ -872,18 +873,20 @@ class DesignExpressions:
 
         The expressions of this class become a kernel, a compiled function that evaluates
         many designs at once. It does not solve for reactions, but runs of the designs do.
-        The message names the option `--reduce` for such runs. It also names the column with
-        the torque at the input with the index `moving`. For example: "... its friction
-        depends on the reaction of pair 3, which a kernel of designs does not solve for;
-        runs do: --reduce ...".
+        The message therefore advises to use the option `--reduce`, which makes such runs
+        and reads their tables. The example in the message reads the torque at the input
+        with the index `moving`.
         """
+        # What to read, as the option expects it: "analysis.table: expression".
         if len(self.inputs) == 1:
-            column = "eksergian.eksergian: abs(tau)"
+            torque = "eksergian.eksergian: abs(tau)"
         else:
-            column = f"dynamics.dynamics: abs(tau_{self.inputs[moving]})"
+            torque = f"dynamics.dynamics: abs(tau_{self.inputs[moving]})"
+        advice = f'runs do: --reduce "max({torque})"'
+        # The end of the message, after "its friction depends on the reaction of pair 3,
+        # which".
         check_no_reaction_friction(
-            self.mechanism,
-            f'a kernel of designs does not solve for; runs do: --reduce "max({column})"',
+            self.mechanism, f"a kernel of designs does not solve for; {advice}"
         )
 
     def _angles(self) -> list[Expr]:

@@ -44,12 +44,12 @@ all or (k,)."""
 
 @dataclass(frozen=True, eq=False)
 class ComparedRows:
-    """Rows of one assembly mode at which directions are compared with an earlier row.
+    """Rows of one assembly mode at which the computed directions of poles may be reversed.
 
-    A pole is the axis of the relative rotation of two links. Its direction is known up to
-    its sign. The sign changes only where the relative rotation reverses. Rows between two
-    compared rows have the sign of the first of the two, because no direction reverses
-    there.
+    A pole is the axis of the relative rotation of two links. Its direction is computed up
+    to its sign. Signs are chosen such that the direction is continuous from row to row. In
+    the rows after a compared row, up to the next compared row, computed directions are not
+    reversed. They get the sign of the compared row.
 
     Attributes
     ----------
@@ -57,7 +57,8 @@ class ComparedRows:
         (k,) numbers of the compared rows in their block of rows, rising. The first and the
         last row of the assembly mode (way to assemble the links) are among them.
     may_reverse
-        (k - 1,) whether a direction may reverse between a compared row and the next one.
+        (k - 1,) for each compared row but the first, whether a direction may be reversed
+        there.
     """
 
     rows: Indices
@@ -78,10 +79,10 @@ class VelocityPath:
     sense
         (k,) 1 where the input increases along the path, -1 where it decreases.
     v
-        (3, k) relative angular velocity per unit rate of the input, times the sense.
+        (3, k) relative angular velocity if the input has the rate `sense`: 1 or -1.
     dv
-        (3, k) derivative of this velocity by the coordinate, times the sense. Like `v`, it
-        contains the sense once.
+        (3, k) derivative of `v` by the coordinate; 0 if there are several inputs, because
+        it is then not known.
     """
 
     coordinate: Floats
@@ -238,6 +239,8 @@ def apply_continuous_signs(
     # coefficients along these directions are not negative.
     paths = np.swapaxes([along_v[:, None] * directions, continued_v, continued_dv], 1, 2)
 
+    # (modes, samples). If the motion has selected rows of another motion, these all count
+    # as rows of one mode.
     has_configuration = ~motion.failed.reshape(-1, motion.samples)
     if motion.is_path:
         compared_rows_by_mode: dict[int, ComparedRows] = {}
@@ -316,9 +319,7 @@ def signs_by_first_axis_sums(
     motion
         Rows of all assembly modes, mode after mode.
     has_configuration
-        (modes, samples) whether a row has a configuration. Others failed. If the motion
-        consists of selected rows of another motion, they all count as rows of the first
-        mode: (1, samples).
+        (modes, samples) whether a row has a configuration. Others failed.
     sign_continuation
         The vectors of modes from earlier blocks of rows. Vectors of new modes are added in
         place.
@@ -462,22 +463,26 @@ def _add_signs_at_rest(
     Parameters
     ----------
     rows
-        (k,) numbers of the rows.
+        (k,) numbers of the rows, rising. They can have gaps.
     directions
         (3, k) directions without their signs.
     moving, moving_signs
-        Indices (m,) of the rows in which the links move, and their signs (m,).
+        Positions (m,), from 0 to k - 1, of the rows in which the links move, and their
+        signs (m,). m is at least 1.
     resting
-        Indices of the rows that have a direction, but no velocity.
+        Positions of the rows that have a direction, but no velocity.
     """
-    # First each row gets the sign of the last moving row before it, or 1.
-    signs = np.ones(len(rows))
-    rows_until_next_moving = np.diff(np.append(moving, len(rows)))
-    signs[moving[0] :] = np.repeat(moving_signs, rows_until_next_moving)
+    # For each of the k rows, the position in `moving` of the last moving row up to it. It
+    # is -1 if there is none.
+    last_moving = np.searchsorted(moving, np.arange(len(rows)), side="right") - 1
+    # Each row first gets the sign of its last moving row, or 1 if there is none.
+    signs = np.where(last_moving >= 0, moving_signs[last_moving], 1.0)
     for k in resting:
-        nearest = moving[np.argmin(np.abs(rows[moving] - rows[k]))]
+        distances = np.abs(rows[moving] - rows[k])
+        nearest = moving[np.argmin(distances)]
         nearest_direction = signs[nearest] * directions[:, nearest]
-        signs[k] = -1.0 if nearest_direction @ directions[:, k] < 0.0 else 1.0
+        is_opposite = nearest_direction @ directions[:, k] < 0.0
+        signs[k] = -1.0 if is_opposite else 1.0
     return signs
 
 

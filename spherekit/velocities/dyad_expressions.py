@@ -244,20 +244,21 @@ def _inverse_axis_frame(a: Exprs, b: Exprs) -> Exprs:
     and differences are used instead of a and b. They keep their digits if a and b are
     nearly equal or nearly opposite.
 
-    With s = a + b, d = a - b and n = a x b, the rows of the inverse are
+    Let s = a + b, d = a - b and n = a x b. The three are perpendicular to each other,
+    because s . d = |a|^2 - |b|^2 = 0. So the rows of the inverse are
 
-        s / |s|^2 - tilt d,   d / |d|^2 - tilt s,   n / |n|^2,
+        s / |s|^2,   d / |d|^2,   n / |n|^2.
 
-    where tilt = s . d / (|s|^2 |d|^2). In exact numbers s . d = |a|^2 - |b|^2 is zero.
-    Rounding makes s . d a small number, which matters if s or d is short. The terms with
-    the tilt correct this error to first order.
+    With rounded numbers, s . d is not exactly 0, which matters if s or d is short. The
+    number tilt = s . d / (|s|^2 |d|^2) corrects this to first order: tilt d is subtracted
+    from the first row, and tilt s from the second.
     """
     axis_sum = a + b
     axis_difference = a - b
     inverse_sum_square = 1.0 / dot(axis_sum, axis_sum)
     inverse_difference_square = 1.0 / dot(axis_difference, axis_difference)
     tilt = dot(axis_sum, axis_difference) * inverse_sum_square * inverse_difference_square
-    # |n|^2 = |s|^2 |d|^2 / 4
+    # The row of n uses |n|^2 = |s|^2 |d|^2 / 4.
     normal_row = cross(a, b) * (4.0 * (inverse_sum_square * inverse_difference_square))
     return np.stack(
         [

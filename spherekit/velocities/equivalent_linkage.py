@@ -147,15 +147,19 @@ class EquivalentLinkage:
     def _pair_transforms(self, euler_angles: Sequence[Expr]) -> list[JointTransform]:
         """Return the rotation from the first to the second link of each R pair (hinge).
 
-        Each such rotation is a constant rotation, the rotation by the variable of the pair,
-        and another constant rotation. The constant rotations depend on the sizes of the
-        mechanism. They are computed from angles, which can be symbols that stand for other
-        sizes.
+        The linkage has R pairs only. It replaces a mechanism with contacts of circles. A
+        sliding contact becomes a link between the centres of both circles. Rolling contacts
+        are left out, because angles in a constant ratio replace them.
+
+        Each rotation from link to link is a constant rotation, the rotation by the variable
+        of the pair, and another constant rotation. The constant rotations depend on the
+        sizes of the mechanism.
 
         Parameters
         ----------
         euler_angles
-            Three Euler angles (rad), numbers or symbols, for each constant rotation.
+            Three Euler angles (rad) for each constant rotation, in the order of the pairs.
+            They are numbers, or symbols for which other sizes are inserted later.
         """
         all_rotations: list[Exprs] = []
         for start in range(0, len(euler_angles), 3):
@@ -172,11 +176,12 @@ class EquivalentLinkage:
             )
 
         remaining_rotations = iter(all_rotations)
-        # The pairs of the mechanism, without rolling contacts.
+        # Each index is a pair of the mechanism with contacts, without rolling contacts.
         for index in range(len(self.constant_rotations)):
             if index in self.sliding:
-                # A sliding contact becomes two R pairs at the centres of the circles, with
-                # a link between them. The axes of this link are those of the first pair.
+                # A sliding contact becomes two R pairs, at the centres of the circles. The
+                # link between them has the axes of the first pair, so the rotation from
+                # this pair to the link is the unit matrix.
                 first_link_to_centre = next(remaining_rotations)
                 between_centres = next(remaining_rotations)
                 centre_to_second_link = next(remaining_rotations)

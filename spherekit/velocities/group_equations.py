@@ -267,7 +267,8 @@ class GroupEquations:
     def _equation_rows(self, vectors: Floats) -> dict[EquationChoice, Floats]:
         """Return the coefficients of the unknown rates in all scalar velocity equations.
 
-        Independent equations are chosen from these.
+        The velocity equation of a loop is a vector equation. Its components along several
+        directions are scalar equations. The caller chooses independent ones from them.
 
         Parameters
         ----------
@@ -278,8 +279,9 @@ class GroupEquations:
         Returns
         -------
         For each equation its coefficients (unknowns,). They are divided by the norm of the
-        coefficients of all variables. Equations with nothing but rounding errors are left
-        out.
+        coefficients of all variables. An equation that hardly contains the unknowns
+        therefore has small coefficients, and is not chosen. Equations with nothing but
+        rounding errors are left out.
         """
         row_by_equation: dict[EquationChoice, Floats] = {}
         for loop_index, loop in enumerate(self.loops):
@@ -290,6 +292,8 @@ class GroupEquations:
             # The velocity equation of the loop: the sum of these vectors times rates is
             # zero.
             loop_vectors = senses[:, None] * vectors
+            # The directions of the components. For example, the component at right angles
+            # to the vectors of two variables does not contain these variables.
             directions = self._equation_directions(loop_index, senses, vectors)
             for equation, direction in directions.items():
                 # The coefficients of all variables in this component of the equation.
@@ -325,9 +329,11 @@ class GroupEquations:
         private = self.private_variables[loop_index]
         if private:
             first, second = private
-            normal = np.cross(
-                senses[first] * vectors[first], senses[second] * vectors[second]
-            )
+            # The two vectors with the signs that they have in the equation of the loop.
+            first_vector = senses[first] * vectors[first]
+            second_vector = senses[second] * vectors[second]
+            normal = np.cross(first_vector, second_vector)
+            # None stands for this direction, which belongs to no single variable.
             return {EquationChoice(loop_index, None): normal}
         return {
             EquationChoice(loop_index, variable): vectors[variable]
@@ -385,18 +391,21 @@ class GroupEquations:
         """
         loops = self._loop_equations(vectors, known_velocities)
         equations = self._scalar_equations(vectors, loops)
+        # A row for each equation, with the coefficients of the unknown rates.
         matrix = [[x.coefficient(v) for v in self.unknowns] for x in equations]
         known_terms = [equation.known_term() for equation in equations]
         scale = determinant(matrix)
         matrix_cofactors = cofactors(matrix)
         rates: dict[int, Expr] = {}
         for k, variable in enumerate(self.unknowns):
+            # Cramer's rule: the column of the unknown is replaced by minus the known terms.
             column = [row[k] for row in matrix_cofactors]
             rates[variable] = -1.0 * dot(known_terms, column)
         # Each loop can have two private variables, which occur in no other loop. They were
         # eliminated from the `unknowns`, and follow from the other rates. A dyad (two links
         # joined by a pair) has one loop with three variables. One of them is left in the
         # `unknowns`. For a dyad there are formulas with smaller rounding errors.
+        # Both functions return rates that are multiplied by the determinant, too.
         is_dyad = len(loops) == 1 and len(self.unknowns) == 1
         for loop in loops:
             if not loop.private:
@@ -412,12 +421,24 @@ class GroupEquations:
     ) -> list[LoopVectorEquation]:
         """Return the velocity equation of each loop: sum of a_v x_v + c = 0.
 
-        The pairs (joints) of this group have unknown rates x_v with the vectors a_v. The
-        known vector c contains the pairs of earlier groups. Parameters as in `solve_rates`.
+        The angular velocities of the pairs (joints) around a loop add up to zero. The
+        variables v of pairs of this group have unknown rates x_v with the vectors a_v. The
+        vector c is known.
+
+        Parameters
+        ----------
+        vectors
+            (3,) vector of each variable of the mechanism: the relative angular velocity of
+            the links of its pair per unit rate.
+        known_velocities
+            (3,) for each pair of the mechanism the part of its relative angular velocity
+            that does not depend on the unknown rates. For pairs of this group it is usually
+            zero.
         """
         equations: list[LoopVectorEquation] = []
         for loop, private in zip(self.loops, self.private_variables, strict=True):
             vector_by_variable: dict[int, Exprs] = {}
+            # The sense is 1 or -1, the direction in which the loop passes the pair.
             for pair, sense in loop:
                 if pair in self.pairs:
                     for v in self._variables_of(pair):
@@ -439,8 +460,10 @@ class GroupEquations:
         - If a loop has two private variables (in no other loop), it gives one equation
           without them.
         - Any other loop gives three equations, along the ground axes.
-        - If some equations follow from others, the constructor has chosen independent ones
-          (`EquationChoice`). Only these are returned.
+        - If some equations follow from others, the constructor has chosen independent
+          components of the vector equations. Only these are returned. A chosen component is
+          along the vector of a variable of the loop, or at right angles to the vectors of
+          both private variables.
 
         Parameters
         ----------
@@ -455,6 +478,7 @@ class GroupEquations:
             for loop_index, variable in self.chosen_equations:
                 loop = loops[loop_index]
                 if variable is None:
+                    # At right angles to the vectors of the private variables.
                     direction = loop.normal_to_private()
                 else:
                     direction = vectors[variable]

@@ -97,7 +97,8 @@ def _find_leaves(group: Group) -> dict[int, list[int]]:
     Bodies and pairs are numbered by their indices in the group.
     """
     leaves: dict[int, list[int]] = {}
-    # Of two neighbours, the one that is tried first becomes a leaf.
+    # Only one of two neighbours can be a leaf: the one that is tried first. The conditions
+    # hold for any order of the bodies. The last one is tried first.
     for body in reversed(range(len(group.bodies))):
         body_pairs = [k for k, ends in enumerate(group.ends) if body in ends]
         neighbours: set[int] = set()

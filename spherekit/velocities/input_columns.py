@@ -160,10 +160,12 @@ class InputColumns:
         input_velocity = rows.vectors[moving_variable]
         self._rates = rows.solve_loops({request.plan.input: -1.0 * input_velocity})
         self._rates[moving_variable] = 1.0
-        # The vectors of pairs add up along the tree of links, from the ground on.
-        # Accelerations are those with the input at constant rate.
+        # The relative angular velocities (3,) of the links of all pairs. Along the tree of
+        # links they add up to the angular velocities w of the links relative to the ground.
         pair_velocities = rows.pair_velocities(self._rates)
         self._w = sum_along_paths(tree, pair_velocities)
+        # Accelerations while the input has a constant rate: the second derivative of each
+        # variable, and the derivative (3,) of the relative angular velocity of each pair.
         self._accelerations, pair_accelerations = rows.solve_accelerations(
             self._rates, self._w
         )
@@ -353,18 +355,21 @@ class InputColumns:
         A pole is the axis of the relative rotation of two links. The method sets the
         attributes `column_indices`, `reversible_poles` and `velocity_components`.
         """
+        # Expressions whose columns can be shared, and expressions that change their sign if
+        # the direction of their pole is reversed.
         shared_parts, reversible_parts = self._collect_parts()
+        # For each quantity, the indices of the columns of each pole or link.
         self.column_indices: dict[str, dict[Any, list[int]]] = {
             name: {} for name in FIELD_PARTS
         }
         self._add_reversible_columns(columns, reversible_parts)
         # All other columns. Equal expressions share one column.
-        for (name, key), items in shared_parts.items():
-            self.column_indices[name][key] = columns.add_shared(items)
+        for (name, pole_or_link), items in shared_parts.items():
+            self.column_indices[name][pole_or_link] = columns.add_shared(items)
 
-        # A second, smaller list has only the angular velocities of all links. With the list
-        # alone, the method `relative_velocities` computes the relative velocities of poles.
-        # Equal components share one entry.
+        # Sometimes only the relative velocities of poles are needed. They are differences
+        # of the angular velocities of links. A second list has nothing but these, so it is
+        # faster to evaluate than all columns. Equal components share one entry.
         components = ColumnList()
         # (links, 3) indices into `velocity_components`.
         self._component_indices = np.array([components.add_shared(w) for w in self._w])
@@ -419,8 +424,8 @@ class InputColumns:
         A pole is the axis of the relative rotation of two links. The sign of its direction
         is chosen after the columns were evaluated. The columns follow each other, so that
         all signs can be applied at once: the first component of all poles, then the second
-        of all poles, and so on. Other quantities must not change, so these columns are not
-        shared.
+        of all poles, and so on. No other quantity shares these columns, as it would change
+        with the sign.
 
         Parameters
         ----------
@@ -430,27 +435,20 @@ class InputColumns:
             By pole, the expressions of the components in the order of `SIGNED_COMPONENTS`.
         """
         first = len(columns.expressions)
-        pole_count = len(parts)
-        # `zip` gives the first component of all poles, then the second, and so on.
-        for component_of_poles in zip(*parts.values(), strict=True):
-            for item in component_of_poles:
-                columns.add_unshared(item)
+        component = 0
+        # The components of a quantity, such as the three of a direction, follow each other.
+        for name, size in SIGNED_COMPONENTS.items():
+            indices_by_pole: dict[Pole, list[int]] = {pole: [] for pole in parts}
+            for _ in range(size):
+                for pole, items in parts.items():
+                    index = columns.add_unshared(items[component])
+                    indices_by_pole[pole].append(index)
+                component += 1
+            self.column_indices[name] |= indices_by_pole
         self.reversible_poles = tuple(parts)
         self._reversible_slice = slice(first, len(columns.expressions))
         # (2, poles) numbers of the first and of the second link of each of these poles.
         self._pole_ends = np.array(self.reversible_poles, dtype=np.intp).reshape(-1, 2).T
-        # (components, poles) index of the column of each component of each pole.
-        component_count = sum(SIGNED_COMPONENTS.values())
-        column_numbers = np.arange(first, first + component_count * pole_count)
-        table = column_numbers.reshape(component_count, pole_count)
-        # The components of a quantity, such as the three of a direction, follow each other.
-        start = 0
-        for name, size in SIGNED_COMPONENTS.items():
-            indices_of_quantity = table[start : start + size]
-            for pole_index, pole in enumerate(parts):
-                indices = indices_of_quantity[:, pole_index]
-                self.column_indices[name][pole] = indices.tolist()
-            start += size
 
     def relative_velocities(
         self, components: Floats, first_components: Floats | None = None

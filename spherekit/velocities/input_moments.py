@@ -158,20 +158,21 @@ class InputMoments:
     ) -> list[Expr]:
         """Return D times the moments that inertia needs at constant rates of the inputs.
 
-        D is the determinant of the velocity equations. For each link, let I be its inertia
-        tensor and y_i be D times its angular velocity while input i moves at unit rate. The
-        link adds two parts to the moment at input i:
+        D is the determinant of the velocity equations. A link has the angular velocity w
+        and the angular acceleration b while all inputs move. Its inertia tensor is I. It
+        needs two moments: I b, and the gyroscopic moment w x h with the angular momentum
+        h = I w. Let y_i be D times the angular velocity of the link while input i moves
+        alone at unit rate. Multiplied by D, the two moments need at input i
 
-        1. y_i . I b, for its angular acceleration b,
-        2. y_i . (w x h), the gyroscopic moment of its angular momentum h = I w.
+            y_i . (I b)   and   y_i . (w x h).
 
-        While all inputs move, its angular velocity is w = sum of s_k y_k, where s_k are the
-        rates of the inputs divided by D. The second part is therefore the sum of s_k g_ik
-        over k, with
+        The angular velocity is a sum over the inputs: w = sum of s_k y_k, where s_k is the
+        rate of input k divided by D. The second term is therefore the sum of s_k g_ik, with
 
-            g_ik = h . (y_i x y_k) = -g_ki.
+            g_ik = y_i . (y_k x h) = h . (y_i x y_k).
 
-        So each pair of inputs needs only one such product.
+        If i and k are exchanged, only the sign changes: g_ki = -g_ik. So each pair of
+        inputs needs only one such product.
 
         Parameters
         ----------
@@ -183,7 +184,7 @@ class InputMoments:
         """
         inputs = range(len(scaled_speeds))
         moments: list[Expr] = [0.0 for _ in inputs]
-        # Sums of g_ik over the links, by (k, i) with k < i.
+        # Sums of g_ik over the links, by the pair of inputs (k, i) with k < i.
         gyroscopic_sums: dict[tuple[int, int], Expr] = dict.fromkeys(
             combinations(inputs, 2), 0.0
         )
@@ -195,6 +196,7 @@ class InputMoments:
             for (k, i), previous_sum in gyroscopic_sums.items():
                 product = link.gyroscopic_product(i, k, momentum)
                 gyroscopic_sums[k, i] = previous_sum + product
+        # Input i gets s_k g_ik, and input k gets s_i g_ki = -s_i g_ik.
         for (k, i), gyroscopic_sum in gyroscopic_sums.items():
             moments[i] = moments[i] + scaled_speeds[k] * gyroscopic_sum
             moments[k] = moments[k] - scaled_speeds[i] * gyroscopic_sum
