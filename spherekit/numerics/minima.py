@@ -63,10 +63,13 @@ def find_local_minima(
         (k,) positions of the minima in rising order, and the values of the function at
         them.
     """
-    # All cells are sampled at `FRACTIONS` of their width, from 0 to 1. The end of a cell is
-    # the start of the next one, so the last fraction is left out.
-    inner = grid[:-1] + np.diff(grid) * FRACTIONS[:-1]  # (fractions, cells)
-    x = np.append(inner.T.ravel(), grid[-1])  # in rising order
+    # All cells are sampled at `FRACTIONS` (fractions, 1) of their width, from 0 to 1. The
+    # end of a cell is the start of the next one, so the last fraction is left out.
+    starts = grid[:-1]
+    widths = np.diff(grid)
+    inner = starts + widths * FRACTIONS[:-1]  # (fractions, cells)
+    # All samples in rising order: cell by cell, and then the end of the range.
+    x = np.append(inner.T.ravel(), grid[-1])
     y = function(x)
     before = y[:-2]
     center = y[1:-1]

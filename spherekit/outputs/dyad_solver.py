@@ -386,14 +386,18 @@ class _GearedMode:
         unit rate, an input has the rate r, the derivative of the input by the angle of the
         pair. Per unit rate of the input, the square is therefore divided by r^2.
 
+        A pose is out of reach if a single entry pair is. So the least quotient counts.
+
         Returns
         -------
-        (n, inputs) at most 0: the least quotient of all entry pairs. It is 0 within reach.
+        (n, inputs) the least quotient of all entry pairs that have an effect on the input,
+        but at most 0. It is 0 within reach.
         """
         entry_squares = self.wheelless_mode.type_1_square  # (n, entry pairs)
         continuation = np.zeros(entry_squares.shape)  # (n, inputs), as many as entry pairs
         for number, derivatives in enumerate(self.kinematics.inverse_ratios):
             for entry_number, derivative_square in enumerate(derivatives**2):
+                # Otherwise the angle of the entry pair has no effect on the input.
                 if derivative_square > 0.0:
                     quotient = entry_squares[:, entry_number] / derivative_square
                     continuation[:, number] = np.minimum(continuation[:, number], quotient)

@@ -549,8 +549,9 @@ class InverseKinematics:
             raise self.no_closed_form("ask for `solutions` row by row")
         pose_array = self._check_poses(poses)
         modes = self._check_modes([signs])
-        # `_place_modes` also serves for mechanisms in which a turn is searched from starts.
-        # None are needed here, so the array of starts is empty.
+        # `_place_modes` also serves for mechanisms in which an equation has to be solved by
+        # Newton's method, with starts. Here none is solved, so the array of starts is
+        # empty.
         no_starts = np.empty((len(pose_array), 0))
         return next(self._place_modes(pose_array, no_starts, modes))
 

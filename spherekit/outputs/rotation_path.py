@@ -365,8 +365,11 @@ class RotationPath:
             The configurations at these angles, compared with the target. They should be the
             nearest ones.
         """
-        rates = deviation.rates(self.axis)  # by theta
+        # First and second derivatives of the variables by theta.
+        rates = deviation.rates(self.axis)
         has_rates = all_finite(rates.first, 1)
+        # If the output link can reach the target (`exact`), the error is its rotation to
+        # the target. Otherwise it is a gradient that is 0 at the nearest configuration.
         is_nearest = deviation.error(self.exact) < NEAREST_TOLERANCE_RAD
         return PathNodes(
             theta=theta,

@@ -489,10 +489,14 @@ class TargetDeviation:
         there by the Gauss-Newton matrix W^T W, which has no negative eigenvalues. The
         columns of W are the angular velocities of the output link in these motions.
         """
+        # `free_output_rates` is W.
         gauss_newton = transpose(self.free_output_rates) @ self.free_output_rates
-        # The scale for the smallest eigenvalue of the stiffness: both matrices are equal if
-        # the link is on its target. The eigenvalues of W^T W are the squares of the
-        # singular values of W.
+        # The eigenvalues of W^T W are the squares of the singular values of W, and
+        # `output_singular_value` is the smallest of these.
+        #
+        # If the link is on its target, both matrices are equal, and so are their smallest
+        # eigenvalues. Elsewhere, that of the stiffness must be at least a part of the
+        # other.
         least_gauss_newton_eigenvalue = self.output_singular_value**2
         is_convex = (
             self.least_eigenvalue > MIN_CONVEXITY_RATIO * least_gauss_newton_eigenvalue

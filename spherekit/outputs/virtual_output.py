@@ -295,12 +295,13 @@ def _make_virtual_frames(direction: Vector) -> tuple[VirtualPairFrames, ...]:
     direction
         Direction of the output in the axes of its link.
     """
-    z_frame = np.eye(3)  # the axes of the link: the pair rotates about z
-    # The pair rotates about the y axis of both links, and its angle counts from their z.
+    # The columns of a frame are three axes in link axes. The last one is the pair axis. The
+    # angle of the pair is counted from the first one.
     x, y, z = np.eye(3)
-    y_frame = np.stack([z, x, y], axis=1)
-    # A frame whose z axis is the direction: Z(azimuth) Y(tilt) Z(0). The last angle sets
-    # the zero of the turn about the direction.
+    z_frame = np.stack([x, y, z], axis=1)  # the pair axis is z
+    y_frame = np.stack([z, x, y], axis=1)  # the pair axis is y
+    # The rotation Z(azimuth) Y(tilt) turns z to the direction, so its last column is the
+    # direction. A further rotation about the direction is not needed: its angle is 0.
     azimuth_and_tilt = azimuth_tilt(np.array([direction]))
     pointing_angles = np.append(azimuth_and_tilt, [[0.0]], axis=1)
     direction_frame = from_euler_zyz(pointing_angles)[0]

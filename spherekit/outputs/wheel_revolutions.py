@@ -175,17 +175,20 @@ def _combine_equivalent_lengths(
 
 
 def _can_be_rolled(gear_phases: GearPhases, lengths: Floats) -> Bools:
-    """Return whether some inputs roll a set of lengths, if wheels mesh as in the file.
+    """Return whether there are inputs at which wheels have rolled certain lengths.
 
     A rolled length is the arc (rad) that one wheel has rolled on another. The lengths are
-    linear functions of the inputs: lengths at a reference plus ratios @ (change of the
-    inputs). A change of the lengths is possible if it is in the range (column space) of the
-    matrix `ratios`: then the projection onto this range does not alter it.
+    linear functions of the inputs: reference lengths plus ratios @ (change of the inputs).
+    The reference lengths are those at one value of the inputs. They say which teeth of the
+    wheels mesh.
+
+    A change of the lengths is possible if it is in the range (column space) of the matrix
+    `ratios`: then the projection onto this range does not alter it.
 
     Parameters
     ----------
     gear_phases
-        The lengths at the reference, and the ratios.
+        The reference lengths, and the ratios.
     lengths
         (n, m) sets of rolled lengths (rad).
 

@@ -303,6 +303,8 @@ class WorkingMode:
             Its arguments.
         """
         quantity = (method.__name__, *arguments)
+        # The dyads whose signs a method reads are known once it has been computed for any
+        # mode. Before that, nothing is stored.
         if not self._is_stored(quantity):
             self._compute_and_store(quantity, method, arguments)
         # The numbers of the dyads whose signs the quantity depends on.
@@ -800,12 +802,13 @@ class WorkingMode:
             return RateFraction(np.zeros((3, 1)), np.ones(1))
         if link == chain.posed_link:
             return RateFraction(vector, np.ones(1))
+        # The pair of the sum above, and the number of the support.
         outer_pair, support = chain.support_of(link)
         if self._is_on_one_axis(outer_pair, normal_pairs, link):
             # The outer pair has the same axis as one of the normal pairs. So its axis is at
             # right angles to the vector, and its rate adds nothing. Only the part of the
-            # support remains. Of the pairs of the support, this outer pair is now known to
-            # be a normal pair.
+            # support remains. In it, the outer pair is passed as a normal pair: the next
+            # outer pair could have the same axis, too.
             return self.angular_velocity_along(vector, support, normal_pairs=[outer_pair])
         support_part = self.angular_velocity_along(vector, support)
         # The rate of a pair is that of its second link relative to its first one.
@@ -881,11 +884,14 @@ class WorkingMode:
         reach and 0 at its limit. This function continues it beyond. It returns 0 where the
         dyad of the input reaches or is unknown.
 
-        A dyad is two links between two others. Let it join the base to the output link, and
-        let t be the triple product of its three axes. Let v be the vector product of the
-        two axes of the link that the input does not drive. If the input has unit rate, the
-        angular velocity w of the output has v . w = t or -t. The length of v is sin(arc)
-        with the arc of this link. So the speed of the output along v is |t| / sin(arc).
+        A dyad is two links between two others, with three pair axes a, b and c. Let it join
+        the base to the output link, and let the input drive the link with the axes a and b.
+        The angular velocity w of the output is the sum of these axes times the rates of
+        their pairs. Let v = b x c, which is perpendicular to b and c. If the input has unit
+        rate, then v . w = v . a = t, with the triple product t of the three axes. The
+        length of v is sin(arc) with the arc of the link that the input does not drive. So
+        the speed of the output along v is |t| / sin(arc). If the input is at c, it is the
+        same with a and c exchanged.
 
         The square of t becomes negative smoothly out of reach. In other dyads the speed is
         not exactly this quotient, but it also becomes 0 where t does. The quotient is used

@@ -261,19 +261,23 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
         or depends on the other inputs, or if a part of the mechanism is rigid.
     """
     inputs = driven_pairs(mechanism)
-    # Check the mobility: with all inputs but the first locked, the first must still move.
+    # Check that there is one degree of freedom for each input, and that the inputs are
+    # independent. They are if, with all inputs but the first locked, no constraint is
+    # redundant and the first input can still move.
+    #
     # The pebble game is an algorithm that counts the degrees of freedom of all parts of a
-    # graph. It is None if redundant constraints make the count useless.
+    # graph. It is None if constraints may be redundant, because the count is then useless.
     _, pebble_game = check_mobility(
         mechanism, driven=inputs, locked=inputs[1:], by_rank=by_rank
     )
+    may_be_redundant = pebble_game is None
     # With all inputs locked, the links that they join are one body.
     body_of_link = merge_locked_links(mechanism, inputs)
     open_pairs = [n for n in range(len(mechanism.pairs)) if n not in inputs]
-    if pebble_game is not None:
-        groups = split_into_groups(mechanism, body_of_link, open_pairs)
-    else:
+    if may_be_redundant:
         groups = _split_with_redundancy(mechanism, body_of_link, open_pairs)
+    else:
+        groups = split_into_groups(mechanism, body_of_link, open_pairs)
     return Assembly(inputs, body_of_link, groups)
 
 
@@ -502,10 +506,14 @@ def _find_smallest_part_with(pebble_game: PebbleGame, body_a: int, body_b: int) 
 
     Notes
     -----
-    No constraint points from a body of the part to a body outside. So constraints within
-    the part have taken all its pebbles but three, and it is rigid. From a smaller part with
-    both bodies, some constraint points to a body outside. It has taken a pebble of the
-    smaller part. The constraints within then have taken too few, and it is not rigid.
+    A part is rigid if the constraints between its own bodies have taken all its pebbles but
+    three.
+
+    - The returned part is rigid: three pebbles are free on body a. Constraints to bodies
+      outside have taken none, because no constraint points from the part to the outside. So
+      the constraints within have taken all others.
+    - A smaller part with both bodies is not rigid: three of its pebbles are free, too, and
+      at least one is taken by a constraint that points to the outside.
     """
     pebble_game.gather_pebbles(body_a, BODY_FREEDOMS)
     return pebble_game.reachable_bodies([body_a, body_b])

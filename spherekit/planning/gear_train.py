@@ -434,15 +434,16 @@ def _fit_contact_to_angles(
     difference: float,
     first_angle_length: float,
 ) -> Floats | None:
-    """Return the lengths that both wheels of a contact with known angles have rolled.
+    """Return where the point of contact of two wheels is on both circles, with turns.
 
-    The angles follow from other contacts. The lengths are known up to whole turns of the
-    wheels. Of all turns that fit to the angles, those with the smallest rolled length are
-    chosen.
+    The positions are arc lengths along the two circles if both wheels have the angle zero.
+    They are known up to whole turns of the wheels. The angles of the wheels follow from
+    other contacts. Of all turns that fit to these angles, those with the smallest rolled
+    length are chosen.
 
-    The lengths are the positions of the point of contact along both circles, at angles of
-    zero. If a wheel with the radius r turns by f relative to its carrier, this point moves
-    back along its circle by sin(r) f. The rolled length is where it is then.
+    If a wheel with the radius r turns by the angle f relative to its carrier, the point of
+    contact moves back along its circle by the length sin(r) f. The rolled length is the
+    position after this movement.
 
     Parameters
     ----------

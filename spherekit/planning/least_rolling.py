@@ -94,9 +94,15 @@ def _find_changes_by_turns(
 ) -> dict[tuple[int, int], Floats]:
     """Return how one turn along each circle changes the rolled lengths of all m contacts.
 
-    The rolled lengths are lengths[:, 0] - first_slopes @ a. Here a are angles with matrix @
-    a = lengths[:, 0] - lengths[:, 1], and `lengths` (m, 2) has the two arc lengths of each
-    contact. A turn adds a circumference to one of them.
+    Two wheels touch at a contact. The array `lengths` (m, 2) has the arc lengths of the
+    contact along both circles if all wheels have the angle 0. Wheels have unknown angles a.
+    By them, the length along the first circle changes to
+
+        rolled lengths = lengths[:, 0] - first_slopes @ a.
+
+    The length along the second circle has to change to the same. This gives the equations
+    matrix @ a = lengths[:, 0] - lengths[:, 1]. A turn adds the circumference of a circle to
+    the length along it.
 
     Circles whose turns change nothing are left out. A circle is also left out if a turn has
     the same or the opposite effect as a turn of an earlier circle. The earlier circle is
@@ -104,8 +110,11 @@ def _find_changes_by_turns(
 
     Parameters
     ----------
-    circumferences, first_slopes
-        See `find_least_rolled_turns`.
+    circumferences
+        (m, 2) circumferences (rad) of both circles of each contact.
+    first_slopes
+        (m, m) by how much the length along the first circle of each contact falls per
+        radian of each angle.
     inverse
         (m, m) inverse of the matrix of the equations for the angles.
 

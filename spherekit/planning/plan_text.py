@@ -156,6 +156,9 @@ def _step_as_dict(plan: Plan, step: Step) -> dict[str, Any]:
         }
     common_entries = {
         "pass": step.pass_number,
+        # For the axis of a pair "primary", or "coaxial" if several pairs share the axis.
+        # For an intersection a letter for the kinds of the two lines: great circles or
+        # contact planes.
         "case": step.case,
         "pole": _pole_as_names(plan, step.pole),
     }

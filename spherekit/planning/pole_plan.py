@@ -128,13 +128,14 @@ class BlockPoles:
     """All poles of an irreducible part with one degree of freedom, solved together.
 
     A pole is the axis of the relative rotation of two bodies. Usually poles follow one by
-    one, each as the intersection of two great circles through known poles. In an
-    irreducible part they do not. They follow from the rates of its pairs, which solve the
-    velocity equations of its loops.
+    one, each as the intersection of two great circles through known poles. A pass is a
+    round of this search: it finds each pole that follows from poles of earlier passes.
 
-    For display only, the plan also shows how other poles would follow one by one if one of
-    them, the opening pole, were known. A pass is a round of this search: it finds each pole
-    at which two great circles through poles of earlier passes intersect.
+    In an irreducible part, poles do not follow one by one. They are computed together, in
+    one pass, from the velocity equations of its loops.
+
+    The other steps here are for display only. They show in which order poles would follow
+    if one of them, the opening pole, were known. These steps have later passes.
 
     Attributes
     ----------
@@ -147,11 +148,11 @@ class BlockPoles:
     method
         How the part is solved, in words.
     opening
-        The opening pole. None if the order of the others was not planned, as for parts with
+        The opening pole. None if there are no steps for display, as for parts with
         redundant constraints.
     steps_from_opening
-        One step for each pole that would follow from the opening pole, in order. The first
-        pass of these steps has the number `pass_number` + 1.
+        The steps for display: one for each pole that would follow from the opening pole, in
+        order. The first pass of these steps has the number `pass_number` + 1.
     """
 
     links: tuple[int, ...]
@@ -164,11 +165,11 @@ class BlockPoles:
 
     @cached_property
     def pass_numbers(self) -> dict[Pole, int]:
-        """The number of the pass that finds each pole of the part.
+        """The number of the pass of each pole of the part, for display.
 
-        The part is solved in the pass `pass_number`. Poles that would follow one by one
-        from the opening pole have the later passes of their steps. The opening pole itself
-        has no step. Some other poles may have none either.
+        A pole that would follow from the opening pole has the pass of its step. Poles
+        without a step have the pass in which the part is solved. The opening pole is one of
+        them.
         """
         pass_by_step = {step.pole: step.pass_number for step in self.steps_from_opening}
         numbers = {}

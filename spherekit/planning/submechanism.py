@@ -142,7 +142,7 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
     A smaller mechanism is solved faster. Names, frames of links, zeros of variables and
     ranges of inputs stay as they are; numbers of links and pairs change. Masses, loads,
     joint limits and outputs stay if all links and pairs to which they refer stay. If
-    nothing can be left out, the mechanism itself is returned.
+    nothing can be left out, or if this cannot be decided, the mechanism itself is returned.
 
     Parameters
     ----------
@@ -154,15 +154,13 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
     Raises
     ------
     PlanError
-        If the number of degrees of freedom is not the number of inputs, an input is a
-        contact, two inputs drive the same degree of freedom, or some links cannot move
-        relative to each other.
+        If an input is a contact, or if no pairs connect some links to the ground.
     """
     try:
         assembly = plan_assembly(mechanism)
     except CountError:
-        # Redundant constraints: counting links and pairs does not show which pairs place
-        # which links, so all of them are needed.
+        # The count of links and pairs does not fit the inputs, as with redundant
+        # constraints. So it does not show which pairs place which links. All are kept.
         return mechanism
     # The ground and the links of the inputs stay, so that all inputs can be driven.
     driven_links: set[int] = set()

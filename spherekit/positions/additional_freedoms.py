@@ -100,12 +100,14 @@ def _choose_directions(motions: Floats) -> Floats:
 
 
 def _close_loops(closure: Closure, points: Floats, rank: int) -> Floats:
-    """Close the loops of nearly closed configurations on a surface by Newton's method.
+    """Close the loops of nearly closed configurations by Newton's method, if possible.
 
-    The closure Jacobian on the surface has a known rank r. Each step is computed with its r
-    largest singular values only (truncated singular value decomposition). The others are
-    zero on the surface and nearly zero beside it, so a division by them would lead far
-    away.
+    The mechanism may have several degrees of freedom. Its closed configurations are then a
+    surface in the space of all variables. The rank r of the closure Jacobian on this
+    surface is the number of variables minus the degrees of freedom. Each step is computed
+    with the r largest singular values only (truncated singular value decomposition). The
+    others are zero on the surface and nearly zero beside it, so a division by them would
+    lead far away.
 
     Parameters
     ----------
@@ -114,7 +116,7 @@ def _close_loops(closure: Closure, points: Floats, rank: int) -> Floats:
     points
         (n, variables) nearly closed configurations (rad).
     rank
-        Rank r of the closure Jacobian on the surface.
+        The rank r.
 
     Returns
     -------

@@ -159,15 +159,20 @@ class UnwrappedStretch:
         (n, angles) whole revolutions. NaN for configurations that are not on this stretch.
         """
         _, highest = self._range_with_slack
+        # The inputs in the period of the curve, and the numbers of periods taken away.
         inputs = self._shift_to_curve(values[:, self.input_variable])
         to_curve = self._compare_with_curve(inputs.remainders, values)
         # The shifted inputs are never below the lowest input of the curve.
         is_on_stretch = inputs.remainders <= highest
         # A larger deviation shows that the configuration belongs to another mode.
         is_on_stretch &= to_curve.deviation < SAME_MODE_TOLERANCE_RAD
-        # `to_curve.revolutions` lead from the given angles to those of the curve. The curve
-        # itself gains revolutions in each whole period of the input. At the reference
-        # input, its angles must be in (-pi, pi], so the revolutions there are subtracted.
+        # The result is a sum of three numbers of revolutions:
+        #
+        # - `to_curve.revolutions` lead from the given angles to those of the curve.
+        # - In each period of the input, the angles gain `winding` revolutions. The inputs
+        #   were shifted by whole periods.
+        # - At the reference input, all angles must be in (-pi, pi]. Those of the curve
+        #   exceed this by `reference_revolutions`, which are subtracted.
         gained_revolutions = inputs.period_counts[:, None] * self.winding
         curve_revolutions = gained_revolutions - self.reference_revolutions
         revolutions = to_curve.revolutions + curve_revolutions
@@ -187,16 +192,18 @@ class UnwrappedStretch:
         """Shift inputs (n,) by whole periods into the range of the followed curve.
 
         After a period of the input the configurations repeat. The shifted inputs are in the
-        period that begins at the lowest input that counts as one of the curve.
+        period that begins at the lowest input that counts as one of the curve. This is a
+        little below the first input of the curve, because a curve can begin a little above
+        a dead centre.
 
-        If the period is infinite, inputs above this lowest input stay the same. An input
-        below it is not on the curve, and cannot be shifted to it. It becomes infinite
-        (`np.mod` of a negative number), and so is beyond the highest input of the curve.
+        The period can be infinite. Inputs below the lowest one are then not on the curve,
+        and become infinite.
         """
         lowest, _ = self._range_with_slack
-        # The curve may begin a little above a dead centre. An input below it by at most the
-        # slack stays there, and is not shifted to the end of the period.
+        # The lowest input is the first input of the curve minus the slack.
         from_lowest = inputs - self.curve.inputs[0] + DEAD_CENTRE_SLACK_RAD
+        # With an infinite period, `np.mod` returns positive numbers unchanged, and infinity
+        # for negative ones.
         return PeriodicInputs(
             period_counts=np.floor(from_lowest / self.period),
             remainders=lowest + np.mod(from_lowest, self.period),
@@ -376,10 +383,9 @@ class AngleUnwrapping:
         ----------
         key
             Number under which `count` stores the curve that it follows for this mode, to
-            use it again in later calls. Each mode, and each piece of a mode that continues
-            through crossings of curves, has its own number.
+            use it again in later calls. Each followed curve has its own number.
         mode
-            The mode.
+            The assembly mode (way to assemble the links).
         q
             Value of the only input (rad).
         requested

@@ -509,10 +509,12 @@ class ArcCurve(Chords):
         at a node can be near both chords that meet there, and then has one projection on
         each.
         """
+        # A variable can grow by a period without a change of the configuration: an angle by
+        # a revolution, an arc length by the circumference of its profile. Whole periods are
+        # left out of the offsets of configurations from the start of their chord.
         projections = self.project(values, self.periods)
         # A configuration is on the curve if it is the point of the curve with the same
-        # projection. Both are compared by their offsets from the start of the chord, which
-        # are free of whole periods.
+        # projection. Both are compared by their offsets from the start of the chord.
         curve_points = self._evaluate_on_chords(
             projections.chords, projections.distances_along
         )

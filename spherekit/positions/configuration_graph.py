@@ -422,8 +422,9 @@ class ConfigurationGraph:
         # At first, each configuration represents itself.
         representative = np.arange(len(sample))
         reliable_signs = np.where(signs.is_regular, signs.sign, 0.0)
-        # All pairs of configurations of one sample, as arrays of indices. Pairs that are
-        # farther apart in the list come later.
+        # All pairs of configurations at the same sample. The first pass of the loop
+        # compares each with the one before it, the next pass with the one before that, and
+        # so on. So each pass overwrites equal configurations by still earlier ones.
         for earlier, later in _pairs_with_equal_keys(sample):
             # The product is 0 if one sign is not reliable.
             has_no_opposite_sign = reliable_signs[earlier] * reliable_signs[later] >= 0.0
@@ -433,7 +434,6 @@ class ConfigurationGraph:
             # variables are arc lengths along profiles.
             differences = wrap(values[earlier] - values[later])[:, self._angles]
             is_same = max_abs(differences, axis=1) < SAME_CONFIGURATION_RAD
-            # Pairs of later passes overwrite this, so the earliest equal one remains.
             representative[later[is_same]] = earlier[is_same]
         # The representative may have an earlier representative itself. Go on to the first.
         while np.any(representative != representative[representative]):
@@ -694,9 +694,9 @@ class ConfigurationGraph:
         A node is a configuration at a sample of the inputs. A piece is a set of joined
         nodes. Two pieces are often side by side at many samples, and a single path is
         enough to join them. So only a few paths are selected from each piece to each block
-        of samples. A block is the samples that differ only in the inputs of later axes. In
-        a grid of two inputs, for example, paths along axis 0 lead from one row of samples
-        to the next, and each row is a block.
+        of samples. In a grid of two inputs, for example, paths along axis 0 lead from one
+        row of samples to the next, and each row is a block. In general, the samples of a
+        block have the same inputs up to the axis of the path, this axis included.
 
         Parameters
         ----------
@@ -719,7 +719,7 @@ class ConfigurationGraph:
         axis = direction // 2
         samples_per_block = int(np.prod(self.input_grid.shape[axis + 1 :], dtype=np.intp))
         block = target // samples_per_block
-        # Number the paths from one piece to one block, and take the first ones.
+        # Number the paths from one piece to one block (0, 1, ...), and take the first ones.
         own_pieces = self._pieces.piece_of_node[starts]
         number_within_piece_and_block = _number_within_groups(own_pieces, block)
         return starts[number_within_piece_and_block < paths_per_piece]

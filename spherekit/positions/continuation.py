@@ -250,6 +250,11 @@ class CurveContinuation(ABC, Generic[Node]):
             (k,) indices of the curves.
         steps
             (k,) lengths of the steps (rad).
+
+        Returns
+        -------
+        Which steps have failed, and the factors (`growth`) by which the next steps are
+        longer.
         """
         # A step starts from the last node of each of the k curves.
         nodes = self.last_nodes.rows(rows)
@@ -266,9 +271,11 @@ class CurveContinuation(ABC, Generic[Node]):
         self.append_nodes(rows[is_taken], tried_steps.nodes.rows(is_taken))
         # A curve that has ended needs no step, so its step has not failed.
         has_ended = self.end_status[rows] != UNFINISHED
+        # The less the Jacobian has changed in a step, the longer the next one may be. A
+        # step that was not taken says nothing about this, so its factor is 1.
+        growth = self._choose_growth(tried_steps.changes)
         return StepOutcome(
-            has_failed=~is_taken & ~has_ended,
-            growth=np.where(is_taken, self._choose_growth(tried_steps.changes), 1.0),
+            has_failed=~is_taken & ~has_ended, growth=np.where(is_taken, growth, 1.0)
         )
 
     def _close_laps(

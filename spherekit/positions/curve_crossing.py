@@ -293,12 +293,16 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
     # linearisation, for each variable.
     count = len(values)
     linearisation = closure.linearise(np.tile(values, (count, 1)))
-    # J consists of the velocity vectors of the variables (for an R pair, its axis). The
-    # rate of a vector follows from the angular velocities of both bodies of its pair.
+    # J consists of the velocity vectors of the variables (for an R pair, its axis). A
+    # vector can turn with either body of its pair. So its rate follows from the angular
+    # velocities of both bodies.
+    #
+    # Along the tree of pairs, `body_rates` gives each body one angular velocity. Each loop
+    # is closed by a pair that is not in the tree. While the loop opens, the second body of
+    # this pair moves otherwise than the pair tells. But J is about the motion that the pair
+    # tells. So the angular velocities of second bodies are computed from those of the first
+    # bodies and from the pairs.
     first_rates = linearisation.body_rates(np.eye(count))[:, closure.tree.first_bodies]
-    # `body_rates` returns one angular velocity for each body. At a pair where a loop opens,
-    # this is not the one that the pair gives its second body. So the angular velocities of
-    # the second bodies are computed from the first bodies and the pairs.
     second_rates = _rates_of_second_bodies(linearisation, first_rates)
     vector_rates = linearisation.vector_rates_of_pairs(first_rates, second_rates)
     # The elements of J are these vectors with constant signs, so their rates are the rates

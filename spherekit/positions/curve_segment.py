@@ -87,13 +87,14 @@ def interpolate_between(
     """Interpolate n curves between two points each, by polynomials of degree 5.
 
     The polynomials have the position and the first two derivatives at both ends (quintic
-    Hermite interpolation). Their parameter is the projection on the chord, which is the
+    Hermite interpolation). Their parameter u is the projection on the chord, which is the
     straight line from start to stop.
 
     Parameters
     ----------
     starts, stops
-        n points each, with tangents and second derivatives.
+        n points each, with variables v (`values`) and their derivatives by the arc length s
+        of the curve: `tangents` dv/ds and `bends` d2v/ds2.
     fractions
         (n,) projections on the chords, 0 at the start and 1 at the stop.
 
@@ -107,10 +108,10 @@ def interpolate_between(
 
     def end_values(points: CurvePoints) -> tuple[Floats, Floats, Floats]:
         """Return the variables, and their first two derivatives by the projection u."""
-        # du/ds and d2u/ds2, by which the chain rule converts derivatives by s: v' = t /
-        # (du/ds) and v'' = (dt/ds - v' d2u/ds2) / (du/ds)^2.
-        speed = np.vecdot(points.tangents, directions)[:, None]
-        acceleration = np.vecdot(points.bends, directions)[:, None]
+        speed = np.vecdot(points.tangents, directions)[:, None]  # du/ds
+        acceleration = np.vecdot(points.bends, directions)[:, None]  # d2u/ds2
+        # The chain rule: dv/ds = v' du/ds and d2v/ds2 = v'' (du/ds)^2 + v' d2u/ds2, where
+        # v' and v'' are the derivatives by u.
         first = points.tangents / speed
         second = (points.bends - first * acceleration) / speed**2
         return points.values, first, second

@@ -53,9 +53,13 @@ def decimal_frames(mechanism: Mechanism) -> dict[int, Frames]:
     document = parse(canonical_text(mechanism, "deg"), mechanism.name)
     geometry = mechanism.geometry
     if isinstance(geometry, PoseGeometry):
+        # The file has the axes of all pairs in one configuration, the reference pose. The
+        # "value" of a pair is its angle in this pose.
         angles_in_pose = _read_pair_angles(document, "value")
         frames_by_name = _frames_from_pose(geometry.axes, angles_in_pose)
     else:
+        # The file has the sizes of each link, which are angles between its pair axes. The
+        # "zero" of a pair is an angle that moves the zero of its variable.
         axes_by_link = {
             link: _read_link_axes(sizes, document.data["links"][link])
             for link, sizes in geometry.links.items()

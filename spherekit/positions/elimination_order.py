@@ -183,9 +183,10 @@ def _list_orders(
     """List the sequences of angles and equations for one choice of removed links.
 
     The removed links have two pairs each. Each gives an equation between the angles of the
-    other bodies, which form a tree. The angles are eliminated one by one, from the last to
-    the second. For the last angle, the last two equations are combined into one without
-    this angle. Some sequences may be impossible to solve.
+    pairs of the other bodies, which form a tree. There are as many equations as angles. The
+    angles are eliminated one by one, from the last to the second, until one equation for
+    the first angle remains. The first step combines the last two equations into one without
+    the last angle. Some sequences may be impossible to solve.
 
     Parameters
     ----------
@@ -204,8 +205,8 @@ def _list_orders(
     }
     for ordered_pairs in permutations(tree_pairs):
         for ordered_links in permutations(removed_links):
-            # The last two equations are combined, so their order does not matter. Only the
-            # one with rising numbers of the bodies is listed.
+            # The order of the last two equations does not matter, as they are combined.
+            # Only the one with rising numbers of the bodies is listed.
             last_bodies = [link.body for link in ordered_links[-2:]]
             if last_bodies == sorted(last_bodies):
                 yield EliminationOrder(

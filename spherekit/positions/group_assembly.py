@@ -420,7 +420,8 @@ def place_train_bodies(
         The train: bodies that R pairs and rolling contacts join.
     body_from_link
         Rotations (..., 3, 3) from the axes of each link to those of its body. The index or
-        key is the number of the link. They are real, or complex for complex assembly modes.
+        key is the number of the link. Some callers also need solutions of the loop
+        equations with complex angles. The rotations are then complex matrices.
     ends
         Numbers of the two links of each pair of the mechanism. (In `group.ends` they are
         positions of bodies instead.)
@@ -434,8 +435,9 @@ def place_train_bodies(
     The rotation (..., 3, 3) from the axes of each body of the group to those of its first
     body.
     """
-    # Each path is a pair (by its position in the group), a body that is placed already, and
-    # the body that the pair places.
+    # The bodies are placed one after another, from the first one. In each step a pair (by
+    # its position in the group) leads from the parent, a body that is placed already, to
+    # the child.
     rotations: dict[int, Array] = {0: np.eye(3)}
     for position, parent, child in find_train_paths(group, angles):
         pair = group.pairs[position]
@@ -447,8 +449,11 @@ def place_train_bodies(
         second_frame = body_from_link[second_link] @ joint.second
         first_from_second = first_frame @ about_z(angles[pair])
         first_from_second = first_from_second @ transpose(second_frame)
+        # The pair can lead from the parent to the child, or the other way round.
         is_forward = group.ends[position][0] == parent
-        rotations[child] = rotations[parent] @ (
-            first_from_second if is_forward else transpose(first_from_second)
-        )
+        if is_forward:
+            parent_from_child = first_from_second
+        else:
+            parent_from_child = transpose(first_from_second)
+        rotations[child] = rotations[parent] @ parent_from_child
     return [rotations[body] for body in range(len(group.bodies))]

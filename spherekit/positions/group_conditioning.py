@@ -85,11 +85,12 @@ class VectorSpread(NamedTuple):
     Attributes
     ----------
     direction
-        (n, 3, 1) unit vector with the largest sum of squared components of the vectors.
+        (n, 3, 1) unit vector along which the size of the vectors is largest. The size along
+        a direction is the root of the sum of their squared components.
     size_along
-        (n,) root of the sum of squared components along this direction.
+        (n,) size along this direction.
     size_across
-        (n,) the same for the direction at a right angle to it in which it is largest.
+        (n,) largest size along any direction at a right angle to this direction.
     """
 
     direction: Floats

@@ -96,8 +96,8 @@ def find_group_configurations(
         How they were found, with a number that says how likely one is missing.
     """
     # Elimination solves polynomials, whose roots are all configurations of the group,
-    # complex ones included. `problem` is the check that failed, so that a real one may be
-    # missing. It is empty if all checks succeeded.
+    # complex ones included. `problem` is the check that failed, so that a real
+    # configuration may be missing. It is empty if all checks succeeded.
     if not has_elimination(group):
         distinct = DistinctConfigurations(closure)
         description = RANDOM_SEARCH.description
@@ -124,8 +124,9 @@ def find_group_configurations(
     if distinct.is_truncated or len(distinct.values) >= MAX_MODES:
         description += f"; the first {len(distinct.values)} are kept, and there may be more"
     configurations = sorted(distinct.values, key=mode_sort_key)
-    # A missed configuration is one to which few random starts lead. The doubt is the
-    # largest share of starts that may lead to it.
+    # A configuration is easily missed if few of the random starts lead to it. The doubt is
+    # a share of all starts. A configuration to which a larger share leads was almost
+    # certainly found.
     return configurations, SolutionMethod(description, statistics.missed_share)
 
 

@@ -282,11 +282,11 @@ def _with_crossings(
 ) -> InputTurningPoints:
     """Return the turning points with doubtful intervals replaced by the crossings in them.
 
-    Assembly modes are curves of configurations over the input. Where two modes meet, a
-    function of the input is zero. At a turning point both modes end, and the function
-    changes its sign. At a crossing both continue, and the function only touches zero. With
-    rounding errors this looks like two zeros or none, so the interval is doubtful until the
-    crossing is computed.
+    Assembly modes are curves of configurations over the input. The turning points were
+    found from functions of the input that are zero where two modes meet. At a turning point
+    both modes end, and such a function changes its sign. At a crossing both continue, and
+    the function only touches zero. With rounding errors this looks like two zeros or none,
+    so the interval is doubtful until the crossing is computed.
 
     Parameters
     ----------

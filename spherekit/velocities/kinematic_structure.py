@@ -248,8 +248,9 @@ def _vector_about_circle(side: ProfileSide, link: int, sign: float) -> dict[int,
     """Return the vector of the arc length along one circular profile of a sliding contact.
 
     The vector is the angular velocity of the second link relative to the first per unit of
-    arc length. As the arc length grows, the tangent and the normal at the contact turn
-    about the centre of the circle. So the vector is along this axis.
+    arc length. As the arc length grows, the contact moves along the circle. The other link
+    moves with the contact, so it turns about the axis through the centre of the circle, as
+    seen from the link with the circle. The vector is along this axis.
 
     Parameters
     ----------
@@ -258,7 +259,8 @@ def _vector_about_circle(side: ProfileSide, link: int, sign: float) -> dict[int,
     link
         Number of the link of the profile.
     sign
-        1.0 for the profile of the first link, -1.0 for that of the second.
+        1.0 for the profile of the first link: the second link turns. -1.0 for that of the
+        second link: the first link turns, so the vector has the opposite sign.
 
     Returns
     -------

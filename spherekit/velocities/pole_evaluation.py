@@ -87,8 +87,9 @@ def evaluate(
         apply_continuous_signs(
             field, motion, request, sign_continuation or SignContinuation()
         )
-    # A run reports how many rows the equations gave, and counts the rows with this flag. On
-    # the route "equations" these are all rows, although none is in quad precision.
+    # For its report, a run counts the rows in which the velocity equations replaced the
+    # kernel. It counts the rows with this flag. On the route "equations" it has to count
+    # all rows, so the flag is set, although no row is in quad precision.
     if route == "equations":
         field.is_quad_precision[:] = True
     return field
@@ -373,8 +374,9 @@ def make_certified_field(
         pole_status=dict.fromkeys(computed_poles, motion.status),
         is_quad_precision=np.zeros(n, dtype=bool),
         is_certified=np.ones(n, dtype=bool),
-        # Rows near a dead centre can be computed from the decimal numbers of the file. Rows
-        # that are certified do not need this.
+        # Near a dead centre, the rounding of sizes to float64 can spoil the results. Rows
+        # there are computed from the decimal numbers of the file instead. Certified rows
+        # are accurate without this.
         is_decimal=np.zeros(n, dtype=bool),
         # The bound is not computed for certified rows, whose errors are below fixed limits.
         relative_error_bound=np.zeros(n),

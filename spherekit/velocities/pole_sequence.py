@@ -265,6 +265,9 @@ class PlannedPoles:
         They are computed from the directions of poles (axes of relative rotations), without
         velocity equations. A body is a set of links that move together.
 
+        The input turns a body b relative to a body a. The velocities of all bodies are
+        first computed relative to body a. The velocity of the ground is then subtracted.
+
         Parameters
         ----------
         bodies
@@ -275,23 +278,25 @@ class PlannedPoles:
         w
             (3, n) angular velocity of each body relative to the ground, in ground axes.
         error
-            (n,) the largest error bound of all bodies, for velocities relative to the first
-            body of the input. It is divided by the size of the velocity. If nothing is
-            known, it is `MAX_DIRECTION_ERROR_RAD`.
+            (n,) the largest error bound of the velocities relative to body a, each divided
+            by the size of its velocity. If nothing is known, it is
+            `MAX_DIRECTION_ERROR_RAD`.
         """
         a, b = self.plan.ends[self.plan.input]
         input_axis = self.directions[pole_of(a, b)]
-        # By body, angular velocities relative to body a. The input moves body b.
-        w = {a: np.zeros_like(input_axis), b: input_axis}
+        # By body, angular velocities relative to body a.
+        velocity_from_a = {a: np.zeros_like(input_axis), b: input_axis}
         error = np.zeros(len(self.motion))
         for body in set(bodies) - {a, b}:
-            w[body], body_error = self._velocity_by_poles(a, b, body)
+            velocity_from_a[body], body_error = self._velocity_by_poles(a, b, body)
             error = np.maximum(error, body_error)
         error = np.nan_to_num(
             error, nan=MAX_DIRECTION_ERROR_RAD, posinf=MAX_DIRECTION_ERROR_RAD
         )
-        # Convert to velocities relative to the ground, body 0.
-        return {body: rates - w[0] for body, rates in w.items()}, error
+        # The ground is body 0.
+        ground_velocity = velocity_from_a[0]
+        w = {body: velocity - ground_velocity for body, velocity in velocity_from_a.items()}
+        return w, error
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def _velocity_by_poles(self, a: int, b: int, k: int) -> tuple[Floats, Floats]:

@@ -119,7 +119,8 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
     )
     # Because sizes are rounded to float64, the loops of the exact mechanism are open by
     # tiny angles. `opening_changes` says by how much each column changes per unit of these
-    # angles. The product with the angles bounds the error of the column.
+    # angles. The inverse gives the movements of the variables that close the loops, and
+    # the columns are differentiated along these movements.
     opening_changes = _sum_opening_changes(kernel, x.astype(float), inverse)
     return QuadPrecisionRows(columns, bounds, opening_changes, is_closed)
 
@@ -200,12 +201,15 @@ def _sum_opening_changes(kernel: RowKernel, values: Floats, inverse: Floats) -> 
     # time as with `BATCH_ROWS` rows.
     directions_per_call = max(1, BATCH_ROWS // max(count, 1))
     for start in range(0, direction_count, directions_per_call):
-        # All n configurations are repeated for each direction of this call. The movements
-        # (variables, directions, n) get the same order below.
+        # (passive variables, directions of this call, n)
         movements = inverse[:, start : start + directions_per_call]
+        # Each direction needs its own copy of all n configurations. The copies follow each
+        # other: all configurations for the first direction, then all for the second, and so
+        # on. The movements are put in the same order.
         repeated = np.tile(values, movements.shape[1])
+        movements_in_order = movements.reshape(len(passive), -1)
         stepped = repeated.astype(complex)
-        stepped.imag[passive] = COMPLEX_STEP_RAD * movements.reshape(len(passive), -1)
+        stepped.imag[passive] = COMPLEX_STEP_RAD * movements_in_order
         # Profiles (contact curves) that are series cannot be evaluated at complex numbers.
         # They are evaluated at the real configurations and extrapolated linearly by the
         # step.

@@ -278,7 +278,9 @@ class RowExpressions(VelocityEquations):
                 for pair, offset in offsets.items()
             )
             loop_offsets.append(offset_sum)
-        # Each row of `inverse` is an array (loops, 3), in the order of the offsets.
+        # `inverse` is the inverse of the loop equations. For each variable it has an array
+        # (loops, 3): the rate of the variable per unit offset of each loop along x, y and
+        # z. For inputs it is zero.
         flat_offsets = np.ravel(loop_offsets)
         return [dot(row.flat, flat_offsets) for row in self.inverse]
 
@@ -288,9 +290,10 @@ def curvature_uncertainties(rows: RowExpressions) -> list[Expr]:
 
     Two profiles (contact curves) of equal curvature fit into each other, and then do not
     determine their relative motion. The number is 2 `EQUAL_CURVATURE` / (k1 - k2), with the
-    curvatures k1 and k2 of the first and the second profile. Both are positive if the
-    profile is curved towards the side of the first link. The number is NaN if k2 exceeds
-    k1, because the links then overlap.
+    curvatures k1 and k2 of the first and the second profile. A curvature is positive if the
+    profile is curved towards the first link. So k1 is positive if the first link is convex,
+    and k2 if the second link is hollow. If k2 exceeds k1, the hollow is too narrow for the
+    first link, and the links overlap. The number is then NaN.
 
     If the number exceeds 1, the row (configuration) is computed again more exactly. The row
     counts as undetermined if k1 - k2 is below `EQUAL_CURVATURE`; the factor 2 is a margin.

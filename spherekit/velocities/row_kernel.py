@@ -362,7 +362,7 @@ class RowKernel:
 
         A row is certified if its loops are closed up to rounding and the sum of its
         uncertainties is at most 1. An uncertainty is a condition number or an error bound,
-        relative to the largest allowed one.
+        relative to the largest allowed one. If the sum is at most 1, so is each of them.
 
         Parameters
         ----------
@@ -382,19 +382,23 @@ class RowKernel:
             # "not <=" is also true for NaN.
             if not outputs.kantorovich_number <= MAX_KANTOROVICH_NUMBER:
                 return None
-            if outputs.residual <= self.closure_rounding_rad:
-                if not outputs.uncertainty_sum <= 1.0:
+            is_closed = outputs.residual <= self.closure_rounding_rad
+            if not is_closed:
+                # With a closed form, the arguments are inputs and signs, which Newton's
+                # method cannot improve.
+                if self.has_closed_form:
                     return None
-                # With a closed form, the outputs contain the variables. Otherwise they
-                # contain those after a further Newton step, so the arguments are returned.
-                variables = outputs.variables if self.has_closed_form else values
-                return EvaluatedRow(
-                    variables, outputs.residual, outputs.axis_sum, outputs.columns
-                )
-            # The loops are open. Newton's method cannot change inputs and signs.
-            if self.has_closed_form:
+                # Try again with the variables after a step of Newton's method.
+                values = outputs.variables
+                continue
+            if not outputs.uncertainty_sum <= 1.0:
                 return None
-            values = outputs.variables
+            # The variables of the closed configuration. Without a closed form, these are
+            # the arguments, because `outputs.variables` are those after a further step.
+            variables = outputs.variables if self.has_closed_form else values
+            return EvaluatedRow(
+                variables, outputs.residual, outputs.axis_sum, outputs.columns
+            )
         return None
 
     def _make_function(
@@ -512,10 +516,10 @@ class RowKernel:
 
         - ``"condition_number"`` of the loop equations.
         - ``"kantorovich_number"``: if it is at most 1/2, exactly one solution is near.
-        - ``"curvature_uncertainty"``: exceeds 1 if two profiles (contact curves) that
-          touch each other have nearly the same curvature. They then hardly determine their
-          motion. It is the sum of a positive number for each contact. If the sum is at most
-          1, so is each number.
+        - ``"curvature_uncertainty"``: if two profiles (contact curves) touch each other and
+          have nearly the same curvature, they hardly determine their motion. Each contact
+          has a positive number that then exceeds 1. This is the sum of these numbers. If
+          the sum is at most 1, no contact is doubtful.
         - ``"inverse"``: movement of each passive variable (not an input) per unit opening
           of each loop about each ground axis, (passive variables, loops, 3), flattened.
         - ``"dw_error"``: error bound of dw, the derivatives of the angular velocities of
@@ -580,8 +584,8 @@ def row_kernel(
         (request.plan.input, request.poles, sorted(request.links)) for request in requests
     ]
     key = repr(("rows", quantities, pivots, engine))
-    # The order was chosen by numbers. An exact expression of a divisor can still be zero.
-    # Then there is no kernel.
+    # If a divisor in the expressions is exactly zero, `RowKernel` raises this error, and
+    # there is no kernel.
     with suppress(ZeroDivisionError):
         return FUNCTION_CACHE.get(
             motion.mechanism, key, lambda: RowKernel(motion, requests, pivots, engine)
@@ -612,7 +616,8 @@ def choose_order(motion: Motion) -> EliminationOrder | None:
         candidates = np.flatnonzero(~motion.failed)
     if not len(candidates):
         return None
-    # At most `REFERENCES` of the candidates, evenly spread.
+    # The order is chosen for some of the candidates, the references. They are at most
+    # `REFERENCES` rows, evenly spread.
     spread = np.unique(np.linspace(0, len(candidates) - 1, REFERENCES).astype(int))
     references = candidates[spread]
     orders_with_rows = assign_elimination_orders(
@@ -620,7 +625,7 @@ def choose_order(motion: Motion) -> EliminationOrder | None:
     )
     if not orders_with_rows:
         return None
-    # The order with the most rows. Of several, `max` returns the first, which was searched
-    # for all rows. Later ones were searched only for the rows that remained.
+    # Each order comes with the references that are assigned to it. The order with the most
+    # references is returned, or the first of several with equally many.
     order, _ = max(orders_with_rows, key=lambda order_and_rows: len(order_and_rows[1]))
     return order

@@ -237,9 +237,9 @@ class RowVelocities:
 
         A pole is the axis of the relative rotation of two links. So far, the velocity
         equations gave the angular velocities. The plan of the poles is another method:
-        poles are intersections of great circles, one after another. It gives no
-        derivatives, so the derivatives of the angular velocities remain those of the
-        equations.
+        poles are intersections of great circles, one after another. Users can choose this
+        method to compare the results. It gives no derivatives, so the derivatives of the
+        angular velocities remain those of the equations.
 
         The error bounds of the equations do not apply to the plan. So this changes, in
         place:
@@ -331,6 +331,8 @@ class RowVelocities:
         doubtful_rows = np.flatnonzero(~is_good & ~self.motion.failed)
         if not len(doubtful_rows):
             return []
+        # The least condition number that any order can give in each of these rows. It is
+        # infinite in singular configurations, where no order helps.
         least_numbers = self._least_condition_numbers(doubtful_rows)
         has_good_order = condition_numbers[doubtful_rows] <= (
             MAX_AMPLIFICATION * least_numbers
@@ -651,7 +653,8 @@ class RowVelocities:
                 continue
             errors_of_axis = self._errors_of_common_axis(links)
             # The direction error is the angle by which the rounded axes can differ. It is
-            # kept, because it is also an error of directions that are computed otherwise.
+            # kept for later. Where the velocity equations leave directions open, these are
+            # computed as intersections of great circles, and have this error, too.
             self.axis_separations[links] = errors_of_axis["direction_error"]
             for name, error in errors_of_axis.items():
                 errors[name] += error
@@ -665,10 +668,11 @@ class RowVelocities:
         derivative dv with respect to the input. The direction of the pole is u = v / |v|.
         The error bounds are:
 
-        - of v and dv: the angle times the sum of the sizes of all terms,
-        - of u: error(v) / |v|,
-        - of the velocity coefficient v . u = |v|: error(v),
-        - of the acceleration coefficient dv . u: error(dv) + error(u) |dv|,
+        - of v and dv: the angle times the sum of the sizes of the terms. The sums over all
+          pairs of the mechanism are used, which are at least as large.
+        - of u: error(v) / |v|.
+        - of the velocity coefficient v . u = |v|: error(v).
+        - of the acceleration coefficient dv . u: error(dv) + error(u) |dv|.
         - of the derivative of u, (dv - (dv . u) u) / |v|:
           (error(dv) + 2 error(u) |dv|) / |v|. One error(u) is for u, the other for |v|.
 
@@ -685,7 +689,7 @@ class RowVelocities:
         dv_size = norm_columns(self.relative_velocity_derivative(links))
         v_error = SAME_AXIS_SINE * self._bound("rate_size")
         dv_error = SAME_AXIS_SINE * self._bound("acceleration_size")
-        u_error = self._separation_of_axes(links)
+        u_error = self._separation_of_axes(links)  # v_error / v_size
         acceleration_coefficient_error = dv_error + u_error * dv_size
         direction_dq_error = (acceleration_coefficient_error + u_error * dv_size) / v_size
         return {
@@ -741,11 +745,11 @@ def _is_certainly_at_rest(
     v_size, dv_size
         (n,) lengths of v and dv.
     """
-    # The coefficients are the components of v and dv along the pole. Their error bounds are
-    # also bounds for the vectors.
+    # These are bounds for the components of v and dv along any axis, so also for their
+    # lengths.
     v_error = errors["velocity_coefficient_error"]
     dv_error = errors["acceleration_coefficient_error"]
     is_zero = (v_size <= v_error) & (dv_size <= dv_error)
-    # Links with large error bounds could still move. `v_error` is a part of `dv_error`, so
-    # both are small if `dv_error` is.
+    # Links with large error bounds could still move, so the bounds have to be small, too.
+    # `dv_error` is a sum that includes `v_error`, so only `dv_error` is tested.
     return np.asarray(is_zero & (dv_error <= NO_MOTION))

@@ -216,11 +216,12 @@ class PassiveEquations:
     pair allows are described along orthonormal vectors, one for each of its variables. x
     are the rates along these vectors.
 
-    A loop has a coefficient for each pair: 1 or -1 if the loop passes the pair, otherwise
-    0. The equations are linear combinations of those of the loops. They are chosen such
-    that their rows of coefficients are orthonormal, too. The singular values of J are then
-    between 0 and 1. They do not depend on the units of the variables or on the choice of
-    the loops.
+    The equation of a loop says that the angular velocities of its pairs add up to zero. In
+    this sum, a pair has the coefficient 1 or -1 if the loop passes it, otherwise 0. So the
+    coefficients of a loop are a vector with an entry for each pair. The loops are replaced
+    by linear combinations whose vectors of coefficients are orthonormal. The singular
+    values of J are then between 0 and 1. They do not depend on the units of the variables
+    or on the choice of the loops.
 
     Attributes
     ----------
@@ -228,8 +229,8 @@ class PassiveEquations:
         (n, 3, passive) the orthonormal vectors, one for each passive variable.
     matrix
         (n, 3 loops, passive) the matrix J. Its rows are the three components of the first
-        equation, then those of the second, and so on. J x are sums of angular velocities
-        around loops. If a sum is not 0, loops open.
+        combination of loops, then those of the second, and so on. If J x is not 0, loops
+        open.
     """
 
     unit_vectors: Floats

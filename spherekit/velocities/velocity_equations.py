@@ -212,7 +212,9 @@ class VelocityEquations(ABC):
         pair_accelerations
             (3,) derivative of the relative angular velocity of each pair.
         """
-        # da_v x_v of each variable: the derivative of its vector by time, times its rate.
+        # da_v x_v of each variable. The vector a_v turns with its link. At a contact, it
+        # also slides on the link in proportion to the rate of the variable. So its
+        # derivative by time depends on the velocity of the link and on the rate.
         vector_derivatives = [
             carried.derivative(w[carried.link], rate) * rate
             for carried, rate in zip(self.carried, rates, strict=True)

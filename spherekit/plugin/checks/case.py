@@ -116,10 +116,11 @@ class ConformanceCase:
         """
         run_plan = self.run_plan
         blocks = map(change_motion, run_plan.source.blocks(block_size))
-        batches = [
-            run_plan.make_batch(self.analysis, change_read_motion(motion), fields, angles)
-            for motion, fields, angles in run_plan.evaluate_blocks(blocks)
-        ]
+        batches: list[Batch] = []
+        # The poles and the angles are evaluated from the motion of each block.
+        for motion, poles, angles in run_plan.evaluate_blocks(blocks):
+            read_motion = change_read_motion(motion)
+            batches.append(run_plan.make_batch(self.analysis, read_motion, poles, angles))
         return batches if self.analysis.reads_samples else batches[:1]
 
     def compute_results(
@@ -181,10 +182,12 @@ class ConformanceCase:
         values[:, variables] = motion.values[:, variables]
         # `placed` are the orientations of the links.
         hidden = replace(motion, placed=rotations, values=values)
-        # Quantities of whole loops need all links and pairs, so they come from the motion
-        # without NaN. They are cached properties, which Python stores in the dictionary of
-        # the object. `rotations` is stored too, because it would be read from
-        # `linearisation`.
+        # The Jacobian (`linearisation`) and its conditioning need all links and pairs. So
+        # those of the motion without NaN are put into the cache of the new motion.
+        #
+        # The property `rotations` reads the orientations from the linearisation. From the
+        # one in the cache it would read all orientations. So the orientations with NaN are
+        # put into the cache, too.
         vars(hidden).update(
             linearisation=motion.linearisation,
             conditioning=motion.conditioning,

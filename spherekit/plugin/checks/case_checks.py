@@ -183,10 +183,11 @@ def _comparable(findings: Findings) -> Any:
 def check_failed_rows(case: ConformanceCase) -> str:
     """Check how an analysis treats a sample without a configuration, a failed row.
 
-    The middle sample fails in a second computation, which is compared with the first one.
-    In the rows of this sample, a number has to be NaN or the same as before. Texts and
-    whole numbers may change, because they have no NaN. All other rows have to stay the
-    same.
+    A row of the motion is one sample in one assembly mode (way to assemble the links). In
+    a second computation one such row fails. The tables are compared with those of the first
+    computation. In the table rows of the failed sample and mode, a number has to be NaN or
+    the same as before. Texts and whole numbers may change, because they have no NaN. All
+    other table rows have to stay the same.
 
     Returns
     -------
@@ -207,6 +208,7 @@ def check_failed_rows(case: ConformanceCase) -> str:
         complete_tables, _ = case.whole_results
         expected = dict(complete_tables[table.name])
         computed = tables[table.name]
+        # The rows of the table with the sample and the assembly mode that failed.
         is_failed = expected[SAMPLE.name] == batch.sample[row]
         is_failed &= expected[ASSEMBLY_MODE.name] == batch.assembly_mode[row]
         # Another number of rows is a fault, which `describe_difference` describes below.
