@@ -185,10 +185,12 @@ class ModeCoalescence:
         # For each group the numbers of the earlier groups on which its determinants depend.
         self._dependences: list[frozenset[int]] = []
         for position in range(len(self.groups)):
-            # The group is solved at a few test inputs. `trial` has the order that was used,
-            # and the determinants at these inputs.
+            # Elimination fails in some orders, so they are tried at a few test inputs.
+            # `trial` has the first order that works, and the determinants at these inputs.
             trial = self._choose_order(position)
             self._orders.append(trial.order)
+            # The group depends on an earlier group if the determinants differ between the
+            # modes of that group.
             dependence = self._find_dependence(position, trial.determinants)
             self._dependences.append(dependence)
         # Estimated time (s) to compute the functions of all groups at one input.

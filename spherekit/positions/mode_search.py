@@ -238,8 +238,10 @@ class ModeSearch:
 
         An assembly mode is one way to assemble the mechanism. The links are placed in
         groups. A dyad (group of two links) closes in two ways. Its sign, 1 or -1, says in
-        which. A mode is a combination of the signs of all groups with which the mechanism
-        closes at some input. The results are stored in attributes:
+        which. A train of wheels has one way only, and the sign 0. A mode is a combination
+        of the signs of all groups with which the mechanism closes at some input.
+
+        The results are stored in attributes:
 
         - `assembly_modes`: the modes.
         - `claim`: how complete they are.
@@ -273,6 +275,7 @@ class ModeSearch:
         # Drop repetitions, but keep the order.
         different_signs = list(dict.fromkeys(all_signs))
         if len(different_signs) > MAX_ASSEMBLY_MODES:
+            # The list of modes is not complete then.
             reason = f"the first {MAX_ASSEMBLY_MODES} modes are kept, and there are more"
             self.claim = Completeness(Guarantee.SAMPLED, reason)
         self.assembly_modes = [

@@ -241,7 +241,8 @@ class ModesOverRange:
         if not self.assembly_modes and has_wheels:
             self._add_modes_on_curve(values[0])
         # `_follow_configurations` has stored the degrees of freedom of the pose, if a group
-        # has redundant constraints.
+        # has redundant constraints. More than one degree is no error here, because a
+        # singular pose has more than other configurations.
         if self._mobilities:
             mobility_of_pose = self._mobilities[0]
             if mobility_of_pose < 1:
@@ -303,6 +304,7 @@ class ModesOverRange:
         """
         if curve is None:
             return False
+        # The whole search ends after a certain number of steps along curves.
         self._steps_along_modes += curve.tried_steps
         low, high = self.input_grid.range
         if curve.inputs[0] > high or curve.inputs[-1] < low:
@@ -327,9 +329,11 @@ class ModesOverRange:
             )
         )
         self._progress.report_if_due(lambda: f"{len(self.assembly_modes)} followed")
-        # `_components` has the number of the component of each mode.
-        new_component = max(self._components, default=-1) + 1
-        self._components.append(new_component if component is None else component)
+        # `_components` has the number of the component of each mode. A new component gets
+        # the next free number.
+        if component is None:
+            component = max(self._components, default=-1) + 1
+        self._components.append(component)
         return True
 
     def _search_all_modes(self) -> Completeness:
@@ -384,7 +388,8 @@ class ModesOverRange:
             # at the middle sample also finds these.
             q = self.input_grid.q
             self._compute_modes_at(q[len(q) // 2][None])
-        # Two texts for users say how likely something was missed.
+        # Two texts for users say how likely something was missed. `Guarantee.SAMPLED` means
+        # that it is possible.
         reason = statistics.describe("components")
         sentence = statistics.sentence(len(self.assembly_modes))
         return Completeness(Guarantee.SAMPLED, reason, sentence=sentence)

@@ -417,12 +417,12 @@ class SampledModes:
     def _assign_solution(self, values: Floats, sample: int) -> int:
         """Return the number of the solution to which a configuration belongs.
 
-        A solution is a set of configurations that were reached from one start. All known
-        configurations are nodes of a graph, and each node belongs to one solution at most.
-        If the given configuration is no node yet, it becomes the start of a new solution:
-        Steps lead to neighbouring samples of the inputs, and from there to further samples.
-        The configurations that are reached, a sheet, are added as nodes. There are at most
-        `MAX_ASSEMBLY_MODES` sheets.
+        A solution is a set of configurations that were reached from one start, or a single
+        one that was computed before. All known configurations are nodes of a graph, and
+        each node belongs to one solution at most. If the given configuration is no node
+        yet, it becomes the start of a new solution: Steps lead to neighbouring samples of
+        the inputs, and from there to further samples. The configurations that are reached,
+        a sheet, are added as nodes. There are at most `MAX_ASSEMBLY_MODES` sheets.
 
         Parameters
         ----------

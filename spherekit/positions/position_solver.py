@@ -289,7 +289,8 @@ class PositionSolver:
 
         A body is a set of links that are rigid relative to each other. The angles of the
         wheels follow from the inputs by gear ratios. These angles give the orientations of
-        all bodies. Newton's method starts there and closes the loops of the train.
+        all bodies. Newton's method starts there and closes the loops of the train, which
+        contain the contacts of the wheels.
 
         Parameters
         ----------
@@ -319,6 +320,8 @@ class PositionSolver:
         )
         # A rotation that is the same at all inputs is repeated for each of them.
         rotations = [np.broadcast_to(rotation, (len(q), 3, 3)) for rotation in rotations]
+        # The variables of the pairs (angles, and lengths that wheels have rolled) at these
+        # orientations.
         start = self._compute_train_variables(
             state, group, rotations=np.stack(rotations, axis=1), q=q
         )

@@ -312,8 +312,10 @@ class GroupLoops:
         n = len(values)
         values = values.copy()
         step_size = np.full(n, np.inf)
+        # Whether a row of variables still takes steps. The rows are independent.
         active = np.ones(n, dtype=bool)
         for _ in range(MAX_QUAD_NEWTON_STEPS):
+            # The residual, and its derivatives by the variables (`jacobian`).
             evaluation = self.evaluate(values)
             inverse = left_inverse(evaluation.jacobian).astype(quad())
             step = -matrix_vector_products(inverse, evaluation.residual)

@@ -266,7 +266,11 @@ def descend_to_closure(
     values = values.copy()
 
     def evaluate_residuals(free_values: Floats, rows: Indices) -> tuple[Floats, Floats]:
-        """Return the closure errors (k, equations) of starts, and their derivatives."""
+        """Return the closure errors (k, equations) of k starts, and their derivatives.
+
+        `rows` (k,) are the numbers of the starts. `free_values` are their present values of
+        the variables that are not fixed.
+        """
         all_values = values[rows]
         all_values[:, free] = free_values
         linearisation = closure.select_rows(rows).linearise(all_values)

@@ -436,6 +436,7 @@ class ArcEquations:
         norms = self._orientation_norms
         bounds = []
         for step in self.construction.equation_steps:
+            # `first` and `second` have the links on the paths of U and W.
             paths = self.construction.parent_paths(step)
             norm_of_U = _multiply_norms(norms, paths.first)
             norm_of_W = _multiply_norms(norms, paths.second)
@@ -459,11 +460,15 @@ class ArcEquations:
         # rotation, and its norm can exceed 1. Each axis is a unit vector, multiplied by the
         # orientations of the links on a path. The norms of these links are known.
         for step in self.construction.equation_steps:
+            # `first` and `second` have the links on the paths of U and W.
             paths = self.construction.parent_paths(step)
+            # A bound of the sine of the arc between the two axes of the link. With a small
+            # sine, a small error of U or W changes the matrix much.
+            arc_sine = self._closing_link_placements[step.link].arc_sine
             norms[step.link] = _bound_closing_link_norm(
                 first_norm=_multiply_norms(norms, paths.first),
                 second_norm=_multiply_norms(norms, paths.second),
-                arc_sine=self._closing_link_placements[step.link].arc_sine,
+                arc_sine=arc_sine,
             )
         return norms
 

@@ -146,7 +146,8 @@ class CertifiedModes:
         An assembly mode (one way to assemble the mechanism) is a real solution of the
         equations. One of three ways can prove that none is missing:
 
-        1. As many complex solutions (modes) are proven as there can be (`is_counted`).
+        1. As many complex solutions (modes) are proven as there can be (`is_counted`). The
+           largest possible number is `mode_bound`.
         2. The equations are divided into small systems, which are solved one after another
            (`systems`). For each, as many solutions are proven as there can be, also those
            at infinity.
@@ -407,8 +408,8 @@ class _RootSearch:
             # (roots, unknowns) complex angles (rad).
             roots = approximate_modes(self.equations, self.circle_points, seed)
             for root in roots:
-                # The conjugate of a root is a root, too. `add_root` ignores roots that are
-                # known.
+                # The conjugate of a root is a root, too. `add_root` tries to prove the root
+                # near the approximation. It ignores roots that are known.
                 for angles in (root.tolist(), root.conj().tolist()):
                     self.add_root(angles)
                     approximations.append(angles)

@@ -574,9 +574,12 @@ class Crossings:
     def is_constant(self, pieces: Sequence[CertifiedArc], variable: int) -> bool:
         """Return whether a variable is proven to be constant along a configuration curve.
 
-        Example: a four-bar whose links have the arcs a, a, b, b. Fold the two links a onto
-        each other, and the two links b, too. Then the folded links a turn together against
-        the links b. The angle between the links a is constant.
+        False only means that nothing is proven.
+
+        Example of a constant variable: a four-bar whose links have the arcs a, a, b, b.
+        Fold the two links a onto each other, and the two links b, too. Then the folded
+        links a turn together against the links b. The angle between the links a is
+        constant.
 
         The proof uses one arc of the curve, the middle one:
 
@@ -596,14 +599,15 @@ class Crossings:
             Number of the variable.
         """
         middle_piece = pieces[len(pieces) // 2]
+        # The loops of four pairs whose arcs are known exactly.
         for loop in self.loops:
             if variable not in loop.variables:
                 continue
+            # A configuration near the arc, on a curve as in step 1. None if there is none.
             configuration = self._find_on_constant_curve(
                 loop, variable, middle_piece.centre
             )
-            # The first loop with such a configuration near the arc decides. False only
-            # means that nothing is proven.
+            # The first loop with such a configuration decides.
             if configuration is not None:
                 return _is_inside_box(configuration, middle_piece)
         return False
@@ -656,8 +660,8 @@ class Crossings:
         1. Let F_i = 0 be the equation of the loop. Reflect the planar loop in its plane:
            small changes of the angles are reversed, but F_i stays the same. So all
            derivatives of F_i are 0.
-        2. F_i is l_i g on the surface. So both slopes of g are 0, too, and the planar
-           configuration is the saddle point.
+        2. F_i is l_i g on the surface, and l_i is not 0. So both slopes of g are 0, too,
+           and the planar configuration is the saddle point.
         3. The configuration is closed, so g = 0 at the saddle point. Two curves g = 0 cross
            at a saddle point.
         """

@@ -131,13 +131,16 @@ class Harmonics:
         # point.
         waves = _evaluate_waves(circle_points, self.max_degree, order)
         for equation, coefficients in enumerate(self.coefficients):
-            # The coefficients have an axis of length 2 m + 1 for each variable. Variables
-            # that do not occur (m = 0) have the length 1, and `squeeze` removes them.
+            # Numbers of the variables that occur in the equation. The degree m of a
+            # variable is the highest multiple of its angle.
             variables = np.flatnonzero(self.degrees[equation])
+            # The coefficients have an axis of length 2 m + 1 for each variable. `squeeze`
+            # removes the axes of length 1, of variables that do not occur.
+            coefficients_that_occur = np.squeeze(coefficients)
             # Values and derivatives of the equation at the points. `sums` has an axis for
             # each variable that occurs. The index on this axis is the order of the
             # derivative by the variable. The points are the last axis.
-            sums = _sum_waves(np.squeeze(coefficients), waves[variables]).real
+            sums = _sum_waves(coefficients_that_occur, waves[variables]).real
             # `_select_derivative` returns the derivative (n,) by the variables with the
             # given positions i and j in `variables`. Without positions it returns the
             # values.

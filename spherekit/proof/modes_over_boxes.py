@@ -592,7 +592,8 @@ def _bound_angle_deviation(
         For each root the linear motion of z over the box. `tube_radius` bounds how far the
         exact root can be from this motion. `displacement` bounds ``|z - z0|`` in the box.
     rates
-        (n, k, inputs) derivatives of the angles by the inputs.
+        (n, k, inputs) derivatives of the k angles by the inputs, computed as complex
+        numbers.
     half_widths
         (n, inputs) half widths (rad) of the box of each root.
 

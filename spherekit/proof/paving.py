@@ -274,7 +274,9 @@ def subdivide(
         # The text is built by a function, only if it is shown.
         progress.report_if_due(lambda: f"{examined_count} boxes")  # noqa: B023
         remaining = examine(batch, examined_count)
-        waiting += [part for part in (postponed, remaining) if part.shape[1]]
+        for part in (postponed, remaining):
+            if part.shape[1]:  # the array contains boxes
+                waiting.append(part)
     return examined_count
 
 

@@ -74,11 +74,11 @@ Larger: less accurate critical points. Smaller: steps that are only rounding are
 class SurfaceDerivatives:
     """First derivatives of a surface of positions near a loss of rank, as balls.
 
-    A ball is a number with a bound of its error. Where the n - 1 equations F(z) = 0 of a
-    mechanism in n variables z lose a rank, small changes of z do not change F in one
-    direction l, a constant vector. So F is made zero only across l, and may have a
-    component g along l: F(z) = g l. If two coordinates u and v of z are given, this
-    determines z and the number g. The points z form a surface. It contains the
+    Balls are numbers with a bound of their error. F(z) = 0 are the n - 1 equations of a
+    mechanism in n variables z. Near a crossing of curves, one component of F hardly changes
+    with z: the component along a constant unit vector l. So only the other components are
+    made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v of
+    z are given, this determines z and g. These points z form a surface. It contains the
     configurations, at g = 0.
 
     Attributes
@@ -105,11 +105,12 @@ class SurfaceDerivatives:
 class SurfaceCurvatures:
     """Second derivatives of the variables z and of the number g by u and v, as balls.
 
-    Balls are numbers with a bound of their error. Where the n - 1 equations F(z) = 0 of a
-    mechanism in n variables z lose a rank, small changes of z do not change F in one
-    direction l, a constant vector. So F is made zero only across l, and may have a
-    component g along l: F(z) = g l. If two coordinates u and v of z are given, this
-    determines z and the number g. The points z form a surface.
+    Balls are numbers with a bound of their error. F(z) = 0 are the n - 1 equations of a
+    mechanism in n variables z. Near a crossing of curves, one component of F hardly changes
+    with z: the component along a constant unit vector l. So only the other components are
+    made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v of
+    z are given, this determines z and g. These points z form a surface. It contains the
+    configurations, at g = 0.
 
     Attributes
     ----------
@@ -132,10 +133,10 @@ class SurfaceCurvatures:
 class ReducedEquation:
     """The reduced equation g(u, v) = 0 about a centre where F' nearly loses a rank.
 
-    F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. At the centre no
-    small change of z changes F in a direction l: l F' = 0, nearly. Therefore only the other
-    components of F are made zero, and two coordinates u = a . z and v = b . z of z are
-    given. The n + 1 equations
+    F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. At the centre one
+    component of F hardly changes with z: the component along a constant unit vector l, so
+    that l F' = 0, nearly. Therefore only the other components of F are made zero, and two
+    coordinates u = a . z and v = b . z of z are given. The n + 1 equations
 
         F(z) = g l,   a . z = u,   b . z = v
 
@@ -163,8 +164,9 @@ class ReducedEquation:
     def split_residual(self, position: Array) -> tuple[Ball, Array]:
         """Split the equations F at a position z: F(z) = g l + residual.
 
-        l is the direction in which no small change of z changes F. A step of Newton's
-        method can remove the residual, which has nearly no component along l, but not g l.
+        l is a constant unit vector (`left_null_vector`). The component g of F along l
+        hardly changes with z. So a step of Newton's method can remove the residual, which
+        has nearly no component along l, but not g l.
 
         Parameters
         ----------
@@ -192,11 +194,11 @@ class ReducedEquation:
     ) -> SurfaceDerivatives:
         """Return the first derivatives of the variables z and of the number g by u and v.
 
-        Near a crossing of curves, the n - 1 equations F(z) = 0 of a mechanism in n
-        variables z hardly change in one direction l: a constant vector,
-        `left_null_vector`. So F is made zero only across l, and may have a component g
-        along l: F(z) = g l. If two coordinates u and v of z are given, this determines z
-        and the number g. The configurations are at g = 0.
+        F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
+        crossing of curves, one component of F hardly changes with z: the component along
+        the constant unit vector l (`left_null_vector`). So only the other components are
+        made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v
+        of z are given, this determines z and g. The configurations are at g = 0.
 
         The given z may satisfy F(z) = g l only approximately. The result also has a step of
         Newton's method (`correction`) from this z to an exact one, with equal u and v.
@@ -228,11 +230,11 @@ class ReducedEquation:
     ) -> tuple[SurfaceDerivatives, SurfaceCurvatures]:
         """Return the first and second derivatives of the variables z and of g by u and v.
 
-        Near a crossing of curves, the n - 1 equations F(z) = 0 of a mechanism in n
-        variables z hardly change in one direction l: a constant vector,
-        `left_null_vector`. So F is made zero only across l, and may have a component g
-        along l: F(z) = g l. If two coordinates u and v of z are given, this determines z
-        and the number g. The configurations are at g = 0.
+        F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
+        crossing of curves, one component of F hardly changes with z: the component along
+        the constant unit vector l (`left_null_vector`). So only the other components are
+        made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v
+        of z are given, this determines z and g. The configurations are at g = 0.
 
         Parameters
         ----------
@@ -263,11 +265,11 @@ class ReducedEquation:
     def _solve_first_order(self, slopes: Array, residual: Array) -> Array:
         """Return a step of Newton's method, and the derivatives of (z, g) by u and v.
 
-        Near a crossing of curves, the n - 1 equations F(z) = 0 of a mechanism in n
-        variables z hardly change in one direction l: a constant vector,
-        `left_null_vector`. So F is made zero only across l, and may have a component g
-        along l: F(z) = g l. If two coordinates u and v of z are given, this determines z
-        and the number g. The configurations are at g = 0.
+        F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
+        crossing of curves, one component of F hardly changes with z: the component along
+        the constant unit vector l (`left_null_vector`). So only the other components are
+        made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v
+        of z are given, this determines z and g. The configurations are at g = 0.
 
         The coordinates are u = a . z and v = b . z, with constant vectors a and b. The step
         and the derivatives (z', g') solve three sets of linear equations:
@@ -297,11 +299,11 @@ class ReducedEquation:
     def _solve_second_order(self, slopes: Array, curvatures: Array, rates: Array) -> Array:
         """Return second derivatives of (z, g) in three directions: Newton's step, u and v.
 
-        Near a crossing of curves, the n - 1 equations F(z) = 0 of a mechanism in n
-        variables z hardly change in one direction l: a constant vector,
-        `left_null_vector`. So F is made zero only across l, and may have a component g
-        along l: F(z) = g l. If two coordinates u and v of z are given, this determines z
-        and the number g. The configurations are at g = 0.
+        F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
+        crossing of curves, one component of F hardly changes with z: the component along
+        the constant unit vector l (`left_null_vector`). So only the other components are
+        made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v
+        of z are given, this determines z and g. The configurations are at g = 0.
 
         The first derivatives z_i of z are known in three directions i: along u, along v,
         and along a step of Newton's method, which corrects an approximate z. The second
@@ -324,7 +326,8 @@ class ReducedEquation:
         (n + 1, 3, 3) balls. The last entry of the first axis belongs to g, the others to z.
         """
         equation_count, variable_count = slopes.shape
-        # (k, 3, 3): equation and two directions, written as 9 right-hand sides.
+        # (k, 3, 3) F''(z_i, z_j). Axes: equation, i, j. The nine pairs of directions are
+        # written side by side, as right sides of the linear equations.
         second_changes = rates.T @ curvatures @ rates
         right_sides = np.zeros((variable_count + 1, 9), object)
         right_sides[:equation_count] = -second_changes.reshape(equation_count, 9)
@@ -335,11 +338,11 @@ class ReducedEquation:
     def _border(self, slopes: Array) -> Array:
         """Return the matrix (n + 1, n + 1) of the linear equations for (z', g').
 
-        Near a crossing of curves, the n - 1 equations F(z) = 0 of a mechanism in n
-        variables z hardly change in one direction l: a constant vector,
-        `left_null_vector`. So F is made zero only across l, and may have a component g
-        along l: F(z) = g l. If two coordinates u and v of z are given, this determines z
-        and the number g. The configurations are at g = 0.
+        F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
+        crossing of curves, one component of F hardly changes with z: the component along
+        the constant unit vector l (`left_null_vector`). So only the other components are
+        made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v
+        of z are given, this determines z and g. The configurations are at g = 0.
 
         The coordinates are u = a . z and v = b . z, with constant vectors a and b. A prime
         at z or g is a derivative by u or v, and F' are the derivatives of F by z. All
@@ -362,11 +365,11 @@ class ReducedEquation:
     def find_critical_point(self, position: Array) -> Array:
         """Return the point near a position where both slopes of g(u, v) are 0.
 
-        Near a crossing of curves, the n - 1 equations F(z) = 0 of a mechanism in n
-        variables z hardly change in one direction l: a constant vector,
-        `left_null_vector`. So F is made zero only across l, and may have a component g
-        along l: F(z) = g l. If two coordinates u and v of z are given, this determines z
-        and the number g. The configurations are at g = 0.
+        F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
+        crossing of curves, one component of F hardly changes with z: the component along
+        the constant unit vector l (`left_null_vector`). So only the other components are
+        made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v
+        of z are given, this determines z and g. The configurations are at g = 0.
 
         So g is a function of u and v. If g is 0 at the point where its slopes are 0, and
         has a saddle there, curves of configurations cross.
@@ -403,11 +406,11 @@ class ReducedEquation:
     def _step_to_critical_point(self, position: Array) -> Array:
         """Return the Newton step of all variables towards F(z) = g l and grad g = 0.
 
-        Near a crossing of curves, the n - 1 equations F(z) = 0 of a mechanism in n
-        variables z hardly change in one direction l: a constant vector,
-        `left_null_vector`. So F is made zero only across l, and may have a component g
-        along l: F(z) = g l. If two coordinates u and v of z are given, this determines z
-        and the number g. The configurations are at g = 0.
+        F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
+        crossing of curves, one component of F hardly changes with z: the component along
+        the constant unit vector l (`left_null_vector`). So only the other components are
+        made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v
+        of z are given, this determines z and g. The configurations are at g = 0.
 
         So g is a function of u and v, with the gradient grad g. All z that satisfy F(z) =
         g l form a surface. The step has two parts, which are added:
@@ -452,11 +455,11 @@ class ReducedEquation:
     ) -> tuple[Ball, Array]:
         """Return g(u, v) and its slopes at the u and v of an approximate position.
 
-        Near a crossing of curves, the n - 1 equations F(z) = 0 of a mechanism in n
-        variables z hardly change in one direction l: a constant vector,
-        `left_null_vector`. So F is made zero only across l, and may have a component g
-        along l: F(z) = g l. If two coordinates u and v of z are given, this determines z
-        and the number g. The configurations are at g = 0.
+        F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
+        crossing of curves, one component of F hardly changes with z: the component along
+        the constant unit vector l (`left_null_vector`). So only the other components are
+        made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v
+        of z are given, this determines z and g. The configurations are at g = 0.
 
         The given z and g satisfy F(z) = g l only approximately. The result encloses the
         exact g, for the same u and v, and its slopes there.

@@ -386,7 +386,8 @@ def _make_saddle(
         Sign of the value of g at the saddle point: 0 if the curves cross, 1 or -1 if they
         miss each other, None if it is not proven.
     gap
-        Upper bound (rad) of the distance between the curves where they miss each other.
+        Upper bound (rad) of the distance between the curves where they miss each other, 0
+        if they cross.
     central_zone
         (variables,) size of the zone in which curves that miss each other bend from one arm
         to another: the largest difference (rad) of each variable from its value at the

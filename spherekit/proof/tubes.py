@@ -421,14 +421,16 @@ class TubeTest:
         inverse = tangent_frame.inverse
         # An equation contains cosines and sines of multiples of the angles. Let d_i be the
         # highest multiple of variable i, its degree. With a constant C, the third
-        # derivative by the variables i, j and l is at most C d_i d_j d_l.
+        # derivative by the variables i, j and l is at most C d_i d_j d_l. Third derivatives
+        # are needed to bound the remainder of Taylor's formula.
         #
         # The derivative along a column t of the frame is the sum of t_i times the
         # derivative by variable i. So d = |t_1| d_1 + |t_2| d_2 + ... is the degree along
         # the column: with it, the same bound holds for derivatives along columns.
         self.third_bound = equations.derivative_bound  # C
         self.degrees = equations.degrees @ np.abs(frame) * ROUND_UP
-        # Bounds of the errors of the computed F, F' and F''.
+        # Numbers E that bound the errors of the computed derivatives: E for F, E d_i for
+        # F', and E d_i d_j for F''.
         self.derivative_error = _bound_derivative_error(equations)
         self.inverse_size = np.abs(inverse)
         # Y F'' along the frame.
@@ -437,7 +439,8 @@ class TubeTest:
         residual_error = self.inverse_size @ self.derivative_error
         self._residual = np.max(np.abs(inverse @ values) + residual_error)
         # (k, v) |Y F' - (0, I)| at the centre, with F' along the frame. (0, I) is a column
-        # of zeros for the tangent, and the identity matrix for the normals.
+        # of zeros for the tangent, and the identity matrix for the normals. The difference
+        # would be 0 with the exact tangent and the exact inverse.
         slopes_along_frame = inverse @ (slopes @ frame)
         slopes_along_frame[:, 1:] -= np.eye(len(inverse))
         self._slope_error = np.abs(slopes_along_frame)
