@@ -229,6 +229,7 @@ class NearestPoseSearch:
                 nearest = candidate
             if gain < MIN_GAIN:
                 break
+            # The candidate is the nearest pose so far.
             starts = self._choose_starts_in_ball(chart, radius=_length(candidate))
         if nearest is None:
             return None
@@ -315,19 +316,19 @@ class NearestPoseSearch:
                 steps[k], largest_multiplier = _compute_sqp_step(
                     v[start], values[k], gradients[k]
                 )
-                # The minimum of the penalty function is that of the problem only if the
-                # penalty exceeds all multipliers. It never decreases.
+                # The merit function has its minimum at the solution of the problem only if
+                # the penalty exceeds all multipliers. The penalty never decreases.
                 penalty[start] = max(penalty[start], 2.0 * largest_multiplier)
 
-            # 2. The best point along each step.
+            # 2. The best point along each step, and the merit there.
             best_points, best_merit = self._search_along_steps(
                 chart, v[active_starts], steps, penalty[active_starts]
             )
             merit_before = _merit(v[active_starts], values, penalty[active_starts])
             has_decreased = best_merit < merit_before
 
-            # 3. A start whose merit does not decrease, or whose step is tiny, has
-            # converged.
+            # 3. Go to the best points that decrease the merit. A start whose merit does not
+            # decrease, or whose step is tiny, has converged and is not improved further.
             length = np.linalg.norm(best_points - v[active_starts], axis=1)
             v[active_starts[has_decreased]] = best_points[has_decreased]
             merit[active_starts] = np.minimum(best_merit, merit_before)

@@ -1004,8 +1004,8 @@ def _eliminate_turn(
     Notes
     -----
     The angular velocity is w = v + k d, where v moves the direction and k is the rate of
-    the turn. The closing link fits if s . w = 0, so k = -(s . v) / (s . d). The rate of the
-    input is then
+    the turn. The closing link still fits if s . w = 0, so k = -(s . v) / (s . d). The
+    numerator of the rate of the input is then
 
         r . w = r . v + k (r . d) = ((s . d) r - (r . d) s) . v / (s . d).
 

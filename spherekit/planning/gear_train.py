@@ -150,9 +150,11 @@ def find_gear_train(
         are_all_determined = bool(np.all(is_determined))
         # Whether the relation of a contact follows from those of others.
         has_repetitions = rank < len(contacts)
-        if are_all_determined and not (has_repetitions and whole):
+        if are_all_determined:
+            if whole and has_repetitions:
+                return None
             return _solve_train(mechanism, list(driven), contacts, relations)
-        if whole or are_all_determined:
+        if whole:
             return None
         # Leave out the contacts whose angles do not follow, and try again.
         contacts = [
@@ -281,8 +283,9 @@ def _solve_train(
     # The relations of all contacts must agree with these ratios.
     if max_abs(follower_factors @ ratios + input_factors) > RELATION_RANK_TOLERANCE:
         return None
-    # The length by which a contact has rolled is a constant less sin(r) f, the length by
-    # which the first wheel has turned. `first_factors` has the factors in sin(r) f.
+    # If the first wheel of a contact has the radius r and turns by f, the length that the
+    # wheels have rolled is a constant less sin(r) f. `first_factors` has the factors of the
+    # pair variables in sin(r) f.
     first_slopes = relations.first_factors[:, followers]
     length_ratios = -(first_slopes @ ratios + relations.first_factors[:, inputs])
     contact_numbers = [contact.mesh.contact for contact in contacts]

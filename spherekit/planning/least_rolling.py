@@ -41,9 +41,11 @@ def find_least_rolled_turns(
     is chosen. If sums are equal, it is the one with the largest length of the first
     contact, then of the second contact, and so on.
 
-    The angles a of the pairs that follow from the inputs are unknown. If they grow, the
-    point of contact moves back along both circles of each contact. Where it is then is the
-    length that the wheels have rolled, and must be equal along both circles:
+    Arc lengths along both circles of a contact are measured from the points that touch if
+    the wheels have not rolled. The arc length to the point of contact is therefore the
+    length that the wheels have rolled, and must be equal along both circles. It depends on
+    the angles a of the pairs that follow from the inputs. If they grow, the point of
+    contact moves back along both circles:
 
         lengths[:, 0] - first_slopes @ a = lengths[:, 1] - second_slopes @ a.
 

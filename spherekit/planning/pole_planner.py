@@ -68,6 +68,7 @@ def plan(
     body_of_link, pebble_game = check_mobility(
         mechanism, driven, locked=locked, by_rank=by_rank
     )
+    # A plan without steps has all that the search for the steps needs.
     empty_plan = Plan(
         mechanism=mechanism,
         input=moving_pair,

@@ -231,6 +231,7 @@ def group_by_circle(
     for coaxial_bodies, _ in coaxial:
         has_body_of_pole = not coaxial_bodies.isdisjoint(pole)
         if has_body_of_pole:
+            # These third bodies turn about one axis with body i or j.
             positions = [k for k, body in enumerate(bodies) if body in coaxial_bodies]
             equal_couples += pairwise(positions)
     # Bodies that are connected by such couples, directly or through others, are a group.
@@ -335,7 +336,8 @@ def _choose_opening(
     def most_poles_first(opened_block: BlockPoles) -> tuple[int, int]:
         """Return a sort key: parts with the most found poles first, then by fewest passes.
 
-        Each step gives one pole. Passes are numbered from the same number on.
+        Each step gives one pole. All parts count their passes from the same number on. So
+        the part with the smallest last number has the fewest passes.
         """
         found_count = len(opened_block.steps_from_opening)
         return -found_count, opened_block.last_pass_number

@@ -161,41 +161,22 @@ class Chords:
         The m pairs of a configuration and a chord near it. Configurations that are near no
         chord do not occur.
         """
-        half_chords = 0.5 * np.diff(self.nodes.values, axis=0)
-        middles = self.nodes.values[:-1] + half_chords
         # Configurations are compared with all chords, in blocks to limit the memory. Each
-        # list has one array of the result for each block: the indices of configurations and
-        # of chords near them, and the offsets from the starts of these chords.
+        # list has one array of the result for each block.
         configurations = []
         chords = []
         offsets = []
         # At least one block, so that there are arrays to join.
         for first in range(0, max(len(values), 1), CONFIGURATIONS_PER_BLOCK):
             block = values[first : first + CONFIGURATIONS_PER_BLOCK]
-            # Differences of the configurations from all chords; axes: configuration, chord,
-            # variable. Whole periods are taken off where the differences are measured from
-            # the middles. For a configuration near a chord these are about half a chord at
-            # most, far less than half a period. At half a period, rounding errors would
-            # decide whether a period is taken off.
-            from_middles = less_periods(block[:, None] - middles, periods)
-            from_starts = from_middles + half_chords
-            # Components along the chord and across it. `directions` are unit vectors along
-            # the chords.
-            along = np.vecdot(from_starts, self.directions)
-            across = max_abs(from_starts - along[..., None] * self.directions, axis=2)
-            # The curve deviates from its chord by at most `MAX_SAGITTA_RATIO` of the chord.
-            # A configuration within `ON_CURVE_DISTANCE_RAD` of the curve is on it.
-            is_near = (
-                across < MAX_SAGITTA_RATIO * self.chord_lengths + ON_CURVE_DISTANCE_RAD
-            )
-            is_near &= np.abs(along / self.chord_lengths - 0.5) < 0.5 + CHORD_OVERHANG
-            row, chord = np.nonzero(is_near)
+            row, chord, offset = self._find_near_chords(block, periods)
             configurations.append(first + row)
             chords.append(chord)
-            offsets.append(from_starts[row, chord])
+            offsets.append(offset)
         # The m pairs of a configuration and a chord near it, from all blocks.
         chord_indices = np.concatenate(chords)
         all_offsets = np.concatenate(offsets)
+        # Components of the offsets along the chords, whose unit vectors are `directions`.
         distances = np.vecdot(all_offsets, self.directions[chord_indices])
         return ChordProjections(
             configurations=np.concatenate(configurations),
@@ -203,6 +184,48 @@ class Chords:
             offsets=all_offsets,
             distances_along=np.clip(distances, 0.0, self.chord_lengths[chord_indices]),
         )
+
+    def _find_near_chords(
+        self, values: Floats, periods: Floats
+    ) -> tuple[Indices, Indices, Floats]:
+        """Return the pairs of a configuration and a chord near it.
+
+        Parameters
+        ----------
+        values
+            (n, variables) configurations (rad).
+        periods
+            (variables,) growth of each variable (rad) after which the configuration is the
+            same again.
+
+        Returns
+        -------
+        configurations, chords
+            (m,) indices of both.
+        offsets
+            (m, variables) configurations minus starts of the chords (rad), less whole
+            periods.
+        """
+        half_chords = 0.5 * np.diff(self.nodes.values, axis=0)
+        middles = self.nodes.values[:-1] + half_chords
+        # Differences of the configurations from all chords; axes: configuration, chord,
+        # variable. Whole periods are taken off where the differences are measured from the
+        # middles. For a configuration near a chord these are about half a chord at most,
+        # far less than half a period. At half a period, rounding errors would decide
+        # whether a period is taken off.
+        from_middles = less_periods(values[:, None] - middles, periods)
+        from_starts = from_middles + half_chords
+        # Components along the chord and across it. `directions` are unit vectors along the
+        # chords.
+        along = np.vecdot(from_starts, self.directions)
+        across = max_abs(from_starts - along[..., None] * self.directions, axis=2)
+        # The curve deviates from its chord by at most `MAX_SAGITTA_RATIO` of the chord. A
+        # configuration within `ON_CURVE_DISTANCE_RAD` of the curve is on it.
+        is_near = across < MAX_SAGITTA_RATIO * self.chord_lengths + ON_CURVE_DISTANCE_RAD
+        # The projection must be between the ends of the chord, from 0 to 1 of its length.
+        is_near &= np.abs(along / self.chord_lengths - 0.5) < 0.5 + CHORD_OVERHANG
+        row, chord = np.nonzero(is_near)
+        return row, chord, from_starts[row, chord]
 
 
 @dataclass(frozen=True)
@@ -298,7 +321,8 @@ class ArcCurve(Chords):
         # The smaller one of both ends of each chord counts.
         on_chords = np.minimum(at_nodes[:-1], at_nodes[1:])
         rounding = POINT_ROUNDING_FACTOR * EPS / on_chords
-        # `_speed` is the derivative of the arc length by u.
+        # `_speed` is the derivative of the arc length by u. The integration does not try to
+        # resolve its rounding errors.
         return integrate_rate(self._speed, self.starts, rounding)
 
     def _speed(self, u: Floats) -> Floats:
@@ -395,7 +419,7 @@ class ArcCurve(Chords):
         # Whole laps, which are 0 on an open curve, and the arc length within the last lap.
         laps = self.closed * np.floor(s / self.length)
         rest = s - laps * self.length
-        # Both ends of the curve belong to it, also with rounding errors.
+        # On the curve, `rest` is from 0 to 1 of the length, apart from rounding errors.
         is_inside = np.abs(rest / self.length - 0.5) <= 0.5 + 1e-12
         # The curve is evaluated by another parameter, the length u along the straight lines
         # between its nodes. `table` has the arc length as a function of u.

@@ -946,9 +946,10 @@ def _number_within_groups(*keys: Indices) -> Indices:
     order = np.lexsort(keys)
     sorted_keys = np.stack(keys)[:, order]
     begins_group = np.any(sorted_keys[:, 1:] != sorted_keys[:, :-1], axis=0)
-    # Number of the group of each sorted element, and where this group begins.
+    # Number of the group of each sorted element, and the position of its first element.
     group = np.append(0, np.cumsum(begins_group))
     start_of_group = np.searchsorted(group, group)
+    # Write the numbers of the sorted elements to their old places.
     numbers = np.empty(len(order), dtype=np.intp)
     numbers[order] = np.arange(len(order)) - start_of_group
     return numbers

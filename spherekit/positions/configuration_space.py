@@ -156,20 +156,7 @@ def monotone_pieces(
     period = curve.returns_after(driven, period)
     if not _may_reach_range(curve, driven, low, high, period):
         return []
-    # Arc lengths at which the input turns back, or is at an end of its range.
-    zeros_of_cuts = (
-        curve.dead_points(driven),
-        curve.find_value(driven, low, period),
-        curve.find_value(driven, high, period),
-    )
-    cuts = np.unique(np.concatenate([zeros.places for zeros in zeros_of_cuts]))
-    if curve.closed:
-        # The last part ends where the first one begins, one lap later.
-        cuts = cuts if len(cuts) else np.zeros(1)
-        cuts = np.append(cuts, cuts[0] + curve.length)
-    else:
-        cuts = np.concatenate([[0.0], cuts, [curve.length]])
-    cuts = cuts[np.append(True, np.diff(cuts) > SAME_CUT_RAD)]
+    cuts = _find_cuts(curve, driven, low, high, period)
     # A part is inside the range if the input at its middle is, shifted by whole periods.
     # `turns_in_range` returns all such inputs, and for each the index of its part.
     part_middles = curve.at(0.5 * (cuts[:-1] + cuts[1:])).values
@@ -177,12 +164,14 @@ def monotone_pieces(
     is_inside = in_range(shifted_inputs, low, high)
     parts = parts[is_inside]
     shifted_inputs = shifted_inputs[is_inside]
-    # One entry for each piece from here on.
+    # One entry for each piece from here on: the arc lengths of its ends, and the
+    # configuration at its middle with the shifted input.
     starts = cuts[parts]
     stops = cuts[parts + 1]
     middles = part_middles[parts]
     shifts = shifted_inputs - middles[:, driven]
     middles[:, driven] = shifted_inputs
+    # The input only rises or only falls, so it has its extreme values at the ends.
     start_inputs = curve.at(starts).values[:, driven] + shifts
     stop_inputs = curve.at(stops).values[:, driven] + shifts
     lowest = np.minimum(start_inputs, stop_inputs)
@@ -199,6 +188,42 @@ def monotone_pieces(
         )
         for k in range(len(parts))
     ]
+
+
+def _find_cuts(
+    curve: ArcCurve, driven: int, low: float, high: float, period: float
+) -> Floats:
+    """Return the arc lengths (n,) at which a curve is divided into parts, in rising order.
+
+    The input turns back there, or is at an end of its range. The first part begins at the
+    first arc length, and the last part ends at the last one.
+
+    Parameters
+    ----------
+    curve
+        The configuration curve.
+    driven
+        Number of the variable of the input.
+    low, high
+        Range of the input (rad).
+    period
+        Growth of the input (rad) after which the curve repeats, or infinite. Inputs that
+        differ by whole periods count as equal.
+    """
+    turning_points = curve.dead_points(driven).places
+    at_low_end = curve.find_value(driven, low, period).places
+    at_high_end = curve.find_value(driven, high, period).places
+    cuts = np.unique(np.concatenate([turning_points, at_low_end, at_high_end]))
+    if curve.closed:
+        # The last part ends where the first one begins, one lap later. Without any cut, the
+        # whole curve is one part that begins at 0.
+        cuts = cuts if len(cuts) else np.zeros(1)
+        cuts = np.append(cuts, cuts[0] + curve.length)
+    else:
+        cuts = np.concatenate([[0.0], cuts, [curve.length]])
+    # Of cuts that are equal up to rounding, only the first one is kept.
+    differs_from_previous = np.append(True, np.diff(cuts) > SAME_CUT_RAD)
+    return cuts[differs_from_previous]
 
 
 def _may_reach_range(
