@@ -342,9 +342,9 @@ class Eksergian(AbstractAnalysis):
         # No row has a configuration, so there is nothing to report.
         if not np.any(np.isfinite(batch.residual)):
             return Findings()
-        # In a simulation the loads alone cause the motion, so the torque at the input is a
-        # rounding error. It is replaced by 0. Otherwise, the division by the rate of a pair
-        # (`at`) could turn the rounding error into a large torque.
+        # In a simulation the loads alone cause the motion, so the torque at the input is
+        # only a rounding error. It is replaced by 0, because the next step divides by the
+        # rate of the pair `at`. This could make a rounding error large.
         input_torque = self._torque_without_rounding_errors(batch)
         torque = self._torque_at_pair(batch, input_torque)
         worst_row = int(np.nanargmax(batch.closure_conditioning))
@@ -476,10 +476,12 @@ def _solve_torque(batch: Batch) -> InverseSolution:
     - Otherwise, only the links and pairs with masses or loads matter. The batch has their
       motion. Rows with inaccurate rates get the status ILL_CONDITIONED.
     """
+    # `friction_components` lists the pairs with such friction.
     if Loads(batch.mechanism).friction_components:
         # A spring counts whole revolutions, so angles of pairs with loads must not jump by
         # 2 pi. This function removes the jumps.
         motion = continue_load_angles(batch)
+        # The torques that balance inertia, loads and friction.
         return needed_torques(motion)
     status = batch.status.copy()
     # `rates_loss` is the relative error bound of the rates. The comparison is negated so

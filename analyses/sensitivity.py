@@ -424,10 +424,12 @@ class SensitivityAnalysis(AbstractAnalysis):
         )
         tolerances = Tolerances(
             spread=np.sqrt(variance),
+            # The deviation of a quantity if all sizes deviate as far as they can.
             worst=_worst_case(gradients, deviations),
             drawn_spread=drawn_spread,
             drawn_worst=drawn_worst,
             lost=lost,
+            # The size that causes the largest part of the variance, and this part.
             matters_most=_sizes_that_matter_most(sensitivity.keys, shares),
             share=np.max(shares, axis=0),
         )

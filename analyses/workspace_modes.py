@@ -387,6 +387,7 @@ class WorkspaceModes:
         # The depth is the smallest margin of the best orientation, `place`. If it is
         # negative, all tested orientations are outside.
         if orientations.depth < 0.0:
+            # The smallest margin of this orientation, and the number of its limit.
             best = self.judge(workspace, orientations.place[None])
             record["nearest_limit"] = self.limit_names[int(best.limiting[0])]
             return record, (

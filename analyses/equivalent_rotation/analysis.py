@@ -411,6 +411,7 @@ class EquivalentRotation(AbstractAnalysis):
         # as these limits allow. The binding one is the limit that makes it so long.
         binding = schedule.binding
         return {
+            # The name of the law by which the angle grows in time.
             "shape": self.shape,
             "duration_s": schedule.duration,
             # The controller of the inputs works in cycles of this time. The duration is a

@@ -240,9 +240,11 @@ class RotationResult:
         Singularities on the way are yielded last, as marks without a curve.
         """
         link = self.mechanism.link_number[self.output.link]
+        # The directions in link axes, by name: pair axes, or the direction of the output.
         directions = link_axes(self.mechanism)[self.output.link]
         if self.output.direction is not None:
             directions = {self.output.name: np.array(self.output.direction)}
+        # The orientations (n, 3, 3) of the link at equal steps of the rotation.
         theta = np.linspace(0.0, self.rotation.angle, POINTS_OF_ARC)
         arc_samples = self.rotation.at(theta)
         arc_orientations = self.orient_links(arc_samples.values)[:, link]

@@ -622,6 +622,7 @@ class OneInput:
             else:
                 relation = relation_by_form["i"]
             poles_of_each.append(relation.poles)
+        # `LABEL_OF_AXIS` has the names of the six axes.
         axes_by_name = {
             name: np.concatenate([getattr(poles, name) for poles in poles_of_each])
             for name in LABEL_OF_AXIS

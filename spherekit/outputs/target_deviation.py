@@ -498,6 +498,7 @@ class TargetDeviation:
         # eigenvalues. Elsewhere, that of the stiffness must be at least a part of the
         # other.
         least_gauss_newton_eigenvalue = self.output_singular_value**2
+        # `least_eigenvalue` is that of the stiffness.
         is_convex = (
             self.least_eigenvalue > MIN_CONVEXITY_RATIO * least_gauss_newton_eigenvalue
         )

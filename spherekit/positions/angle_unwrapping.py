@@ -161,6 +161,8 @@ class UnwrappedStretch:
         _, highest = self._range_with_slack
         # The inputs in the period of the curve, and the numbers of periods taken away.
         inputs = self._shift_to_curve(values[:, self.input_variable])
+        # The whole revolutions by which the angles differ from those of the curve at the
+        # same input, and the largest difference that remains.
         to_curve = self._compare_with_curve(inputs.remainders, values)
         # The shifted inputs are never below the lowest input of the curve.
         is_on_stretch = inputs.remainders <= highest

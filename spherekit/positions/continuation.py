@@ -258,7 +258,9 @@ class CurveContinuation(ABC, Generic[Node]):
         """
         # A step starts from the last node of each of the k curves.
         nodes = self.last_nodes.rows(rows)
+        # The ends of the steps, and tests whether they are still on the same curves.
         tried_steps = self.try_steps(rows, nodes, steps)
+        # Curves whose step passes their start end there.
         is_closed_now = self._close_laps(rows, nodes, steps, tried_steps=tried_steps)
         # The subclass selects the verified steps that pass no limit. It sets `end_status`
         # of curves that end at one.

@@ -97,7 +97,8 @@ def find_group_configurations(
     """
     # Elimination solves polynomials, whose roots are all configurations of the group,
     # complex ones included. `problem` is the check that failed, so that a real
-    # configuration may be missing. It is empty if all checks succeeded.
+    # configuration may be missing. It is empty if all checks succeeded. `distinct` stores
+    # the different configurations that were found.
     if not has_elimination(group):
         distinct = DistinctConfigurations(closure)
         description = RANDOM_SEARCH.description

@@ -284,6 +284,7 @@ class GroupEquations:
         rounding errors are left out.
         """
         row_by_equation: dict[EquationChoice, Floats] = {}
+        # A loop lists its pairs, each with the sense 1 or -1 in which it is passed.
         for loop_index, loop in enumerate(self.loops):
             # For each variable +1 or -1 if the loop passes its pair, otherwise 0.
             senses = np.zeros(len(vectors))
@@ -298,6 +299,7 @@ class GroupEquations:
             for equation, direction in directions.items():
                 # The coefficients of all variables in this component of the equation.
                 row = loop_vectors @ direction
+                # Of these, the equation keeps those of the variables with unknown rates.
                 if not _is_rounding_error(row, direction):
                     row_size = float(np.linalg.norm(row))
                     row_by_equation[equation] = row[self.unknowns] / row_size
@@ -398,14 +400,16 @@ class GroupEquations:
         matrix_cofactors = cofactors(matrix)
         rates: dict[int, Expr] = {}
         for k, variable in enumerate(self.unknowns):
-            # Cramer's rule: the column of the unknown is replaced by minus the known terms.
+            # Cramer's rule: the rate times D is the determinant with minus the known terms
+            # in the column of the unknown. It is expanded along this column.
             column = [row[k] for row in matrix_cofactors]
             rates[variable] = -1.0 * dot(known_terms, column)
         # Each loop can have two private variables, which occur in no other loop. They were
         # eliminated from the `unknowns`, and follow from the other rates. A dyad (two links
         # joined by a pair) has one loop with three variables. One of them is left in the
         # `unknowns`. For a dyad there are formulas with smaller rounding errors.
-        # Both functions return rates that are multiplied by the determinant, too.
+        #
+        # The functions below return rates that are multiplied by the determinant, too.
         is_dyad = len(loops) == 1 and len(self.unknowns) == 1
         for loop in loops:
             if not loop.private:
@@ -423,7 +427,8 @@ class GroupEquations:
 
         The angular velocities of the pairs (joints) around a loop add up to zero. The
         variables v of pairs of this group have unknown rates x_v with the vectors a_v. The
-        vector c is known.
+        vector c is known. With each equation its private variables are returned. They occur
+        in no other loop.
 
         Parameters
         ----------

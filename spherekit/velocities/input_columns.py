@@ -435,7 +435,7 @@ class InputColumns:
             By pole, the expressions of the components in the order of `SIGNED_COMPONENTS`.
         """
         first = len(columns.expressions)
-        component = 0
+        component = 0  # position in the list of each pole
         # The components of a quantity, such as the three of a direction, follow each other.
         for name, size in SIGNED_COMPONENTS.items():
             indices_by_pole: dict[Pole, list[int]] = {pole: [] for pole in parts}
@@ -446,6 +446,7 @@ class InputColumns:
                 component += 1
             self.column_indices[name] |= indices_by_pole
         self.reversible_poles = tuple(parts)
+        # All columns that were added here.
         self._reversible_slice = slice(first, len(columns.expressions))
         # (2, poles) numbers of the first and of the second link of each of these poles.
         self._pole_ends = np.array(self.reversible_poles, dtype=np.intp).reshape(-1, 2).T

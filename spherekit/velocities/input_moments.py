@@ -189,9 +189,11 @@ class InputMoments:
             combinations(inputs, 2), 0.0
         )
         for link in self._links:
+            # The components of b in the axes of the link, and h.
             acceleration = link.orientation.components(bias_accelerations[link.link])
             momentum = link.momentum(scaled_speeds)
             for i in inputs:
+                # Add y_i . (I b).
                 moments[i] = moments[i] + link.acceleration_moment(i, acceleration)
             for (k, i), previous_sum in gyroscopic_sums.items():
                 product = link.gyroscopic_product(i, k, momentum)

@@ -263,6 +263,7 @@ class RowVelocities:
         is_uncertain = np.isnan(direction_error) | (direction_error >= USABLE_DIRECTION)
         self.status[is_uncertain & (self.status == Status.OK)] = Status.ILL_CONDITIONED
 
+        # The relative angular velocity (3, n) of the links of each pole.
         velocities_by_equations = self._pole_velocities()
         # From here on, `quantity` returns the velocities of the plan.
         self.planned_w = {
@@ -334,6 +335,7 @@ class RowVelocities:
         # The least condition number that any order can give in each of these rows. It is
         # infinite in singular configurations, where no order helps.
         least_numbers = self._least_condition_numbers(doubtful_rows)
+        # The usual order is good enough if its condition number is not much larger.
         has_good_order = condition_numbers[doubtful_rows] <= (
             MAX_AMPLIFICATION * least_numbers
         )
