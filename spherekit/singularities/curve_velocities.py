@@ -680,6 +680,8 @@ class CurveMotion:
             # A long step shows that only the component vanishes, and not the vector.
             only_component_vanishes = np.abs(step) > NEAR_REST_RAD
             s = np.where(is_double | only_component_vanishes, s, s - step)
-        # A step may lead before the start of the curve, s = 0. After its end, a closed
-        # curve continues with the next lap.
+            if not self.curve.closed:
+                # An open curve has no points beyond its ends. A zero at an end stays there.
+                s = np.clip(s, 0.0, self.curve.length)
+        # After its end, a closed curve continues with the next lap.
         return np.maximum(s, 0.0)
