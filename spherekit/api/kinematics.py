@@ -356,14 +356,18 @@ class Kinematics:
         requested = [
             (*pole, moving) for moving in range(len(self.input_pairs)) for pole in poles
         ]
-        # All columns of the table except the error bounds and the inputs.
+        # The table has a row for each request at the first configuration, then one for
+        # each at the second, and so on. These are its columns except the error bounds and
+        # the inputs.
         data: Facts = batch.pole_columns(requested)
+        # `make_column` returns a column with the name of a quantity, in the same order.
         make_column = batch.of_poles(requested)
         for column in TABLE.columns:
             if column.name.endswith("error_bound"):
-                # None requests the only component, since a bound is a single number.
+                # A bound is a number, so no component of a vector is selected.
                 data[column.name] = make_column(column.name, None)
-        # All poles of a configuration have the same inputs, so each value is repeated.
+        # All requests at a configuration have the same inputs. So each value is repeated
+        # in successive rows, once for each request.
         for name, values in input_columns(self.mechanism, batch.inputs).items():
             data[name] = batch.interleaved([values] * len(requested))
         table = TABLE.of(self.mechanism)
@@ -637,8 +641,8 @@ def _single_row_evaluator(
     which makes the batch: arrays with the values and their error bounds. The caller calls
     it when somebody reads the values, because making arrays takes longer than the
     evaluation. If float64 may give too few digits, the fast function returns None, and the
-    caller evaluates the row in the ordinary way. Mechanisms with contacts have no fast
-    function.
+    caller evaluates the row in the ordinary way. The result is None if there is no fast
+    function, for example for mechanisms with contacts.
 
     Parameters
     ----------
@@ -651,16 +655,25 @@ def _single_row_evaluator(
     needs
         The quantities to evaluate.
     """
+    # There is one request for each input, so here there is only one. It lists the poles
+    # and velocities to compute.
     (request,) = plan_requests(
         position_analysis.mechanism, needs, position_analysis.by_rank
     )
     mode = position_analysis.assembly_modes[mode_index]
-    # Rows of this mode only: the order of elimination may differ in other modes.
-    reference_motion = position_analysis.sparse(REFERENCES)
-    reference_motion = reference_motion.rows(reference_motion.assembly_mode == mode.number)
+    # The kernel (set of functions for one row) eliminates variables from the loop
+    # equations, in an order without division by small numbers. It finds this order with
+    # a few known configurations. Other modes may need another order, so the
+    # configurations are those of this mode.
+    few_configurations = position_analysis.sparse(REFERENCES)
+    reference_motion = few_configurations.rows(
+        few_configurations.assembly_mode == mode.number
+    )
     kernel = row_kernel(reference_motion, [request], "numpy")
+    # If a kernel cannot certify rows, they need further checks, which take long.
     if kernel is None or not kernel.can_certify_rows or mechanism.has_contacts:
         return None
+    # A row without its input and configuration, which are filled in for each evaluation.
     row_template = replace(
         reference_motion.rows(slice(0, 1)),
         sample=np.zeros(1, dtype=int),
@@ -755,8 +768,11 @@ class _SingleRowEvaluator:
         if self.kernel.has_closed_form:
             signs_of_dyads = self.mode.signs_along(inputs)[:, 0]
             return [q, *signs_of_dyads.astype(float).tolist()]
+        # Without a closed form, `guide` interpolates between known configurations of the
+        # mode. With one input, the numbers of samples (`rows`) are not needed.
         assert self.mode.guide is not None
         prediction = self.mode.guide.predict(inputs, rows=None)
+        # The status is another one where the mode does not exist.
         if prediction.status[0] != Status.OK:
             return None
         predicted_variables: list[float] = prediction.values[0].tolist()
@@ -783,6 +799,8 @@ class _SingleRowEvaluator:
         # The mechanism has one input, so the kernel has one set of columns.
         (columns_of_input,) = self.kernel.input_columns
         columns = np.array(evaluated_row.columns)[:, None]
+        # A pole axis has two opposite directions. By convention the chosen one has a
+        # positive scalar product with the sum of the axis vectors of all pairs.
         _orient_poles(columns_of_input, columns, evaluated_row.axis_sum)
         # The field has the poles, their rates and their error bounds. The kernel has
         # checked that the bounds are small enough.

@@ -258,7 +258,8 @@ def _labels_of_mode(study: Study) -> Names:
     - ``+-``, a sign for each dyad (group of two links);
     - ``1 +-``, number and signs;
     - ``1``, the number alone;
-    - ``run 1``, the number after the word "run".
+    - ``run 1``, the number after the word "run". This label occurs if figures come from
+      tables of a run, and the mode of the run is not among those of the fast evaluation.
 
     If the study states no mode, all modes are wanted and there are no labels.
 
@@ -269,8 +270,9 @@ def _labels_of_mode(study: Study) -> Names:
     """
     if study.assembly_mode is None:
         return ()
-    # Modes are numbered over the ranges of the inputs. So a law of time for the inputs, or
-    # a simulation from a start, is removed from the study.
+    # A sweep numbers modes over the ranges of the inputs. With a law of time for the
+    # inputs, or a simulation from a start, the analysis would cover other inputs, and modes
+    # could have other numbers. So both are removed from the study.
     at_rest = replace(study, start=None, laws={}, duration=None)
     # The position analysis of a study that states a mode has only this mode.
     (mode,) = make_sampling(at_rest).position_analysis.assembly_modes

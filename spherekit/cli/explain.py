@@ -315,6 +315,9 @@ def _predicted_sizes(sizes: Facts, with_recording: bool) -> list[str | ScreenTab
     results: list[str | ScreenTable] = [
         f"{counted(sizes['configurations'], 'configuration')} {modes}"
     ]
+    # Poles (axes of relative rotation) usually follow from simple geometry. Where this
+    # loses digits, the velocity equations are solved, at one configuration for one moving
+    # input at a time. This is slow, so the number is printed.
     solves = sizes["velocity_equation_solves"]
     if solves and mode_count is not None:
         results.append(

@@ -383,8 +383,10 @@ def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
     overview = summary["overview"]
     notes = []
     if any(not output["fixed_axis"] for output in overview["outputs"]):
-        points = any(output["points"] for output in overview["outputs"])
-        what = "direction" if points else "pose"
+        # The entry "points" says whether the output is a direction (such as that of a
+        # camera), and not the pose of a link.
+        has_direction = any(output["points"] for output in overview["outputs"])
+        what = "direction" if has_direction else "pose"
         resting = "the output rests (singularity of type I)"
         if len(summary["inputs"]) > 1:
             resting = "this input alone does not move the output"

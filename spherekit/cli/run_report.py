@@ -507,10 +507,10 @@ def _describe_events(event_count: int, events: Sequence[Any]) -> Lines:
     Parameters
     ----------
     event_count
-        Number of all events.
+        Number of all events of the simulation.
     events
-        The events with their kinds and times (s). A stop also has the angle of the swing
-        before it (rad).
+        The first events with their kinds and times (s). The summary of a run leaves out
+        further ones. A stop also has the angle of the swing before it (rad).
     """
     times_by_event: dict[str, Lines] = {}
     small_stop_count = 0
@@ -525,6 +525,7 @@ def _describe_events(event_count: int, events: Sequence[Any]) -> Lines:
         times_by_event.setdefault(text, []).append(number_text(event["t"], digits=4))
     lines = []
     if times_by_event:
+        # This number includes events that the summary leaves out.
         listed_count = event_count - small_stop_count
         texts = [
             f"{text} at t (s) = {listing(times, MAX_LISTED_EVENTS)}"
@@ -782,6 +783,10 @@ def _table_accuracy(overview: Any) -> str:
 def _largest_excesses(overview: Any) -> dict[str, float]:
     """Return how far quantities between samples may exceed the extremes in the table.
 
+    The table states the range of each output and its velocity ratio, for each assembly mode
+    (way to assemble the mechanism). With laws of time it has speeds (rad/s) instead of
+    velocity ratios.
+
     Parameters
     ----------
     overview
@@ -792,8 +797,9 @@ def _largest_excesses(overview: Any) -> dict[str, float]:
     The largest excess of each quantity, by its key in `TABLE_QUANTITIES`. Quantities are
     left out if no excess would change a printed digit.
     """
-    # The entry ``ratio`` is the unit of speeds. It is empty for velocity ratios.
-    has_speeds = overview["ratio"] != ""
+    # The entry "ratio" is a unit: "rad/s" for speeds, and empty for velocity ratios.
+    unit_of_rates = overview["ratio"]
+    has_speeds = unit_of_rates != ""
     largest: dict[str, float] = {}
     for mode in overview["modes"].values():
         for motion in mode["outputs"]:
@@ -801,6 +807,7 @@ def _largest_excesses(overview: Any) -> dict[str, float]:
                 # If a mode ends at a dead centre, velocity ratios grow without bound there.
                 if key == "ratio" and not mode["closes_everywhere"]:
                     continue
+                # A smaller excess would not change the printed number.
                 if excess > 0.5 * last_digit:
                     largest[key] = max(largest.get(key, 0.0), excess)
     # The text lists the quantities in the order of the table.
@@ -811,12 +818,16 @@ def _table_excesses(motion: Any, has_speeds: bool) -> Iterator[tuple[str, float,
     """Yield how far quantities of an output may exceed their printed extremes.
 
     The extremes are those of the samples. Between samples a quantity may be larger or
-    smaller.
+    smaller, by the excess.
 
     Parameters
     ----------
     motion
-        The motion of the output in one assembly mode, from the overview of the run.
+        The motion of the output in one assembly mode, from the overview of the run. Its
+        entry "excess_between_samples" has three excesses: "angle_rad", "ratio" (of the
+        speed or velocity ratio) and "transmission". The last one is in rad if the output
+        has a transmission angle. Otherwise it belongs to the transmission measure, which
+        has no unit.
     has_speeds
         Whether the table has speeds instead of velocity ratios.
 
@@ -828,6 +839,8 @@ def _table_excesses(motion: Any, has_speeds: bool) -> Iterator[tuple[str, float,
     excess = motion["excess_between_samples"]
     yield "angle", math.degrees(excess["angle_rad"]), 0.01
     # The lists have the lowest and the highest value for each input, or None without one.
+    # The excess may belong to any of these values. So it is compared with the finest of
+    # their last digits.
     extreme_ratios = [*motion["lowest_ratio"], *motion["highest_ratio"]]
     last_digits = [ratio_last_digit(ratio) for ratio in extreme_ratios if ratio is not None]
     rate_key = "speed" if has_speeds else "ratio"
@@ -907,6 +920,7 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
     output
         What the run has written, and the words of its command line.
     """
+    # The analyses that this run has computed.
     names = {analysis["name"] for analysis in summary["analyses"]}
     same_mechanism = shlex.join([output.file, *output.mechanism_options])
     command = f"spherekit run {same_mechanism}"
@@ -928,7 +942,10 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
         if len(summary["inputs"]) > 1:
             places = "all singular configurations"
         steps.append((f"{command} -a singularities", places))
-    if summary["has_masses"] and not names & {"eksergian", "dynamics", "statics"}:
+    # These three analyses compute driving torques. "eksergian" uses Eksergian's equation of
+    # motion, which is for one input. "dynamics" takes any number of inputs.
+    has_torques = bool(names & {"eksergian", "dynamics", "statics"})
+    if summary["has_masses"] and not has_torques:
         name = "eksergian" if len(summary["inputs"]) == 1 else "dynamics"
         steps.append((f"{command} -a {name}", "driving torques"))
     if output.folder is None and "simulation" not in summary:
@@ -949,6 +966,9 @@ def _details(summary: Any) -> Lines:
     """Return lines on how the results of a run were computed, for ``--verbose``.
 
     They state the mobility (number of degrees of freedom), methods, errors and cost.
+    Groups are sets of links whose positions are computed together, such as dyads (groups of
+    two links). An acceleration coefficient is the derivative of an angular velocity by the
+    input, for an input that moves at 1 rad/s.
 
     Parameters
     ----------
@@ -1068,6 +1088,8 @@ def accuracy_line(choice: Any) -> str:
             f"({choice['worst_column']}){unmet}"
         )
     if predicted_error is not None:
+        # ``why`` names the earlier measurement.
         return f"{line}, from this measurement{unmet}"
-    # Neither error is known, since no result of the run depends on the setting.
+    # Neither error is known, since no requested result depends on the samples, which the
+    # setting concerns.
     return f"{line}; no requested result depends on samples"

@@ -48,6 +48,7 @@ def describe_singularities(summary: Any) -> Lines:
     overview = summary["overview"]
     if not overview["modes"]:
         return []
+    # In a simulation the inputs move freely. Otherwise their motion is prescribed.
     is_simulation = "simulation" in summary
     has_several_inputs = len(summary["inputs"]) > 1
     has_several_prescribed_inputs = has_several_inputs and not is_simulation
@@ -56,15 +57,17 @@ def describe_singularities(summary: Any) -> Lines:
     if has_several_prescribed_inputs:
         statements.append(_describe_type_2(summary))
     for number, output in enumerate(overview["outputs"]):
-        # The table of outputs in the report says where such an output rests. These places
-        # are its singularities of type I.
-        if has_one_prescribed_input and output["fixed_axis"]:
+        # With one input, an output with a fixed axis has singularities of type I where it
+        # rests. The table of outputs in the report says where, so they are left out here.
+        is_in_table = has_one_prescribed_input and output["fixed_axis"]
+        if is_in_table:
             continue
         statements.append(_describe_type_1(summary, number))
     lines = [line for statement in statements for line in statement.lines]
     names_places = any(statement.names_singular_places for statement in statements)
     analyses = {analysis["name"] for analysis in summary["analyses"]}
-    # The analysis `singularities` computes exact places, so no hint is needed then.
+    # The analysis `singularities` computes exact places, so no hint is needed then. The
+    # hint is about all places above, and is written once, after the last sentence.
     has_exact_places = "singularities" in analyses
     if names_places and has_several_prescribed_inputs and not has_exact_places:
         lines[-1] += (

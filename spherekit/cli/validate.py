@@ -189,12 +189,15 @@ def make_report(properties: Facts) -> ScreenReport:
         analyses = ", ".join(properties["analyses"])
         results.append(f"analyses: {analyses}")
     groups = ", ".join(properties["groups"]) or "none"
+    # A pole (axis of relative rotation of two links) usually follows from the intersection
+    # of great circles. In some parts of a mechanism there are too few circles, and the
+    # velocity equations are needed. This is the number of such parts.
+    equation_part_count = properties["irreducible_parts"]
     return ScreenReport(
         headline,
         results=results,
         details=[
             f"Groups of links whose positions are computed together: {groups}",
-            f"Parts whose poles follow from velocity equations: "
-            f"{properties['irreducible_parts']}",
+            f"Parts whose poles follow from velocity equations: {equation_part_count}",
         ],
     )

@@ -143,6 +143,8 @@ def _show_mechanism(options: Namespace) -> int:
         note(options, other_inputs_remark)
         return _show_recording(path, options)
     finally:
+        # A viewer that was opened still reads the recording. No viewer is opened for a
+        # picture, or if an error has prevented the recording.
         is_read_by_viewer = path.exists() and not options.png
         if not is_read_by_viewer:
             shutil.rmtree(folder)

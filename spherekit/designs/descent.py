@@ -287,17 +287,24 @@ class Descent:
         values = self.file_values(x)
         figure_values = self._figure_gradients.evaluate(values, mode)
         # The expressions are texts of the user, with angles in the unit of the file.
+        # `figure_values` has them in rad, so they are divided by the unit (in rad).
         figures = figure_values.figures / self._figure_units
-        figure_slopes = figure_values.gradients * self._width / self._figure_units[:, None]
-        # (variables, variables) derivatives of the design variables by x: the widths of
-        # ranges.
+        # A coordinate of x goes from 0 to 1, and its variable over the width of its range.
+        # So a derivative by x is that by the variable, times the width.
+        # (variables, variables) derivatives of the variables.
         variable_slopes = np.diag(self._width)
+        # (figures, variables) derivatives of the figures.
+        slopes_by_variables = figure_values.gradients
+        figure_slopes = slopes_by_variables * self._width / self._figure_units[:, None]
         # NaN is replaced by 0. Otherwise 0 * NaN would spread to expressions that do not
         # depend on this figure.
         inner_slopes = np.nan_to_num(np.concatenate([variable_slopes, figure_slopes]))
 
         expressions = self._evaluate_expressions(np.concatenate([values, figures]))
+        # (expressions, variables) by the chain rule. `partial_slopes` (arguments,
+        # expressions) has the derivatives by the variables and figures.
         gradients = expressions.partial_slopes.T @ inner_slopes
+        # The first k expressions are objectives, the others are conditions.
         k = self._objective_count
         functions = LinearisedFunctions(
             objectives=expressions.values[:k],

@@ -915,8 +915,8 @@ class DesignEvaluator:
             # At other samples the offsets stay 0.
             samples = np.flatnonzero(all_finite(mode_values, 0))
             configurations = mode_values[:, samples].T
-            # (n, variables) number of revolutions to add. They are counted from an input at
-            # which the angles are in (-pi, pi].
+            # (n, variables) number of revolutions to add. The number is 0 at the inputs of
+            # the reference pose, or at zero inputs if there is no such pose.
             revolutions = unwrapping.count(
                 mode,
                 configurations,
@@ -1096,7 +1096,8 @@ class DesignEvaluator:
             self.inputs,
             # The function gets symbols for the sizes that vary. Here there are none.
             make_pairs=lambda _size_symbols: pairs,
-            # The positions are known already, so they are not expressed by the inputs.
+            # The expressions contain the pair variables, which the caller computes
+            # numerically. So the variables are not expressed by the inputs.
             closed_form=False,
             closed=configuration,
             by_rank=is_redundant,

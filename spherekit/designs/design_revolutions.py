@@ -244,9 +244,9 @@ def _accumulate_growth(
     """Add up the changes of angles, so that angles count whole revolutions.
 
     A station is a value of the input. The sums start with the angles at the first station.
-    A design may have gaps: stations at which it cannot be assembled. After a gap, counting
-    starts anew with angles in (-pi, pi] at the input where the design can be assembled
-    again.
+    A design may have gaps, over which its angles cannot be followed. Usually it cannot be
+    assembled there. After a gap, counting starts anew with angles in (-pi, pi] at the input
+    where the design can be assembled again.
 
     Parameters
     ----------
@@ -258,7 +258,8 @@ def _accumulate_growth(
     angles
         (pairs, k, n) angles (rad) of n designs at the stations, in (-pi, pi].
     growth
-        (pairs, k - 1, n) change (rad) of each angle from one station to the next.
+        (pairs, k - 1, n) change (rad) of each angle from one station to the next. NaN where
+        it cannot be followed, for example where the design cannot be assembled.
 
     Returns
     -------
@@ -270,10 +271,11 @@ def _accumulate_growth(
     unwrapped[:, 0] = _replace_minus_half_revolution(angles[:, 0])
     for k in range(1, len(stations)):
         next_angles = unwrapped[:, k - 1] + growth[:, k - 1]
-        # If one pair of a design is NaN, all are. So the first pair tells.
+        # NaN if the angles could not be followed from the station before. If one pair of a
+        # design is NaN, all are. So the first pair tells.
         is_continued = ~np.isnan(next_angles[0])
         closes = np.isfinite(angles[0, k])
-        # Designs that can be assembled here, but not at the station before.
+        # Designs for which counting starts anew here.
         designs = np.flatnonzero(closes & ~is_continued)
         if len(designs):
             next_angles[:, designs] = _unwrap_from_mode_end(

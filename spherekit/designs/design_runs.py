@@ -435,13 +435,16 @@ class DesignRuns:
         # The keys of `units` are the names of all figures of the run.
         for name in self.units:
             figure_by_mode = figures.get(name, {})
-            # If the table has no column of modes, its only figure applies to every mode.
+            # A figure follows from a table of the run. If this table has no column of
+            # modes, there is a single figure, with the key `NO_TABLE_MODE`. It then applies
+            # to every mode.
             common_figure = figure_by_mode.get(NO_TABLE_MODE, NAN)
             merits[name] = np.array(
                 [figure_by_mode.get(mode, common_figure) for mode in modes]
             )
-        # Rows of stored tables are later found by the number of the assembly mode. A
-        # working mode has no such number.
+        # If the user also wants the tables of the run, they are stored in other files, in
+        # which an assembly mode has a number. So each row of this table gets the number,
+        # too. A working mode has none.
         if self.tables:
             merits[ASSEMBLY] = np.array(
                 [float(mode.label) if mode.column == ASSEMBLY else NAN for mode in modes]

@@ -43,7 +43,9 @@ class Variation:
     values
         The possible values; None if all numbers from `low` to `high` are possible.
     has_angle_unit
-        Whether the user wrote a unit of angles. The number must then be an angle.
+        Whether the user wrote a unit of angles. The number must then be an angle. It serves
+        this check only. So variations are equal if their values are equal, in whatever unit
+        the user wrote them.
     """
 
     key: str

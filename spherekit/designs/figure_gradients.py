@@ -193,8 +193,10 @@ class FigureGradients:
     ) -> Floats:
         """Return multiples of 2 pi that make angles of one assembly mode continuous.
 
-        Loads such as springs depend on whole revolutions. They are counted along the
-        configurations.
+        Angles of configurations are in (-pi, pi]. Loads such as springs depend on angles
+        over whole revolutions, which are counted here. The offsets are 0 at the inputs of
+        the reference pose, or at zero inputs if there is no such pose. From there the mode
+        is followed to the configurations.
 
         Parameters
         ----------
@@ -202,7 +204,8 @@ class FigureGradients:
             The design (choice of sizes).
         configurations
             (variables, samples + points) pair variables (rad) in one assembly mode (way to
-            assemble the mechanism).
+            assemble the mechanism). Points are further inputs, at which single figures of
+            merit (numbers that rate a design) are evaluated.
 
         Returns
         -------

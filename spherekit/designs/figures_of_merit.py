@@ -157,8 +157,9 @@ class DesignSamples:
 
         A path has neither rates nor times, but figures of merit (numbers that rate a
         design) may contain them. By convention, all inputs have the rate 1 rad/s, also
-        where the path runs back. The time of a sample is the difference of its first input
-        from that at time zero, divided by this rate.
+        where they decrease along the path. The time is the first input (rad), less its
+        value at time zero, divided by 1 rad/s. Time zero is where a single input is
+        smallest. With several inputs it is the first sample.
 
         Parameters
         ----------
@@ -594,9 +595,11 @@ class KernelFigures:
         -------
         (n,) the figure of each design.
         """
-        # `place` is the input whose value "argmin" and "argmax" return. Other reductions
-        # use the first input.
+        # Some reductions need an input at the samples. For example, "argmin" returns the
+        # input at which the expression is smallest. `place` is the name of this input. If
+        # the user names none, the first one is used.
         input_index = self.inputs.index(merit.place) if merit.place else 0
+        # `select_rows` returns the rows of this figure: all samples, or one point.
         q = self.rows[self.select_rows(merit), input_index]
         # The reduction "swing" (range of a continuous angle) needs to know whether the path
         # returns to its start. A swing may then continue from its end to its start.
@@ -707,8 +710,9 @@ class KernelFigures:
             (k, n) numbers that follow from the sizes of the design of each mode, computed
             by ``kernel.prepare``.
         position_arguments
-            (w, r, n) numbers that determine the positions of links: signs of dyads (groups
-            of two links that can be assembled in two ways), or pair variables (rad).
+            (w, r, n) w numbers that determine the positions of links: signs of dyads
+            (groups of two links that can be assembled in two ways), or pair variables
+            (rad).
         revolution_offsets
             (unwrapped pairs, r, n) multiples of 2 pi (rad) to be added to angles for loads
             that depend on whole revolutions.
@@ -720,8 +724,9 @@ class KernelFigures:
         The quantities, and whether the mechanism can be assembled.
         """
         sample_count, mode_count = len(rows), prepared.shape[1]
-        # Arrays below have the shape (quantities, samples, modes). The samples are the same
-        # in all modes, and the numbers of a design at all its samples.
+        # The kernel needs arrays (quantities, samples, modes). The samples do not depend on
+        # the mode, so they are repeated for each mode. The numbers of a design do not
+        # depend on the sample, so they are repeated for each sample.
         samples = np.repeat(rows.T[:, :, np.newaxis], mode_count, axis=2)
         design_numbers = np.repeat(prepared[:, np.newaxis], sample_count, axis=1)
         arguments = [samples, position_arguments]
@@ -729,11 +734,13 @@ class KernelFigures:
             arguments.append(_profile_columns_of_modes(profiles, position_arguments))
         arguments += [revolution_offsets, design_numbers]
         outputs = _evaluate_all_modes(kernel, np.concatenate(arguments))
-        # The first outputs are negative where a dyad cannot reach.
+        # The first outputs are negative where a dyad is too short or too long to close.
         reaches, kernel_columns = np.split(outputs, [kernel.reach_count])
         dyads_close = np.all(reaches >= 0.0, axis=0)
         # Arguments of a configuration that was not found are all NaN, so the first tells.
         has_positions = all_finite(position_arguments[:1], axis=0)
+        # `sample_names` are the names of the inputs, their rates and so on. `columns` are
+        # the names of the quantities that the kernel computes.
         by_name = dict(zip(self.sample_names, samples, strict=True))
         by_name |= zip(self.columns, kernel_columns, strict=True)
         return QuantitiesOfModes(by_name, has_positions & dyads_close)

@@ -318,9 +318,12 @@ class _SolutionTracker:
         It is followed while sizes and inputs change step by step, with Newton's method at
         each step (`track_solutions`).
 
-        Paths of the inputs with different detours are tried, one after the other
-        (`DETOUR_RATIOS`). A path succeeds for a design if all its solutions arrive and are
-        different. If no path succeeds, the design is marked in `is_lost`.
+        On a straight path of the inputs, two solutions can meet at a singularity, and one
+        is lost. So if the straight path fails, others are tried, on which the inputs have
+        complex values. Such a detour begins at the start inputs and ends at the end inputs.
+        `DETOUR_RATIOS` says how large its imaginary part is. A path succeeds for a design
+        if all its solutions arrive and are different. If no path succeeds, the design is
+        marked in `is_lost`.
 
         Parameters
         ----------
@@ -356,7 +359,7 @@ class _SolutionTracker:
             cleaned = _remove_imaginary_rounding(self.path_kernel, ends, sizes)
             solutions[:, columns] = cleaned.values
             # Solutions that are neither clearly real nor clearly complex make a design
-            # lost.
+            # lost. Each design has `solutions_per_design` successive columns.
             undecided_columns = columns[cleaned.is_undecided]
             self.is_lost[undecided_columns // self.solutions_per_design] = True
             # If a path did not arrive, its solution is NaN, which counts as not distinct.

@@ -200,16 +200,17 @@ class Sensitivity:
         is_mass_or_load = variable.path[0] in ACTIONS
         if is_mass_or_load:
             return variable
-        # Numbers of contacts have derivatives in two cases. If some profile (contact curve)
-        # is not a circle, the numbers of profiles have derivatives, since the equations
-        # contain these curves. If all are circles, an equivalent linkage may replace the
-        # contacts. Then all numbers of these pairs have derivatives.
+        # All angles have derivatives, and numbers of contacts in two cases. If some profile
+        # (contact curve) is not a circle, these are the numbers of profiles, since the
+        # equations contain the curves. If all profiles are circles, a linkage that moves in
+        # the same way may replace the contacts. Then they are all numbers of these pairs.
         if has_shaped_profiles(self.mechanism):
-            has_derivatives = "profiles" in variable.path
+            may_be_contact_number = "profiles" in variable.path
         else:
-            has_derivatives = self._equivalent_linkage is not None
-        is_contact_number = variable.path[0] == "pairs" and has_derivatives
-        if not variable.is_angle and not is_contact_number:
+            may_be_contact_number = self._equivalent_linkage is not None
+        is_contact_number = variable.path[0] == "pairs" and may_be_contact_number
+        has_derivatives = variable.is_angle or is_contact_number
+        if not has_derivatives:
             raise DesignError(
                 f"{self.mechanism.name}: {key} is not a dimension; derivatives can be "
                 "taken with respect to arcs, angles, zeros and axes of R pairs, and "
@@ -543,9 +544,8 @@ class Sensitivity:
         values
             (n, variables) pair variables (rad) of the nominal mechanism.
         deviations
-            (sizes, draws) deviations of the sizes. They are in rad for angles, otherwise in
-            the unit that the file has for the number. `document`, from which the nominal
-            sizes are read, has its angles in rad, too.
+            (sizes, draws) deviations of the sizes: in rad for angles, otherwise in the unit
+            of the mechanism file.
 
         Returns
         -------
@@ -565,6 +565,7 @@ class Sensitivity:
         block_size = max(1, MAX_DEVIATING_ROWS // draw_count)
         parts = []
         progress = ProgressReporter(f"{self.mechanism.name}: deviating mechanisms")
+        # `start` is the first sample of a block.
         for start in range(0, len(samples), block_size):
             # `report_if_due` calls the lambda at once, so `start` still has its present
             # value.

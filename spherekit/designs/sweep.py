@@ -479,16 +479,18 @@ class Sweep:
         The columns by name, with angles in the unit of the file. If the sweep wants one
         assembly mode only, the rows of other modes are left out.
         """
+        # `mode_labels` has the labels of the wanted mode. It is empty if all are wanted.
         if self.mode_labels:
             design_table = self._rows_of_wanted_mode(design_table)
+        # The index of the design of each row.
         design = design_table.design
         row_designs = designs[:, design]
         grashof_classes = self.evaluator.grashof_classes(row_designs)
         columns = {"design": numbers[design], **self._variable_columns(row_designs)}
         columns["mode"] = design_table.mode
-        # The label `mode` has the same meaning in all designs, for example signs. Stored
-        # tables of runs have the number of the mode in the run instead. With this column,
-        # rows of both kinds of tables can be matched.
+        # `mode` is a label with the same meaning in all designs, for example signs of
+        # dyads. If the user wants the tables of each run, too, they are in other files.
+        # Those name a mode by its number in the run. So the number is added here.
         if self.tables:
             columns[ASSEMBLY] = design_table.merits[ASSEMBLY]
         columns["status"] = design_table.status
@@ -722,8 +724,9 @@ class Sweep:
                 "compute it"
             )
         # The table of designs is moved last, because its presence shows that the part is
-        # complete.
-        for path in reversed(paths):
+        # complete. `files_of` lists it first.
+        table_of_designs, *tables_of_runs = paths
+        for path in [*reversed(tables_of_runs), table_of_designs]:
             target = folder / path.relative_to(work_folder)
             make_folder(target.parent)
             try:

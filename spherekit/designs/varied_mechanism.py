@@ -612,8 +612,10 @@ class VariedMechanism:
         are read from the mechanism file with the values of the design. The kernel applies
         only to designs with the same contacts and kinds of loads as the file.
 
-        Contacts may be replaced by an equivalent linkage, which has revolute pairs and
-        moves in the same way. Its angles and the ratios of its wheels then describe them.
+        Circular contacts may be replaced by an equivalent linkage, which moves in the same
+        way. A link between the centres of two circles replaces a sliding contact. Circles
+        that roll on each other are wheels, and turn at a constant ratio. The angles of the
+        linkage and these ratios then describe the contacts.
 
         Parameters
         ----------
@@ -634,7 +636,9 @@ class VariedMechanism:
         """
         mechanism = self._read_mechanism(values)
         actions = masses_and_loads(mechanism)
+        # This raises `_OtherFormError` if other contacts slide or roll than in the file.
         contact_numbers = self._contact_numbers(mechanism)
+        # The kinds of loads are all that remains of them without their values.
         if _without_values(actions) != _without_values(masses_and_loads(self.mechanism)):
             raise _OtherFormError(OTHER_FORM)
         return np.array([*contact_numbers, *list_numbers(actions)])

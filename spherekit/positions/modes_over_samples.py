@@ -472,15 +472,17 @@ class SampledModes:
         one at each sample of the inputs.
         """
         # `gear_phases` has the lengths that wheels have rolled on each other, as functions
-        # of the inputs. None without wheels.
+        # of the inputs. It is None for a mechanism without wheels.
         gear_phases = self.solver.gear_phases
         if gear_phases is not None and not gear_phases.all_known:
             # Free wheels: the inputs do not determine how far they have rolled.
             return self._search_free_wheels()
-        # Up to here, only the reference pose can have given a solution. If a mechanism with
-        # wheels has none, all groups of links are first solved at the first sample.
+        # Up to here, only the reference pose can have given a solution.
         has_reference_mode = self._solutions.count > 0
-        if gear_phases is not None and not has_reference_mode:
+        has_wheels = gear_phases is not None
+        if has_wheels and not has_reference_mode:
+            # Mechanisms with wheels need a first mode. The reference pose has given none,
+            # so all groups of links are solved at the first sample.
             self._search_sample(0)
         self.methods = [
             CLOSED_FORM if group.is_dyad else RANDOM_SEARCH for group in self.groups

@@ -295,15 +295,15 @@ class WheelRepetition:
     """How two wheels touch after rolling on by whole revolutions of one, or of both.
 
     It serves to recognise configurations that differ only by such revolutions. A wheel has
-    made a whole revolution if it touches at the same point of its profile as before.
+    made whole revolutions if it touches at the same point of its profile as before.
 
     Attributes
     ----------
     repeated_wheel
-        Number of the body that is a wheel after whole revolutions.
+        Number of the wheel (a body) that has made whole revolutions.
     turned_wheel
-        Number of the other wheel, if it touches at another point than before. None if it
-        has made whole revolutions, too.
+        Number of the other wheel, if it touches at another point of its profile than
+        before. None if it has made whole revolutions, too.
     """
 
     repeated_wheel: int

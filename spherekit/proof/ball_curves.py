@@ -120,10 +120,14 @@ def make_ball_curve(profile: Profile, backwards: bool = False) -> Curve:
 def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
     """Return the curve of a profile in ball arithmetic, and where its reverse starts.
 
-    A profile is the rim of a link that touches another link. The curve is a function of arc
-    lengths (n,). It returns frames (n, 3, 3) with the columns tangent, normal and point.
-    All numbers are balls, with a centre and a radius that bounds the error of the centre.
-    The float64 numbers of the profile count as exact (radius 0).
+    A profile is the rim of a link that touches another link. Two profiles run in the same
+    direction where they touch. For this, one of them may have to be reversed. The caller
+    makes the reversed curve from this one, and needs the arc length at which it starts.
+
+    The curve is a function of arc lengths (n,). It returns frames (n, 3, 3) with the
+    columns tangent, normal and point. All numbers are balls, with a centre and a radius
+    that bounds the error of the centre. The float64 numbers of the profile count as exact
+    (radius 0).
 
     Parameters
     ----------

@@ -617,13 +617,13 @@ class Crossings:
     ) -> Array | None:
         """Return a configuration near a position, on a curve with a constant variable.
 
-        Such a curve exists if a loop of four pairs closes with all angles of its other
-        variable.
+        The equation of the loop contains two variables. Such a curve exists if, at some
+        value of the one, the loop stays closed whatever the value of the other is.
 
         Parameters
         ----------
         loop
-            The loop. Its equation contains two variables, the angles of two of its pairs.
+            The loop of four pairs. The two variables are the angles of two of its pairs.
         variable
             Number of the variable that is constant along the curve.
         position
@@ -637,9 +637,11 @@ class Crossings:
         """
         other_variable = loop.other_variable(variable)
         other_angle = exact_ball(position[other_variable])
+        # The constant values of the variable with which the other one is free.
         for angle in loop.angles_that_free_other_variable(variable):
-            # The equation of the loop is satisfied. The others determine the remaining
-            # variables. The result is None if this angle is not near the position.
+            # The equation of this loop is satisfied. Those of other loops determine the
+            # remaining variables. The result is None if this angle is not near the
+            # position.
             given = {variable: angle, other_variable: other_angle}
             balls = complete_configuration(self.equations, loop.equation, given, position)
             if balls is not None:

@@ -34,14 +34,16 @@ BallEquations = Callable[[Sequence[Ball]], Array]
 class PartialPolynomial:
     """An equation in which some angles are known, as a polynomial in the unknown angles.
 
-    An unknown angle occurs as z = e^(i angle). There are n sets of known angles.
+    An unknown angle occurs as z = e^(i angle). An equation that has the degree m in cosines
+    and sines of the angle has the powers -m to m of z. Here it is multiplied by z^m, which
+    gives the powers 0 to 2 m.
 
     Attributes
     ----------
     coefficients
         (n, 2 m_1 + 1, 2 m_2 + 1, ...) coefficients for n sets of known angles. Each further
-        axis belongs to an unknown; its index is the power of z. The equation has the
-        trigonometric degrees m_1, m_2, ... in the unknowns.
+        axis belongs to an unknown, and its index is the power 0, 1, ... of z. The equation
+        has the degrees m_1, m_2, ... in the unknowns.
     coefficient_derivatives
         (n, g, 2 m_1 + 1, ...) derivatives of the coefficients by g known angles.
     """

@@ -267,8 +267,8 @@ class EquationSystem:
         -------
         (equations,) bounds of the errors of all coefficients and derivatives.
         """
-        # Each coefficient is a sum of terms, which are rounded. Its value shows how large
-        # the terms can be: at most 1 more than the largest coefficient or derivative.
+        # Each coefficient is a sum of rounded terms. `_bound_sum_rounding` estimates how
+        # large the terms are from the largest sum.
         rounding_errors = []
         for equation_coefficients, equation_derivatives in zip(
             coefficients, derivatives, strict=True

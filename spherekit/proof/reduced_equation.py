@@ -236,6 +236,10 @@ class ReducedEquation:
         made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v
         of z are given, this determines z and g. The configurations are at g = 0.
 
+        The results also have the step of Newton's method that leads to F(z) = g l with
+        constant u and v. `gradient_correction` is the change of the derivatives of g by
+        this step.
+
         Parameters
         ----------
         positions
@@ -250,11 +254,14 @@ class ReducedEquation:
             If z and g may be undetermined for some numbers in the balls.
         """
         _, slopes, curvatures = self.equations.evaluate(positions, 2)
+        # (n + 1, 3). Row -1 belongs to g, the other rows to z. The columns are Newton's
+        # step and the derivatives by u and v. So the step is treated like a derivative in
+        # a third direction.
         first = self._solve_first_order(slopes, residual)
         variable_rates = first[:-1]
+        # (n + 1, 3, 3) second derivatives in pairs of these directions: 0 is Newton's step,
+        # and 1 and 2 are u and v.
         second = self._solve_second_order(slopes, curvatures, variable_rates)
-        # Row -1 belongs to g, the other rows to z. On the other axes, index 0 is Newton's
-        # step, and 1 and 2 are u and v.
         surface_curvatures = SurfaceCurvatures(
             variable_curvatures=second[:-1, 1:, 1:],
             hessian=second[-1, 1:, 1:],
@@ -592,13 +599,17 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> SaddleReducti
 
 
 def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
-    """Return a reduced equation about a position where F' nearly loses a rank.
+    """Return the reduced equation g(u, v) = 0 about a position.
 
-    F(z) = 0 are the n - 1 equations of a mechanism in n variables z, with derivatives F'.
-    Near a loss of rank, two curves of configurations can cross. The singular value
-    decomposition of F' gives the directions of the reduction. The last left vector is the
-    direction l in which no small change of z changes F. The last two right vectors span the
-    kernel of F', and become the coordinates u and v.
+    F(z) = 0 are the n - 1 equations of a mechanism in n variables z. At the position, their
+    derivatives F' nearly lose a rank, so that two curves of configurations can cross there.
+    The n - 1 equations are reduced to one equation g = 0 in two coordinates u and v of z.
+    All components of F except that along a unit vector l are made zero by choice of the
+    other coordinates. Then F = g l, and g = 0 is left.
+
+    The singular value decomposition of F' gives the directions. The last left vector is l:
+    no small change of z changes F along l. The last two right vectors span the kernel of F'
+    (changes of z that do not change F). They become the directions of u and v.
 
     Parameters
     ----------
@@ -620,6 +631,7 @@ def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
     if not np.all(singular_values[:-1] > smallest):
         raise ZeroDivisionError
     kernel = right_vectors[-2:]
+    # The directions of the other coordinates.
     complement = right_vectors[:-2]
     return ReducedEquation(
         equations=equations,

@@ -950,10 +950,15 @@ class ExactSimulation:
         A condition is a quantity that is positive while the step is valid: a joint limit is
         not reached, or a sign in a load is right. It is a Legendre series in time, from -1
         at the start of the step to 1 at its end. The sign change is first found between
-        samples in float64, then computed in all digits.
+        samples in float64. Then bisection of this interval computes the change in all
+        digits.
+
+        In the first interval, `is_at_start` is True. The condition may then be negative
+        from the start: a switch that has just changed would change back at once. The caller
+        then ends the motion, since it can continue in neither case.
         """
-        # The start is not examined, because a condition that has just changed is nearly 0
-        # there.
+        # The start itself is not examined. A condition that has just changed is nearly 0
+        # there, with either sign.
         interval_starts = self._samples[:-1]
         interval_ends = self._samples[1:]
         for end_condition in step.end_conditions:
@@ -962,6 +967,7 @@ class ExactSimulation:
             is_negative = values_at_ends < 0.0
             if not np.any(is_negative):
                 continue
+            # The first interval at whose end the condition is negative.
             interval = np.argmax(is_negative)
             yield _SignChange(
                 x=self._bisect(

@@ -193,14 +193,16 @@ class ChartRoots:
         polynomials
             For each polynomial an array (m, ..., size_1, ..., size_k) of coefficients. The
             first axis is the set of given values (inputs, and unknowns that were solved
-            before). The last k axes are the powers of the k unknowns. Any axes between
-            remain in the result, for example derivatives of the coefficients by the given
-            variables.
+            before). Each point belongs to one of the m sets: `row` has its number, and the
+            point uses the coefficients of this set. The last k axes are the powers of the k
+            unknowns. Any axes between remain in the result, for example derivatives of the
+            coefficients by the given variables.
 
         Returns
         -------
         (n, polynomials, ...), where the dots are the axes that remain.
         """
+        # Without unknowns to differentiate by, `_differentiate` returns the values.
         return np.stack([self._differentiate(P, ()) for P in polynomials], axis=1)
 
     def first_derivatives(self, polynomials: Sequence[Complexes]) -> Complexes:
@@ -212,8 +214,9 @@ class ChartRoots:
         ----------
         polynomials
             For each polynomial P an array (m, ..., size_1, ..., size_k) of coefficients,
-            for m sets of given values. The last k axes are the powers of the k unknowns.
-            Any axes between remain in the result.
+            for m sets of given values. Each point belongs to one of these sets: `row` has
+            its number. The last k axes are the powers of the k unknowns. Any axes between
+            remain in the result.
 
         Returns
         -------
@@ -236,8 +239,9 @@ class ChartRoots:
         ----------
         polynomials
             For each polynomial P an array (m, ..., size_1, ..., size_k) of coefficients,
-            for m sets of given values. The last k axes are the powers of the k unknowns.
-            Any axes between remain in the result.
+            for m sets of given values. Each point belongs to one of these sets: `row` has
+            its number. The last k axes are the powers of the k unknowns. Any axes between
+            remain in the result.
 
         Returns
         -------

@@ -469,6 +469,11 @@ def find_monotonic_variables(
     (branches) are joined by an arc that passes the saddle. The other two are joined by an
     arc on the opposite side, with opposite signs of rates.
 
+    The rate of a variable is its derivative along the tangent of the curve. A rate of one
+    sign excludes a stationary point only if the tangent does not reverse along the arc. So
+    its sense must be known, too: an arc about the v axis runs towards larger u everywhere,
+    or an arc about the u axis towards larger v.
+
     Parameters
     ----------
     derivatives
@@ -501,7 +506,9 @@ def find_monotonic_variables(
             derivatives, arm_slopes, errors.relative_gradient_error
         )
         has_known_sense = sector.is_towards_larger_v
-    return has_known_sense & (sector.signs != 0)
+    # The sign of a rate is 0 if it is not proven.
+    has_proven_sign = sector.signs != 0
+    return has_known_sense & has_proven_sign
 
 
 def _bound_arc_errors(hessian: Array, level: Ball, gradient_at_saddle: float) -> ArcErrors:

@@ -144,7 +144,8 @@ def _draw_panel(
         if dash.linestyle is not None:
             dashed_look = look | {"linestyle": dash.linestyle}
         _draw_curve(panel, curve, value_range, dashed_look)
-    # A curve that varies by rounding errors only looks constant. A note states by how much.
+    # If curves differ from a constant by rounding errors only, they look like horizontal
+    # lines. A note then states by how much their values differ.
     _note_spread_of_rounding(panel, all_values, rounding=resolution * scale, unit=unit)
 
     start, end = axis.extent

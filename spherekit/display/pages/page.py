@@ -163,6 +163,7 @@ class PageMaker:
         # `step` has one step of Newton's method. It is empty if positions have a closed
         # form.
         has_closed_form = not row_formulas.step
+        # Names of quantities, which may contain wildcards such as "*".
         shown_patterns = self._requested_quantities
         if shown_patterns is None:
             shown_patterns = self._page_quantities.default_names(with_torques=True)
@@ -171,6 +172,8 @@ class PageMaker:
             for name in row_formulas.results
             if any(fnmatchcase(name, pattern) for pattern in shown_patterns)
         ]
+        # The quantities that are needed to draw links, pairs (joints) and poles (axes of
+        # the relative rotation of two links).
         drawn_names = self._page_quantities.drawn_names(self._pole_plans)
         formulas_by_kernel = {
             "rows": row_formulas,
@@ -185,10 +188,13 @@ class PageMaker:
             return self.make_page()
         for reason, names in row_formulas.mode_table.left_out_by_reason().items():
             self.notes.append(f"left out: assembly {numbered('mode', names)}: {reason}")
-        # The configurations of an assembly mode form a curve over the input. Newton's
-        # method cannot follow it through a crossing with the curve of another mode. With
-        # the sizes of the file there are none, as `_make_row_formulas` has checked.
-        if self._crossings == "pass" and not has_closed_form:
+        # The configurations of an assembly mode (way to assemble the mechanism) form a
+        # curve over the input. With the option "pass", a mode continues where its curve
+        # crosses that of another mode. Only positions in closed form can do this. With the
+        # sizes of the file no curves cross, as `_make_row_formulas` has checked. With
+        # other sizes they may, so there is a note.
+        wants_to_pass_crossings = self._crossings == "pass"
+        if wants_to_pass_crossings and not has_closed_form:
             self.notes.append(
                 "with the sizes of the file, no curves are known to cross; if they "
                 "cross with other sizes, modes end there, because positions have no "

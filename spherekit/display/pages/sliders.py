@@ -168,12 +168,15 @@ def _find_format_limits(
     if angle is None or mechanism.has_contacts:
         return None
     is_latitude = angle.kind == "latitudes"  # of the axis of a pair
+    # `POINTED` is the kind of the angles of an output that is a direction.
     if angle.kind == POINTED:
-        # The direction of an output is stated by its longitude (0) and latitude (1).
+        # Such an output is stated by its longitude (0) and latitude (1).
         _output, coordinate = angle.owner
         is_latitude = coordinate == 1
     if is_latitude:
         return -90.0, 90.0
+    # A file states its geometry by the sizes of links, or by a reference pose. A pose has
+    # no arcs.
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry) and angle.kind == "arcs":
         # The arcs of a link may be negative if the file declares them as signed.

@@ -91,9 +91,11 @@ def _mark_number(document: Document, text: str, path: KeyPath, mark: str) -> str
     -------
     The text, or None if the number is not found.
     """
-    # Lines of TOML end with a line feed alone; `splitlines` knows other line ends too.
+    # The search starts at the first character of the line of the key. The first line has
+    # the number 1. Lines of TOML end with a line feed alone; `splitlines` knows other line
+    # ends too.
     lines_before = text.split("\n")[: document.line(path) - 1]
-    start = len("\n".join([*lines_before, ""]))
+    start = sum(len(line) + len("\n") for line in lines_before)
     for match in islice(_TOML_NUMBER.finditer(text, start), _MAX_TRIED_NUMBERS):
         marked_text = text[: match.start()] + mark + text[match.end() :]
         with suppress(FileError, KeyError, IndexError, TypeError, ValueError):

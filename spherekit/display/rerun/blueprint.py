@@ -177,6 +177,19 @@ class Layout:
             auto_layout=False,
         )
 
+    def _has_sphere(self, page: Page) -> bool:
+        """Return whether a page of the viewer window shows the sphere.
+
+        A page of an assembly mode (its number) shows the objects of this mode, and those
+        that belong to all pages (owner None). A page with a title shows only its own. The
+        sphere is left out if there is nothing to draw on it.
+        """
+        owners = {owner for owner, _ in self.sphere_view_paths}
+        has_title = isinstance(page, str)
+        if has_title:
+            return page in owners
+        return page in owners or None in owners
+
     def _page(self, page: Page, title: str) -> rrb.Container:
         """Return the views of one page (tab) of the viewer window.
 
@@ -188,30 +201,23 @@ class Layout:
         """
         # Items that all pages show have the page None.
         page_plots = [plot for plot in self.plots if plot.page in (None, page)]
+        # `False` is sorted before `True`, so plots with findings come first.
         page_plots.sort(key=lambda plot: not plot.has_findings)
         plots = [plot.view() for plot in page_plots]
         # Panels of this page come before panels that all pages show.
         ordered_panels = sorted(self.panels, key=lambda panel: panel[0] is None)
         panels = [view() for owner, view in ordered_panels if owner in (None, page)]
+        # The first plot has a row of its own. Further plots share a row, and so do panels.
         rows = [_tabs(views) for views in (plots[:1], plots[1:], panels) if views]
-
-        # A page with a title has a sphere only if something is drawn there for this page. A
-        # page of a mode also shows things that belong to all pages (owner None).
-        sphere_owners = (page,) if isinstance(page, str) else (None, page)
-        has_sphere = any(owner in sphere_owners for owner, _ in self.sphere_view_paths)
-        # Shares are relative widths of columns or heights of rows.
-        if rows and not has_sphere:
-            parts: list[rrb.View | rrb.Container] = [rows[0]]
-            if len(rows) > 1:
-                parts.append(rrb.Vertical(*rows[1:]))
-            shares = [11, 9][: len(parts)]  # the first plot is a little wider than the rest
-            return rrb.Horizontal(*parts, column_shares=shares, name=title)
+        if rows and not self._has_sphere(page):
+            return _page_without_sphere(rows, title)
 
         sphere: rrb.View | rrb.Container = self._sphere_view(page, title)
         # A colour scale is a bar of the colours of a map on the sphere, with their values.
         page_scales = [path for owner, path in self.scales if owner == page]
         if page_scales:
             scale = plane_view(page_scales[0], "Scale", COLOUR_SCALE_BOUNDS)
+            # Shares are relative heights of rows or widths of columns.
             sphere = rrb.Vertical(sphere, scale, row_shares=[7, 1], name=title)
         if not rows:
             return rrb.Horizontal(sphere, name=title)
@@ -345,6 +351,18 @@ def graph_view(path: str) -> rrb.View:
             x_range=(-70.0, width + 70.0), y_range=(-40.0, height + 40.0)
         ),
     )
+
+
+def _page_without_sphere(
+    rows: Sequence[rrb.View | rrb.Container], title: str
+) -> rrb.Container:
+    """Return a page with the first row on the left, and the others on the right."""
+    parts = [rows[0]]
+    if len(rows) > 1:
+        parts.append(rrb.Vertical(*rows[1:]))
+    # Relative widths: the left part is a little wider.
+    shares = [11, 9][: len(parts)]
+    return rrb.Horizontal(*parts, column_shares=shares, name=title)
 
 
 def _tabs(views: Sequence[rrb.View]) -> rrb.View | rrb.Container:
