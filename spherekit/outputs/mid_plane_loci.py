@@ -204,6 +204,7 @@ class _MidPlaneCurveSearch:
         leg_count = len(self.form.legs)
         # `driven` has the numbers of the two driven legs.
         for driven_leg in self.form.plane.driven:
+            # The name of the input: the pair of this leg at the base.
             input_name = self.form.name_of(driven_leg)
             for other_signs in product((1, -1), repeat=leg_count - 1):
                 # The signs of all legs: 1 is inserted at the place of the driven leg.
@@ -422,8 +423,8 @@ class _MidPlaneCurveSearch:
         # The equations of this type: the output rests (type I), or the inputs (type II).
         rest_equations = self.locus.constraint.equations(linearisation)
         equations = np.hstack([linearisation.jacobian, rest_equations])
-        # The decomposition cannot take NaN, so missing configurations are set to 0. Their
-        # closure residual is set to infinity below.
+        # The decomposition cannot take NaN, so the equations of missing configurations are
+        # set to 0. Their closure residual is set to infinity below.
         _, singular_values, right_vectors = np.linalg.svd(np.nan_to_num(equations))
         closure_residual = np.nan_to_num(linearisation.closure_residual, nan=np.inf)
         least_singular_value = singular_values[:, -1]

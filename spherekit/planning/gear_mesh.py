@@ -200,7 +200,8 @@ def find_carried_contact(
         if joints[pair].has_axis:
             hinge = revolute(joints[pair])
             axes[pair] = (hinge.first[:, 2], hinge.second[:, 2])
-    # For each wheel, the links relative to which it rotates about its centre, by number.
+    # For each wheel, the links relative to which it rotates about its centre, by number. A
+    # carrier is such a link of both wheels.
     first_link, second_link = mechanism.ends[number]
     links_by_pair = dict(enumerate(mechanism.ends))
     first_links = find_coaxial_links(links_by_pair, axes, first_link, first_wheel.centre)
@@ -214,7 +215,7 @@ def find_carried_contact(
         second = second_links[carrier]
         # `line` is the direction to the centre of the wheel, in the axes of the carrier.
         deviation = abs(np.vecdot(first.line, second.line) - touching_cosine)
-        # On a link with which both wheels rotate about the same line they cannot roll.
+        # Wheels that rotate about the same line cannot roll on each other.
         if deviation <= cosine_tolerance and not are_same_line(first.line, second.line):
             meshes.append(
                 GearMesh(

@@ -752,8 +752,8 @@ class ConfigurationGraph:
         starts = starts[is_sound]
         ends = ends[is_sound]
         self._is_reached[direction, ends] = True
-        # Each path also leads back, from its end to its start. Directions are numbered in
-        # pairs, 2 a and 2 a + 1, of opposite directions.
+        # Each path also leads back, from its end to its start. The directions 2 a and
+        # 2 a + 1 are opposite.
         opposite_direction = direction + 1 if direction % 2 == 0 else direction - 1
         self._is_tried[opposite_direction, ends] = True
         self._is_reached[opposite_direction, starts] = True
@@ -956,11 +956,12 @@ def _number_within_groups(*keys: Indices) -> Indices:
 
 
 def _pairs_with_equal_keys(key: Indices) -> Iterator[tuple[Indices, Indices]]:
-    """Yield all pairs of elements with equal keys (m,), as arrays of indices.
+    """Yield all pairs of elements with equal keys (m,), as two arrays of indices.
 
-    The first array has the earlier element of each pair, the second one the later. The
-    first arrays that are yielded pair neighbours of a key group. The next ones have one
-    other element between them, and so on.
+    The first array has the earlier element of each pair, the second one the later element.
+    Elements with equal keys form a group. First come all pairs of elements that follow each
+    other in their group, then those with one element between them, and so on. For example,
+    the key [5, 3, 5, 5] gives the pairs (0, 2) and (2, 3), and then (0, 3).
     """
     # Elements with equal keys follow each other in `order`.
     order = np.argsort(key, kind="stable")

@@ -413,8 +413,9 @@ class _FoldModel:
             gap = gap * np.sqrt(self._left_vectors.shape[1])
             slope = self.quadratic.slope
             size = np.abs(self.quadratic.curvature)
-            # Bounds of a simple root, and of two roots. If |e| is at most g, the roots
-            # (-s +- sqrt(s^2 - 2 h e)) / h are at most 2 s / |h| + sqrt(2 g / |h|).
+            # Bounds of a simple root, twice g / s, and of two roots. If |e| is at most g,
+            # the roots (-s +- sqrt(s^2 - 2 h e)) / h are at most 2 s / |h| + sqrt(2 g /
+            # |h|).
             simple_root = SAFETY_FACTOR * 2.0 * gap / slope
             both_roots = SAFETY_FACTOR * (2.0 * slope / size + np.sqrt(2.0 * gap / size))
             # A root is simple if f is nearly straight up to its bound.
