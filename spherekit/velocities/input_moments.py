@@ -189,7 +189,7 @@ class InputMoments:
             combinations(inputs, 2), 0.0
         )
         for link in self._links:
-            # The components of b in the axes of the link, and h.
+            # The components of b along axes that are fixed in the link, and h.
             acceleration = link.orientation.components(bias_accelerations[link.link])
             momentum = link.momentum(scaled_speeds)
             for i in inputs:
