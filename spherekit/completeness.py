@@ -9,9 +9,8 @@ import numpy as np
 class Guarantee(Enum):
     """How complete a set of configurations, curves or points is, the best level first.
 
-    Only the first level is proven. The others rest on floating-point checks of counts,
-    degrees, residuals and interpolation errors. A result that fails a check has a lower
-    level.
+    Only the first level is proven. The others rest on checks with rounded numbers. A result
+    that fails a check has a lower level.
     """
 
     CERTIFIED = "certified"
@@ -19,9 +18,12 @@ class Guarantee(Enum):
     COMPLETE = "complete"
     """Nothing is missing. The total number is known and was checked."""
     TO_BOX = "complete to a box size"
-    """Everything larger than a box was found. Smaller parts may be missing."""
+    """Parts of the result that fit into a small box of angles may be missing.
+
+    A box has a small range of each angle, such as each input. All larger parts were found.
+    """
     COMPONENT = "component only"
-    """Everything connected to what was found is there. Other components may be missing."""
+    """Everything connected to what was found is there. Separate parts may be missing."""
     SAMPLED = "sampled"
     """Only what samples or random starts reached is there."""
 

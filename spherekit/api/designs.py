@@ -142,7 +142,8 @@ def _range_of(
 ) -> Variation:
     """Return the range in which a number of the mechanism varies during a synthesis.
 
-    The ends are converted to the unit of angles of the mechanism file.
+    A synthesis is a search for good designs. The ends of the range are converted to the
+    unit of angles of the mechanism file.
 
     Parameters
     ----------
@@ -156,16 +157,22 @@ def _range_of(
     angle_unit
         Unit of angles in the mechanism file.
     """
-    low_and_high = []
+    low_and_high: list[float] = []
+    has_angle_unit = False
     for index, end in enumerate(ends):
+        if not isinstance(end, str):
+            low_and_high.append(float(end))
+            continue
+        has_angle_unit = True
         try:
-            if isinstance(end, str):
-                end = read_quantity(end, ANGLE, angle_unit, target=angle_unit)
+            angle = read_quantity(end, ANGLE, angle_unit, target=angle_unit)
         except QuantityError as problem:
+            # The message names the place of the end in the synthesis file.
             raise document.fault(("vary", key, index), str(problem)) from None
-        low_and_high.append(float(end))
+        low_and_high.append(float(angle))
     low, high = low_and_high
-    return range_variation(key, low, high, any(isinstance(end, str) for end in ends))
+    # If a unit of angles is written, the number must be an angle. This is checked later.
+    return range_variation(key, low, high, has_angle_unit=has_angle_unit)
 
 
 def _precision_point_deviations(

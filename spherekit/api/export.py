@@ -321,21 +321,23 @@ def _describe_formulas(formula_set: Formulas) -> str:
 def _describe_mode_table(mode_table: ModeTable) -> Names:
     """Return sentences on the assembly modes that exported source code does not compute.
 
-    An assembly mode is one of the ways to assemble the mechanism. The source code selects
-    some of the equations that close the loops of links, and solves them in all its modes.
-    In a few modes these equations may not determine the positions. `undetermined` has the
-    numbers of these modes. Source code for one such mode alone selects other equations, and
-    a sentence says so.
+    An assembly mode is one of the ways to assemble the mechanism. The sentences are:
 
-    The configurations of a mode form a curve over the input. The last sentence tells what
-    happens where the curves of two modes cross.
+    - Which modes are left out of the source code, for each reason.
+    - How to get source code for some of these modes, the undetermined ones. The source code
+      solves the same equations in all its modes. In an undetermined mode these equations
+      depend on each other. Source code for this mode alone uses other equations.
+    - What happens where the configuration curves of two modes cross. Such a curve consists
+      of all configurations of a mode, over the input.
     """
-    notes = [
-        f"left out: assembly {numbered('mode', names)}: {reason}"
-        for reason, names in mode_table.left_out_by_reason().items()
-    ]
-    if mode_table.undetermined:
-        first_number = mode_table.undetermined[0]
+    notes = []
+    for reason, names in mode_table.left_out_by_reason().items():
+        modes_text = numbered("mode", names)  # such as "modes 1, 3"
+        notes.append(f"left out: assembly {modes_text}: {reason}")
+    # These modes are some of those that are left out above.
+    undetermined_modes = mode_table.undetermined
+    if undetermined_modes:
+        first_number = undetermined_modes[0]
         notes.append(
             "a source for a single mode solves equations that determine it, for example "
             f"with --assembly-mode {first_number}, in Python assembly_mode={first_number}"

@@ -416,8 +416,10 @@ class Kinematics:
         values
             (n,) coefficients at n configurations.
         """
-        first, second = ordered_pole(self.mechanism, text)
-        if first < second:
+        # The numbers of the two links, in the order of the text.
+        moving_link, reference_link = ordered_pole(self.mechanism, text)
+        has_order_of_values = moving_link > reference_link
+        if not has_order_of_values:
             # The difference avoids -0.0, which would be printed with a sign.
             values = 0.0 - values
         # If n is 1 and the user asked for one input in one mode, return a number.
@@ -733,22 +735,28 @@ class _SingleRowEvaluator:
     def evaluate_row(self, q: float) -> Callable[[], Batch] | None:
         """Evaluate one input q (rad) quickly; return a function that makes the full result.
 
-        The full result is a batch: arrays with the configuration at q, its poles and error
-        bounds. Making arrays takes longer than the evaluation, so the caller does that only
-        on demand.
+        The full result is a batch: arrays with the configuration at q, its poles (axes of
+        relative rotation) and error bounds. Making arrays takes longer than the evaluation.
+        So the caller calls the returned function only if it needs the arrays.
 
-        The result is None if the mode has no prediction at q, or if float64 may give too
-        few digits. The caller then evaluates q in the ordinary, slower way.
+        The result is None if q cannot be evaluated quickly. The caller then evaluates q in
+        the ordinary, slower way.
         """
         low, high = self.input_range
         is_in_range = low <= q <= high
         if isfinite(q) and not is_in_range:
+            # The configuration is the same at an input shifted by whole revolutions (or
+            # another period). The analysed range may have such an input.
             q = shift_into_range(self.position_analysis, np.array([q])).item()
+        # The kernel is the function that computes the configuration. Its arguments are q
+        # and signs that select the mode, or an estimate of the configuration.
         arguments = self._kernel_arguments(q)
         if arguments is None:
+            # There is no estimate, for example because the mode does not exist at q.
             return None
         evaluated_row = self.kernel.evaluate_row(arguments)
         if evaluated_row is None:
+            # The numbers of the kernel (float64) may have too few correct digits.
             return None
         return partial(self._make_batch, q, evaluated_row)
 

@@ -717,6 +717,9 @@ def _report_curves(report: ScreenReport, curves: "CertifiedCurves") -> None:
     input are the configurations with this input. The range of the input is divided into
     intervals with a constant number of modes.
 
+    Singularities have types. At type I the output can rest while the input moves. At type
+    II the mechanism can move while the input rests. Type III meets both conditions.
+
     Parameters
     ----------
     report
@@ -737,13 +740,13 @@ def _report_curves(report: ScreenReport, curves: "CertifiedCurves") -> None:
     # Several crossings can have the same sentence, which is then printed once.
     for sentence, count in Counter(_crossing_sentences(curves)).items():
         configurations = f", in {count} configurations" if count > 1 else ""
-        # Other sentences say that curves miss each other, or that this is undecided. A
-        # crossing that is proven is a singularity of type III.
+        # A proven crossing is a singularity of type III. Other sentences say that curves
+        # miss each other closely, or that they cross or miss each other.
         is_proven_crossing = sentence.startswith("curves cross at")
         type_text = " (type III)" if is_proven_crossing else ""
         report.results.append(f"{sentence}{configurations}{type_text}")
-    # Along some curves the input is constant, and other links move. All their points are
-    # singularities of type II.
+    # At these inputs there is a curve along which the input is constant while other links
+    # move. All its points are singularities of type II.
     for q in curves.constant_input_values:
         report.results.append(
             f"at {_degrees(q)} deg the mechanism can move while the input is at rest "

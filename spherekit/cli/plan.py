@@ -90,30 +90,9 @@ def execute(options: Namespace) -> int:
     there is a plan for each: one input moves while the others are locked. Returns the exit
     status 0.
     """
-    from spherekit.errors import CountError
-    from spherekit.files.mechanism_reader import load
-    from spherekit.planning.assembly_plan import driven_pairs
-    from spherekit.planning.plan_text import as_dict, as_markdown
-    from spherekit.planning.pole_plan import LinePole
-    from spherekit.planning.pole_planner import plan
-    from spherekit.positions.position_analysis import PositionAnalysis
+    from spherekit.planning.plan_text import as_dict
 
-    mechanism = with_locks(load(options.file), options.lock)
-    driven = mechanism.names_of(driven_pairs(mechanism))
-    moving_inputs = [options.input] if options.input else driven
-    try:
-        plans = [plan(mechanism, options.poles, name) for name in moving_inputs]
-    except CountError:
-        # Counting links and pairs gives too small a mobility for overconstrained
-        # mechanisms. For these, the position analysis takes the mobility from the rank of
-        # the velocity equations, and sets `by_rank`. Its positions are not used here, so
-        # two samples suffice. None stands for all driven pairs that the file declares.
-        input_pair = moving_inputs[0] if len(driven) == 1 else None
-        if not PositionAnalysis(mechanism, input_pair, samples=2).by_rank:
-            raise
-        plans = [
-            plan(mechanism, options.poles, name, by_rank=True) for name in moving_inputs
-        ]
+    plans = _make_plans(options)
     if options.json:
         data = [as_dict(input_plan) for input_plan in plans]
         print_json(data[0] if len(data) == 1 else data)
@@ -122,18 +101,15 @@ def execute(options: Namespace) -> int:
         if index > 0 and not options.quiet:
             print()
         if options.markdown:
-            if input_plan.locked:
-                print_lines([_question(input_plan), ""])
-            print_lines(as_markdown(input_plan).splitlines())
+            _print_markdown(input_plan)
             continue
-        results: list[str | ScreenTable] = [_pole_table(input_plan), *_legend(input_plan)]
-        if options.steps:
-            results += ["How each pole is constructed:", *_step_lines(input_plan)]
-            cases = {step.case for step in input_plan.steps if isinstance(step, LinePole)}
-            results += [f"case ({case}): {CASE_TEXTS[case]}" for case in sorted(cases)]
-        report = ScreenReport(_question(input_plan), results=results)
+        # The line that introduces the plan, and the plan below this line.
+        report = ScreenReport(
+            _question(input_plan), results=_plan_results(input_plan, options.steps)
+        )
         # Suggest next commands below the last plan.
-        if not options.steps and index == len(plans) - 1:
+        is_last = index == len(plans) - 1
+        if is_last and not options.steps:
             same_plan = shlex.join(["spherekit", *options.words])
             run = f"spherekit run {shlex.quote(options.file)}"
             report.next_steps = [
@@ -142,6 +118,79 @@ def execute(options: Namespace) -> int:
             ]
         report.print(options)
     return 0
+
+
+def _make_plans(options: Namespace) -> list["Plan"]:
+    """Return a plan to construct poles for each input that moves.
+
+    A pole is the axis about which one link rotates relative to another. While one input
+    moves, the others are locked.
+
+    Raises
+    ------
+    CountError
+        If counting links and pairs (joints) gives too few degrees of freedom, and the
+        velocity equations do not give more.
+    """
+    from spherekit.errors import CountError
+    from spherekit.files.mechanism_reader import load
+    from spherekit.planning.assembly_plan import driven_pairs
+    from spherekit.planning.pole_planner import plan
+    from spherekit.positions.position_analysis import PositionAnalysis
+
+    mechanism = with_locks(load(options.file), options.lock)
+    driven = mechanism.names_of(driven_pairs(mechanism))
+    # The user can choose one of the inputs.
+    moving_inputs = [options.input] if options.input else driven
+    try:
+        return [plan(mechanism, options.poles, name) for name in moving_inputs]
+    except CountError:
+        # Counting gives too few degrees of freedom for overconstrained mechanisms. For
+        # these, the position analysis takes the number from the rank of the velocity
+        # equations, and sets `by_rank`. Its positions are not used here, so two samples
+        # suffice. None stands for all driven pairs that the file declares.
+        input_pair = moving_inputs[0] if len(driven) == 1 else None
+        if not PositionAnalysis(mechanism, input_pair, samples=2).by_rank:
+            raise
+    return [plan(mechanism, options.poles, name, by_rank=True) for name in moving_inputs]
+
+
+def _print_markdown(plan: "Plan") -> None:
+    """Print a plan in the format Markdown, for a document.
+
+    With several inputs, the line above says which input moves and which are locked.
+    """
+    from spherekit.planning.plan_text import as_markdown
+
+    if plan.locked:
+        print_lines([_question(plan), ""])
+    print_lines(as_markdown(plan).splitlines())
+
+
+def _plan_results(plan: "Plan", with_steps: bool) -> list[str | ScreenTable]:
+    """Return the table of all poles with its legend, and how each pole is constructed.
+
+    A pole is the axis about which one link rotates relative to another. `with_steps` says
+    whether the construction is described.
+    """
+    results: list[str | ScreenTable] = [_pole_table(plan), *_legend(plan)]
+    if with_steps:
+        results += ["How each pole is constructed:", *_step_lines(plan), *_case_lines(plan)]
+    return results
+
+
+def _case_lines(plan: "Plan") -> list[str]:
+    """Return lines that explain the letters (a), (b) and (c) in the steps of a plan.
+
+    A letter says how a pole is found as an intersection: of two great circles, of a great
+    circle and a contact plane, or of two contact planes. Only letters of the plan are
+    explained.
+    """
+    from spherekit.planning.pole_plan import LinePole
+
+    # A `LinePole` is a step that finds a pole as an intersection.
+    letters = {step.case for step in plan.steps if isinstance(step, LinePole)}
+    return [f"case ({letter}): {CASE_TEXTS[letter]}" for letter in sorted(letters)]
 
 
 def _question(plan: "Plan") -> str:

@@ -357,7 +357,8 @@ def _exit_status(result: "RunResult", exceeded_bounds: int, is_strict: bool) -> 
     if not is_strict:
         return 0
     summary = result.summary
-    # Each of the two entries has the number of rows for each status that occurs.
+    # Each of the two entries has the number of rows (samples) for each status that occurs.
+    # The status of a row without a result is not "OK".
     statuses = {*summary["status"], *summary["pole_status"]}
     problems = [
         bool(statuses - {"OK"}),
@@ -365,10 +366,13 @@ def _exit_status(result: "RunResult", exceeded_bounds: int, is_strict: bool) -> 
         exceeded_bounds > 0,
     ]
     if "verified" in summary:
-        # Columns with more than rounding errors, if there are any.
-        problems.append(bool(summary["verified"].get("beyond")))
+        # Option --verify computes some rows again, with many digits. These columns of the
+        # tables differ from the new values by more than rounding can explain.
+        wrong_columns = summary["verified"].get("beyond", [])
+        problems.append(len(wrong_columns) > 0)
     if "accuracy" in summary:
-        is_tolerance_met = summary["accuracy"]["met"]  # that of --tol
+        # Option --tol states a tolerance for the errors of the results.
+        is_tolerance_met = summary["accuracy"]["met"]
         problems.append(not is_tolerance_met)
     if simulation := summary.get("simulation"):
         # "too_fast": no step was short enough, so the solver stopped. Other ends, such as a

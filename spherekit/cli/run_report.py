@@ -752,6 +752,8 @@ def _table_accuracy(overview: Any) -> str:
     angles only to about 0.002 deg, as extremes can lie between samples (1 deg of input 21
     apart)".
 
+    Samples are a path, or a grid of several inputs. The accuracy is stated for a path only.
+
     Parameters
     ----------
     overview
@@ -763,15 +765,21 @@ def _table_accuracy(overview: Any) -> str:
         apart = f", which are {sample_distance} apart" if sample_distance else ""
         return f"the table has the extremes of the samples{apart}"
     exceptions = []
+    # The excess is how far a quantity may go beyond its extremes between samples. The dict
+    # has only those quantities whose printed digits this could change.
     for key, excess in _largest_excesses(overview).items():
         number = f"{float(_round_up(excess)):.12f}"
         number_without_zeros = number.rstrip("0").rstrip(".")
-        exceptions.append(TABLE_QUANTITIES[key].format(number_without_zeros))
+        # A text such as "angles only to about {} deg".
+        text_of_quantity = TABLE_QUANTITIES[key]
+        exceptions.append(text_of_quantity.format(number_without_zeros))
     line = "the table is accurate to the digits shown"
     if exceptions:
         line += f", but {', '.join(exceptions)}"
         if sample_distance:
             line += f", as extremes can lie between samples ({sample_distance} apart)"
+    # An assembly mode is one way to assemble the mechanism. Its "statuses" tell why some
+    # samples have no result.
     modes = overview["modes"].values()
     if not all(mode["closes_everywhere"] for mode in modes):
         line += "; the extremes of a mode that ends are those up to its last sample"

@@ -121,7 +121,8 @@ def _describe_type_2(summary: Any) -> _Statement:
     modes_at_singularity: list[int] = []
     nearest_samples: list[_NearestSample] = []
     for number, entry in overview["modes"].items():
-        # The mode exists at some samples, and cannot be assembled at others.
+        # "closes" has the ranges of samples in which the mode exists. At samples with the
+        # status OUT_OF_REACH the links cannot be assembled.
         if entry["closes"] and "OUT_OF_REACH" in entry["statuses"]:
             modes_that_end.append(int(number))
         if "AT_SINGULARITY" in entry["statuses"]:
@@ -142,20 +143,41 @@ def _describe_type_2(summary: Any) -> _Statement:
         beginning = f"No singularity of {meaning} is met"
         nearest_text = ""
         if nearest_samples:
-            nearest = min(nearest_samples, key=lambda sample: sample.value)
-            is_nearly_met = nearest.value <= NEAR_SHARE * nearest.best_value
+            # The transmission (measure or angle) is 0 at a singularity.
+            nearest = min(nearest_samples, key=lambda sample: sample.transmission)
+            is_nearly_met = nearest.transmission <= NEAR_SHARE * nearest.best_transmission
             if is_nearly_met:
                 beginning = f"A singularity of {meaning} is nearly met"
-            equal_difference = EQUAL_VALUES_SHARE * nearest.best_value
-            equally_near = [
-                (sample.mode, sample.inputs)
-                for sample in nearest_samples
-                if sample.value - nearest.value <= equal_difference
-            ]
-            place_text = _closest_text("closest configuration", summary, equally_near)
-            nearest_text = f"; {place_text}, where the transmission {nearest.measure_text}"
+            nearest_text = f"; {_describe_nearest(nearest, nearest_samples, summary)}"
         lines.append(f"{beginning} {extent}{nearest_text}.")
     return _Statement(lines, is_nearly_met)
+
+
+def _describe_nearest(
+    nearest: "_NearestSample", nearest_samples: Sequence["_NearestSample"], summary: Any
+) -> str:
+    """Return in words where the mechanism comes closest to a singularity of type II.
+
+    At such a singularity the locked inputs do not hold the output.
+
+    Parameters
+    ----------
+    nearest
+        The sample with the least transmission.
+    nearest_samples
+        The nearest samples of all assembly modes. Those that come equally close are named
+        too.
+    summary
+        The content of ``summary.json``, the file with the main results of the run.
+    """
+    equal_difference = EQUAL_VALUES_SHARE * nearest.best_transmission
+    equally_near = [
+        (sample.mode, sample.inputs)
+        for sample in nearest_samples
+        if sample.transmission - nearest.transmission <= equal_difference
+    ]
+    place_text = _closest_text("closest configuration", summary, equally_near)
+    return f"{place_text}, where the transmission {nearest.measure_text}"
 
 
 def _closest_text(
@@ -204,16 +226,16 @@ class _NearestSample(NamedTuple):
         Number of the assembly mode (way to assemble the mechanism).
     inputs
         Inputs of the sample (rad).
-    value, best_value
+    transmission, best_transmission
         The transmission measure or angle (deg) at this sample, and its best possible value.
     measure_text
-        The value in words, such as ``angle at pair 3 is 41.2 deg``.
+        The transmission in words, such as ``angle at pair 3 is 41.2 deg``.
     """
 
     mode: int
     inputs: Any
-    value: float
-    best_value: float
+    transmission: float
+    best_transmission: float
     measure_text: str
 
 

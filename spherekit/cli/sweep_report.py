@@ -169,7 +169,8 @@ def _count_rows(frame: Any, is_valid: Any, where: tuple[str, ...]) -> str:
         The table of the sweep. Its column ``closes`` is the share of samples at which the
         mode exists.
     is_valid
-        (rows,) whether the row has figures of merit (numbers that rate the design).
+        (rows,) whether the row has figures of merit (numbers that rate the design). A row
+        of a failed design has none.
     where
         The conditions of ``--where``, which all rows meet.
     """
@@ -179,16 +180,21 @@ def _count_rows(frame: Any, is_valid: Any, where: tuple[str, ...]) -> str:
     failed_count = int((~is_valid).sum())
     if failed_count:
         text += f"; {failed_count} of them have impossible dimensions or close at no sample"
-    closes = frame["closes"][is_valid]
-    partial_count = int((closes < 1.0).sum())
-    if partial_count:
-        least = number_text(100.0 * closes.min(), digits=3)
+    valid_rows = frame[is_valid]
+    # The share of samples at which each row exists.
+    closes = valid_rows["closes"]
+    partial_rows = valid_rows[closes < 1.0]
+    if len(partial_rows):
+        # Such as " (designs 9-12)"; empty for a long list.
+        designs_text = _design_words(partial_rows)
+        least_percentage = number_text(100.0 * closes.min(), digits=3)
         text += (
-            f"; {partial_count} of the rows{_design_words(frame[is_valid][closes < 1.0])} "
-            f"exist only at some of the samples, each at {least} % or more"
+            f"; {len(partial_rows)} of the rows{designs_text} exist only at some of the "
+            f"samples, each at {least_percentage} % or more"
         )
-    elif len(closes):
-        text += f"; {'the others' if failed_count else 'all'} exist at all samples"
+    elif len(valid_rows):
+        subject = "the others" if failed_count else "all"
+        text += f"; {subject} exist at all samples"
     return text
 
 

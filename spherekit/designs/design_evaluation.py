@@ -200,8 +200,12 @@ class DesignEvaluator:
         self.inputs = samples.inputs
         self.variables = tuple(variables)
         self.samples = samples
+        # Reads the figures and computes them from quantities of the kernel.
         self.figures = KernelFigures(mechanism, merits, samples)
+        # A file may state a torque as a table over time. An error is raised if samples have
+        # times outside the table.
         self._check_torque_tables()
+        # The mechanism with sizes that vary.
         self.varied_mechanism = VariedMechanism(
             document,
             mechanism,
@@ -214,7 +218,9 @@ class DesignEvaluator:
             # design.
             masses_follow_sizes=self._masses_follow_sizes,
         )
-        # None if designs have to be analysed one by one.
+        # The kernel is None if designs have to be analysed one by one. If positions have no
+        # formulas, they are tracked (followed in small steps) from design to design. The
+        # tracking starts at all positions of one design.
         self.kernel, self._tracking_start = self._make_kernel()
 
     def _check_torque_tables(self) -> None:

@@ -274,26 +274,35 @@ class RedundantKernel:
         """Create functions (kernels) for a design with redundant constraints.
 
         The loops of links then give more equations for the rates than are independent. Each
-        kernel solves another choice of independent equations.
+        kernel solves some independent ones. At some configurations its rates violate the
+        other equations, and another kernel is needed.
 
         Parameters
         ----------
         expressions
-            The quantities as expressions. Each solves the equations that were independent
-            at one configuration. Several may have the same choice of equations, and then
-            share a kernel.
+            The quantities as expressions. Each item solves the equations that were
+            independent at one configuration.
         columns
             Names of the quantities to compute.
         """
-        # (columns,) whether the quantity follows from rates. `evaluate` takes such a
-        # quantity from a kernel whose rates satisfy all equations.
+        # (columns,) whether the quantity follows from rates. Only such a quantity depends
+        # on the kernel.
         self._follows_from_rates = _find_rate_columns(expressions[0], columns)
-        # For a single design, compiling would take longer than it saves.
+        # Items that solve the same equations need only one kernel.
+        distinct_expressions = _select_distinct_choices(expressions)
         self._kernels = [
-            DesignKernel(chosen, columns, compiled=False, with_loop_residual=True)
-            for chosen in _select_distinct_choices(expressions)
+            DesignKernel(
+                chosen,
+                columns,
+                # For a single design, compiling would take longer than it saves.
+                compiled=False,
+                # Also compute by how much the rates violate the equations of all loops.
+                with_loop_residual=True,
+            )
+            for chosen in distinct_expressions
         ]
-        # Numbers that depend on sizes alone. There are no variable sizes here.
+        # Each kernel has a first part, which depends on variable sizes alone. There are no
+        # such sizes here, so the first part is computed only once.
         no_sizes = np.empty((0, 1))
         self._prepared = [kernel.prepare(no_sizes) for kernel in self._kernels]
 

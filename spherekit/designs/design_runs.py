@@ -178,9 +178,13 @@ class DesignRuns:
         self.analyses = analyses
         self.tables = tables
         self.kernel_evaluator = kernel_evaluator
+        # For each figure, the units of the columns in the table that it reduces.
         self.units = {merit.name: _column_units(merit, analyses, study) for merit in merits}
         self._require_columns()
+        # Names of the figures that need no run.
         self._kernel_names = kernel_evaluator.figures.names if kernel_evaluator else []
+        # Names of all figures. If `tables` is true, the column for the number of the
+        # assembly mode (way to assemble the mechanism) is added.
         self.names = self._list_number_columns()
 
     def _require_columns(self) -> None:
@@ -523,7 +527,8 @@ class DesignRuns:
 
         A figure of merit is a number that rates a design. An expression of columns is
         evaluated in each row. Its values are reduced to one number, such as their maximum.
-        Some reductions need the inputs, such as a value at a certain input.
+        Some reductions need the inputs. For example "at" returns the value at a certain
+        input.
 
         Raises
         ------
@@ -535,7 +540,7 @@ class DesignRuns:
             # An overflow makes the figure infinite. Ignoring the row would give a finite
             # figure that looks correct.
             return np.inf
-        inputs = self._inputs_of_rows(rows)
+        inputs = self._inputs_of_rows(rows)  # (rows, inputs)
         input_count = inputs.shape[1]
         if merit.point and len(merit.point) != input_count:
             raise DesignError(
@@ -545,10 +550,15 @@ class DesignRuns:
         # The reduction "swing" (range of a continuous angle) needs to know whether the path
         # returns to its start. A swing may then continue from its end to its start.
         is_closed_path = len(inputs) > 0 and return_after_revolutions(inputs[0], inputs[-1])
+        # The reduction "at" uses only the row at the inputs that the user states. All
+        # others use all rows.
         is_used = _are_rows_used(merit, inputs)
+        # "argmin" and "argmax" return a value of one input, which the user names. Other
+        # reductions get the first input.
+        index_of_input = self._index_of_input(merit, rows)
         figure = reduce_samples(
             merit.reduction,
-            q=inputs[is_used, self._index_of_input(merit, rows)],
+            q=inputs[is_used, index_of_input],
             values=values[is_used, None],
             is_closed_path=is_closed_path,
         )

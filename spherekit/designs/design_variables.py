@@ -112,15 +112,24 @@ class GeometricAngle(NamedTuple):
     Attributes
     ----------
     kind
-        "arcs": from the first axis of a link to another axis. "angles": at the first axis,
-        from the first arc to another arc. "zeros": where the variable of a pair (joint) is
-        zero. "values": of the variable in a reference pose. "longitudes" and "latitudes":
-        of pair axes. `POINTED`: of a direction of an output.
+        Which angle it is:
+
+        - "arcs": the length of an arc on a link. All arcs of a link begin at its first pair
+          (joint) axis, and each ends at another pair axis.
+        - "angles": the angle at the first pair axis of a link, between its first arc and
+          another arc.
+        - "zeros": the angle at which the variable of a pair is zero.
+        - "values": the variable of a pair in a reference pose (known configuration).
+        - "longitudes" and "latitudes": those of a pair axis in a reference pose.
+        - `POINTED`: longitude or latitude of a direction of an output.
     owner
-        To what the angle belongs. For "arcs" and "angles": link, and pair at the end of the
-        arc, such as ``("2", "32")`` for the arc of link 2 to the axis of pair 32. For
-        `POINTED`: the output, and 0 (longitude) or 1 (latitude). Otherwise the name of a
-        pair.
+        To what the angle belongs:
+
+        - For "arcs": the link and the pair at which the arc ends. An example is ``("2",
+          "32")``.
+        - For "angles": the link and the pair at which the other arc ends.
+        - For `POINTED`: the output, and 0 (longitude) or 1 (latitude).
+        - Otherwise the name of the pair.
     """
 
     kind: str
@@ -277,12 +286,12 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
 
     A file states either the sizes of links, or the axes of all pairs (joints) in a
     reference pose. In the second case this function derives the sizes. An arc is the angle
-    between two axes of a link. An angle says how far the plane of another arc is turned
-    from that of the first arc. The key of a size, such as ``links.2.arc``, is the one in a
-    file with sizes.
+    between the first axis of a link and another one. An angle says how far the plane of
+    another arc is turned from that of the first arc.
 
-    The result is empty if the file has sizes. It is also empty if there are contacts (pairs
-    in which two links touch along curves), for which no sizes are derived.
+    The result has the sizes by their keys, such as ``links.2.arc``. A file with sizes has
+    the same keys. The result is empty if the file has sizes. It is also empty if there are
+    contacts (pairs in which two links touch along curves), for which no sizes are derived.
     """
     has_reference_pose = isinstance(mechanism.geometry, PoseGeometry)
     if not has_reference_pose or mechanism.has_contacts:
@@ -297,6 +306,9 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
             # The only arc of a link has the key "arc", one of several "arcs.PAIR".
             size_key = kind[:-1] if kinds.count(kind) == 1 else f"{kind}.{pair}"
             key = f"links.{link}.{size_key}"
+            # A design variable has the place of its number in the file: a table and keys in
+            # it. This file has no such number, so a place is invented. The place is
+            # different for each size.
             path = ("links", link, kind, pair)
             geometric_angle = GeometricAngle(kind, (link, pair))
             variables[key] = DesignVariable(key, path, value, geometric_angle)

@@ -92,8 +92,14 @@ class DesignSamples:
     def from_study(study: Study) -> "DesignSamples":
         """Return the samples of the inputs at which all designs of a study are evaluated.
 
-        A design is one choice of the sizes of a mechanism. The inputs follow the time laws
-        of the study. Inputs without a law move at 1 rad/s.
+        A design is one choice of the sizes of a mechanism. A study states the samples in
+        one of three ways:
+
+        - a duration: inputs follow time laws, and the samples are at equally spaced times;
+        - a path: a list of the inputs at every sample;
+        - neither: inputs run over the ranges that the mechanism states for them.
+
+        Inputs without a time law move at 1 rad/s.
 
         Raises
         ------
@@ -116,9 +122,9 @@ class DesignSamples:
             samples = DesignSamples._sample_path(mechanism, study)
         else:
             samples = DesignSamples._sample_ranges(mechanism, study)
-        # An assembly mode is one way to assemble the mechanism. Its configurations form a
-        # curve over the input. `crossings` says how a mode continues where two curves
-        # cross.
+        # Also store how to continue where assembly modes cross. A mode is one way to
+        # assemble the mechanism. Its configurations form a curve over the input, and the
+        # curves of two modes can cross.
         return replace(samples, crossings=study.crossings)
 
     @staticmethod

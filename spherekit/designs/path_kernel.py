@@ -216,22 +216,23 @@ class StepExpressions(NamedTuple):
 def _newton_step_expressions(expressions: DesignExpressions) -> StepExpressions:
     """Return one step of Newton's method that closes the loops of links, as expressions.
 
-    The result has the changes that are added to the pair (joint) variables, the determinant
-    of the linearised equations, and the squared closure error. Variables of inputs are
-    among them, with the change 0.
+    The result has the change of each pair (joint) variable, the determinant of the
+    linearised equations, and the squared closure error. The change of an input is 0.
     """
     coordinate_rates = expressions.coordinate_rates
     # Solve the linearised equations: these changes close the small gaps (residuals) at
     # which the loops of links are open, while the inputs rest.
     change = coordinate_rates.solve_loops(coordinate_rates.closure_residuals)
-    # Most variables are symbols. The angle of a gear that the inputs drive is a linear
-    # function of the inputs instead. Its change is the value of this function minus the
-    # present value.
-    variable_symbols = expressions.configuration_symbols
-    for variable, angle in enumerate(expressions.variables):
-        is_driven_gear = angle is not variable_symbols[variable]
+    # A gear that the inputs drive has an angle that is a linear function of the inputs.
+    # The other variables are just symbols. The change of the gear leads from its present
+    # angle (its symbol) to the value of the function.
+    symbols_and_angles = zip(
+        expressions.configuration_symbols, expressions.variables, strict=True
+    )
+    for index, (symbol, angle) in enumerate(symbols_and_angles):
+        is_driven_gear = angle is not symbol
         if is_driven_gear:
-            change[variable] = angle - variable_symbols[variable]
+            change[index] = angle - symbol
     # `scale` is the determinant of the linearised equations.
     return StepExpressions(
         change,

@@ -148,6 +148,10 @@ class DesignProfiles:
         (columns) describe it at the point of contact: the tangent (3), the point (3), the
         geodesic curvature and its derivative by the arc length.
 
+        The arc length of the point of contact is a pair variable plus the start of the
+        profile. In a file with a reference pose (known configuration), the start is at the
+        contact in this pose. If a design variable changes a profile, the start moves too.
+
         Parameters
         ----------
         values
@@ -163,16 +167,23 @@ class DesignProfiles:
         DesignError
             If the file does not allow another value of a variable.
         """
+        # (profiles, 8, n)
         arc_length_derivatives = _differentiate_by_arc_length(self.evaluate_columns(values))
+        # (design variables, profiles, 8, n)
         derivatives = np.zeros((len(self.variables), *arc_length_derivatives.shape))
+        # For each design variable, a dict has the curves that change, by the index of the
+        # profile. Its values are functions of the arc length: the derivatives of the
+        # columns by the design variable.
         for k, curve_derivatives in enumerate(self._curve_derivatives):
             # 1. The curve changes, at a fixed arc length.
             for index, curve_derivative in curve_derivatives.items():
                 profile = self.profiles[index]
                 arc_lengths = values[:, profile.variable] + profile.start
                 derivatives[k, index] = curve_derivative(arc_lengths)
-            # 2. The arc length changes, because the point from which it is counted moves.
-            for index, start_rate in self._start_rates(curve_derivatives).items():
+            # 2. The start of the profile moves, and the arc length changes with it. The
+            # rate of the start is its derivative by the design variable.
+            start_rates = self._start_rates(curve_derivatives)
+            for index, start_rate in start_rates.items():
                 derivatives[k, index] += start_rate * arc_length_derivatives[index]
         # Join the axes of profiles and of their columns.
         variable_count, profile_count, column_count, n = derivatives.shape

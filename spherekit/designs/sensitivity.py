@@ -511,12 +511,19 @@ class Sensitivity:
         derivatives
             (sizes, quantities, n) in rad and SI units.
         """
-        self._check_times(samples[:, -1])
+        # Torques can be tables over time. An error is raised if a time is outside them.
+        times_in_s = samples[:, -1]
+        self._check_times(times_in_s)
+        # The kernel computes the quantities and their derivatives. Contacts of circles can
+        # be replaced in the kernel by links between the centres of the circles. The pair
+        # variables of the kernel then differ from those of the mechanism.
+        kernel_variables = self._kernel_variables(values)
         column_gradients = self._nominal_design.evaluate_gradients(
             self._gradient_kernel,
             samples.T,
-            position_arguments=self._kernel_variables(values).T,
-            # Needed for contact profiles (curves) that are not circles.
+            position_arguments=kernel_variables.T,
+            # Contact profiles (curves) that are not circles are evaluated at these
+            # variables of the mechanism.
             pair_values=values,
         )
         return column_gradients.columns, column_gradients.gradients

@@ -668,8 +668,10 @@ class VariedMechanism:
     def _contact_numbers(self, mechanism: Mechanism) -> list[float]:
         """Return the numbers of the linkage that moves like a mechanism with contacts.
 
-        Such a linkage can replace circular contacts. Its numbers are angles (rad) and
-        ratios of wheels. The list is empty if contacts are not replaced.
+        Such a linkage can replace circular contacts. `equivalent_linkage` is the one of the
+        mechanism in the file. `mechanism` is a design: the mechanism with other sizes. The
+        numbers of its linkage are angles (rad) and ratios of wheels. The list is empty if
+        contacts are not replaced.
 
         Raises
         ------
@@ -679,10 +681,15 @@ class VariedMechanism:
         """
         if self.equivalent_linkage is None:
             return []
-        # Wheels roll on each other if the gap between them is at most `wheel_gap_rad`.
+        # If a size deviates, wheels that touch in the file can have a small gap. With a gap
+        # up to `wheel_gap_rad` they still count as wheels that roll on each other.
         linkage = find_equivalent_linkage(mechanism, self.inputs, self.wheel_gap_rad)
-        # The form says which contacts slide, and which pairs follow the inputs by wheels.
-        if linkage is None or linkage.form != self.equivalent_linkage.form:
+        if linkage is None:
+            raise _OtherFormError(OTHER_FORM)
+        # The form says which contacts slide, and which pairs (joints) are driven by the
+        # inputs through wheels.
+        has_same_form = linkage.form == self.equivalent_linkage.form
+        if not has_same_form:
             raise _OtherFormError(OTHER_FORM)
         return linkage.numbers
 

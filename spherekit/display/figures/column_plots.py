@@ -122,21 +122,40 @@ def _subjects(
     if not table.in_assembly_modes:
         yield "", "", frame
         return
-    names = [
-        column.name
-        for column in table.columns
-        if column.kind == "text" and column != MODE_NAME
-    ]
-    # A column with the same text in all rows does not tell subjects apart.
-    names = [name for name in names if frame[name].nunique() > 1]
-    keys = [*names, ASSEMBLY_MODE.name]
+    subject_names = _subject_columns(table, frame)
+    # Each group has the rows with the same texts and the same assembly mode.
+    keys = [*subject_names, ASSEMBLY_MODE.name]
     for key, rows in frame.groupby(keys, observed=True, sort=False):
-        *values, mode = key
-        label = ", ".join(
-            f"{name.replace('_', ' ')} {value}"
-            for name, value in zip(names, values, strict=True)
-        )
-        yield int(str(mode)), label, rows
+        *texts, mode_number = key
+        parts_of_label = []
+        for name, text in zip(subject_names, texts, strict=True):
+            parts_of_label.append(f"{name.replace('_', ' ')} {text}")
+        yield int(str(mode_number)), ", ".join(parts_of_label), rows
+
+
+def _subject_columns(table: Table, frame: "pd.DataFrame") -> list[str]:
+    """Return the names of the columns whose texts tell the subjects of rows apart.
+
+    The subject of a row is what its numbers describe, such as a pole. A column with the
+    same text in all rows is left out.
+
+    Parameters
+    ----------
+    table
+        The declaration of the table: kinds and units of its columns.
+    frame
+        The columns of the table.
+    """
+    names = []
+    for column in table.columns:
+        # This column has the user's name of the assembly mode, which is no subject. The
+        # number of the mode is in another column.
+        is_mode_name = column == MODE_NAME
+        if column.kind != "text" or is_mode_name:
+            continue
+        if frame[column.name].nunique() > 1:
+            names.append(column.name)
+    return names
 
 
 def _interrupt(x: Floats, y: Floats, turn: float | None) -> tuple[Floats, Floats]:

@@ -323,22 +323,25 @@ class PageMaker:
         There are two kinds:
 
         - Angular velocities of links. A pole axis (axis of relative rotation of two links)
-          has two opposite directions, and the page chooses one. Where the relative angular
-          velocity of the links reverses, the chosen direction must not.
+          has two opposite directions. The page chooses one, which must not jump to the
+          other during the motion. For this choice it needs the relative angular velocity.
         - A number for each dyad (two links between two known axes), which is negative if
-          the dyad cannot reach. Only positions in closed form have it.
+          the links are too short to meet. It exists only if positions have formulas (closed
+          form).
 
         Parameters
         ----------
         row_formulas
             Formulas of the quantities that the page shows or needs.
         """
-        sign_velocities = self._page_quantities.sign_velocities(row_formulas.results)
-        added_names = [name for name in sign_velocities if name not in row_formulas.results]
-        # `step` has a step of Newton's method. It is empty in closed form.
+        # Names of the components of the angular velocities.
+        velocity_names = self._page_quantities.sign_velocities(row_formulas.results)
+        added_names = [name for name in velocity_names if name not in row_formulas.results]
+        # Positions without a closed form are found by steps of Newton's method.
         has_closed_form = not row_formulas.step
         if has_closed_form:
-            # In closed form, a mode is described by a sign for each dyad.
+            # In closed form, an assembly mode (way to assemble the mechanism) is described
+            # by one number for each dyad, its sign.
             dyad_count = len(row_formulas.mode_value_names)
             for dyad in range(dyad_count):
                 added_names.append(f"{CLOSURE_PREFIX}{dyad + 1}")

@@ -203,19 +203,23 @@ def _step_facts(pole_plan: Plan, step: Step) -> Iterator[Facts]:
 
     A pole is the axis of the relative rotation of two bodies. Usually a step gives one pole
     and has one description. In some parts of a mechanism (`BlockPoles`), velocity equations
-    give several poles at once. The first description then has the poles that only the
-    equations give. Each of the others is also at the intersection of great circles through
-    poles that are described earlier. It has a description of its own, with these circles.
+    give several poles at once. If one of them is known, others follow one by one, as
+    intersections of great circles through known poles. The first description has the poles
+    that only the equations give. Then each of the others has a description of its own, with
+    its great circles.
 
     The keys of a description are those of `_make_step_facts`.
     """
     if not isinstance(step, BlockPoles):
         yield _single_pole_facts(pole_plan, step)
         return
-    poles_on_circles = {inner_step.pole for inner_step in step.steps_from_opening}
+    # The pole that has to be known first is called the opening pole. There is one inner
+    # step for each pole that follows from it.
+    inner_steps = step.steps_from_opening
+    poles_on_circles = {inner_step.pole for inner_step in inner_steps}
     poles_of_equations = [pole for pole in step.poles if pole not in poles_on_circles]
     yield _make_step_facts(pole_plan, step, poles_of_equations)
-    for inner_step in step.steps_from_opening:
+    for inner_step in inner_steps:
         yield _single_pole_facts(pole_plan, inner_step)
 
 

@@ -105,9 +105,12 @@ class Charts:
     ) -> None:
         """Log the cursors and legends of charts for one block of rows (samples).
 
-        The cursor is a line or dot at the current row. The legend has the name of each
-        series and its value in the current row. Their appearance is logged once, in the
-        first block of the chart. Positions and texts are logged for each row.
+        Some data do not change with the row, and are logged in the first block only: the
+        appearance of cursor and legend, and the positions of the legend. Other data are
+        logged for each row:
+
+        - the position of the cursor, a line or dot at the current row;
+        - the texts of the legend: the name of each series and its value in the row.
 
         Parameters
         ----------
@@ -124,10 +127,11 @@ class Charts:
         for chart_path, series_paths in changed_paths.items():
             chart = self.charts[chart_path]
             cursor_path = f"{chart_path}/cursor"
-            # `ENTITY_ITSELF` is the empty path below `cursor_path`.
+            # `log_first` does nothing if the path was logged before. `ENTITY_ITSELF` is the
+            # empty path below `cursor_path`.
             self.outputs.log_first(cursor_path, [(ENTITY_ITSELF, cursor_style(chart))])
-            cursor = chart.cursor_columns(axis_values)
-            self.outputs.log_rows(cursor_path, timelines, cursor, row_count)
+            cursor_positions = chart.cursor_columns(axis_values)
+            self.outputs.log_rows(cursor_path, timelines, cursor_positions, row_count)
 
             legend_path = f"{chart_path}/legend"
             # Position (k, 2) and colour of the name of each of the k series.
