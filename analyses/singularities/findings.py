@@ -159,9 +159,9 @@ def describe_output_ranges(sampled: SampledSingularities, names: list[str]) -> l
             if modes:
                 sentence += f" ({numbered('assembly mode', modes)})"
         sentences.append(sentence)
-    # The sentences are about whole curves. If the user limits the input to a range below a
-    # full revolution, a remark says so. In a simulation (motion caused by loads) the user
-    # gives no range of the input, so the remark does not apply.
+    # The sentences are about whole curves. If the input is limited to a range below a full
+    # revolution, a remark says so. In a simulation (motion caused by loads), `range` is not
+    # a limit, but what the motion has passed. So there is no remark.
     low, high = sampled.range
     is_limited = high - low < 2.0 * np.pi - 1e-9
     if is_limited and not sampled.is_simulation:
