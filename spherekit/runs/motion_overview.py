@@ -22,7 +22,8 @@ from spherekit.runs.pending_rows import PendingRows
 class MotionOverview:
     """The overview of the motion of a run: where modes close, and how far outputs move.
 
-    An assembly mode is one of the ways to assemble the mechanism.
+    An assembly mode is one of the ways to assemble the mechanism. The overview is added up
+    block by block (a block is a group of successive samples).
 
     Attributes
     ----------
@@ -32,8 +33,8 @@ class MotionOverview:
 
     modes: dict[str, ModeOverview] = field(default_factory=dict)
 
-    # Examined rows that wait until there are enough to evaluate them together, since
-    # blocks of long runs have few of them.
+    # Rows (one sample of one assembly mode each) that wait to be examined. Evaluating many
+    # rows together saves time, and one block may have only a few.
     pending: list[PendingRows] = field(default_factory=list)
 
     def to_json(self) -> Facts:
@@ -88,9 +89,11 @@ class MotionOverview:
             self.examine_pending(plan, motion)
 
     def _add_statuses(self, plan: OverviewPlan, motion: Motion, first_sample: int) -> None:
-        """Add the statuses of all rows to the overviews of their assembly modes.
+        """Add the status of each configuration to the overview of its assembly mode.
 
-        `first_sample` is the number of the first sample of the block in the run.
+        A status tells whether the mechanism closes, or why it does not. `motion` has the
+        configurations of one block of samples. `first_sample` is the number of its first
+        sample in the whole run.
         """
         # The rows of a mode follow each other, one for each sample of the block.
         statuses_by_mode = motion.status.reshape(-1, motion.samples)

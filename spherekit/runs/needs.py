@@ -9,22 +9,25 @@ from spherekit.planning.pole_plan import Pole
 class Needs:
     """Declares which quantities an analysis reads from a `Batch`.
 
-    A run evaluates only what its analyses declare. A pole is the axis about which one link
-    rotates relative to another. It is given by the numbers of both links, the smaller one
-    first. Pairs are given by name, and so are links in `rotations` and `link_rates`.
+    A `Batch` has the results for a group of samples. A run evaluates only what its analyses
+    declare. A pole is the axis about which one link rotates relative to another. It is
+    given by the numbers of both links, the smaller one first. Pairs are given by name, and
+    so are links in `rotations` and `link_rates`.
 
     Attributes
     ----------
     directions
         Poles whose axis direction is read.
     rates
-        Poles whose direction and velocity coefficient are read. With `derivatives` their
-        acceleration coefficient can be read too.
+        Poles whose direction and velocity coefficient (angular velocity about the pole per
+        unit rate of the input) are read. With `derivatives` their acceleration coefficient
+        can be read too.
     derivatives
         Whether derivatives by the input are read, for the poles and links in `rates`,
         `turns` and `link_rates`.
     planes
-        Poles of which the two great circles that intersect in the pole are read.
+        Poles that are found as the intersection of two great circles, of which these
+        circles are read.
     pair_values
         Pairs whose variable is read, in rad within (-pi, pi].
     continued_values

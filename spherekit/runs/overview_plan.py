@@ -130,7 +130,7 @@ def _examined_output(mechanism: Mechanism, output: Output) -> ExaminedOutput:
 
 @dataclass(frozen=True)
 class OverviewPlan:
-    """What an overview examines, and the place of each sample.
+    """What the overview of a run's motion examines, and the place of each sample.
 
     The place identifies a sample for the user. It is the time, the value of the first
     input or the number of the sample, see `place_kind`.
@@ -212,7 +212,8 @@ class OverviewPlan:
     def examined_samples(self, first_sample: int, count: int) -> Indices:
         """Return the examined samples among `count` successive samples of the run.
 
-        They are the multiples of `step`, and the last sample of the run.
+        Examining only some samples saves time in long runs. They are the multiples of
+        `step`, and the last sample of the run.
         """
         samples = np.arange(first_sample, first_sample + count)
         is_last_of_run = samples == len(self.sampling) - 1

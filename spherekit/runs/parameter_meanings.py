@@ -41,10 +41,11 @@ def plain_meaning(meaning: str) -> str:
 
 
 def _section_lines(docstring: str) -> Iterator[tuple[str, str]]:
-    """Yield each line of a docstring with the heading of its section, "" before the first.
+    """Yield the heading of its section, and the text, for each line of a docstring.
 
-    A heading is a line that is underlined by as many hyphens as it has characters. Headings
-    and their underlines are not yielded.
+    Before the first heading, "" is yielded as heading. A heading is a line that is
+    underlined by as many hyphens as it has characters. Headings and their underlines are
+    not yielded.
     """
     lines = docstring.splitlines()
     heading = ""

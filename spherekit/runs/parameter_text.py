@@ -77,8 +77,9 @@ def read_fields(
 ) -> Facts:
     """Return the values of the fields of a dataclass that a user has given.
 
-    The dataclass is, for example, an analysis with its parameters. The user gives values by
-    keys, in a file or on the command line.
+    A key is the name of a value in the text of the user. The dataclass is, for example, an
+    analysis with its parameters. The user gives values by keys, in a file or on the command
+    line.
 
     Parameters
     ----------

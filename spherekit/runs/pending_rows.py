@@ -14,14 +14,17 @@ from spherekit.positions.timing import Timing
 
 @dataclass
 class PendingRows:
-    """Rows of a motion that are not examined yet, at the same samples in all modes.
+    """Configurations that wait to be examined, at the same k samples in all assembly modes.
+
+    An assembly mode is one way to assemble the mechanism.
 
     Attributes
     ----------
     sample
         (k,) numbers of the samples.
     inputs, values, status
-        (modes, k, ...) inputs and variables (rad), and status codes.
+        (modes, k, ...) input angles and pair variables (rad), and codes that tell whether
+        the mechanism closes.
     times
         (3, modes, k, inputs) time (s), rate (rad/s) and acceleration (rad/s^2) of each
         input; the time is the same for all inputs. None for a motion without times.

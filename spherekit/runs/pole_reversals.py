@@ -52,6 +52,9 @@ class ReversalGaps:
     def after_positions(cls, rows: Indices, positions: Indices) -> "ReversalGaps":
         """Return the gaps from some of n successive rows to the next row.
 
+        A row is the configuration at one sample. Between rows, the direction of a pole may
+        reverse unseen.
+
         Parameters
         ----------
         rows
@@ -208,12 +211,15 @@ def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
 
 @dataclass(frozen=True, eq=False)
 class VelocityBounds:
-    """Bounds of the relative angular velocities of the links of poles in several rows.
+    """Bounds of relative angular velocities, valid in several rows (configurations).
+
+    Each pole has two links. It is the axis about which one rotates relative to the other.
 
     Attributes
     ----------
     least, greatest
-        (poles, 3) lower and upper bound of the x, y and z component, in all rows.
+        (poles, 3) lower and upper bound, over all rows, of the x, y and z component of the
+        angular velocity of one link relative to the other.
     """
 
     least: Floats
@@ -274,7 +280,7 @@ def _keeps_all_directions(bounds: VelocityBounds) -> bool:
 
 
 def _least_products(low: Floats, high: Floats) -> Floats:
-    """Return the least product of two numbers that are both between `low` and `high`.
+    """Return the least product of any two numbers between `low` and `high`.
 
     If both bounds have the same sign, both numbers are the bound that is nearer to zero.
     Otherwise one number is the lower bound and the other is the upper bound.
@@ -369,11 +375,13 @@ def _list_gaps_by_mode(
 def _gaps_beside(rows: Indices, is_uncertified: Bools) -> ReversalGaps:
     """Return the gaps before and after each uncertified row.
 
-    `rows` (n,) are the successive rows of a mode. The first one has no gap before it, and
-    the last one none after it.
+    A gap lies between two successive rows. A row is uncertified if the sense of a pole is
+    not proven there. `rows` (n,) are the successive rows of an assembly mode. The first one
+    has no gap before it, and the last one none after it.
     """
     uncertified = np.flatnonzero(is_uncertified)
     last_position = len(rows) - 1
+    # Position k stands for the gap after row k. -1 and `last_position` are no gaps.
     positions = np.setdiff1d([uncertified - 1, uncertified], [-1, last_position])
     return ReversalGaps.after_positions(rows, positions)
 

@@ -178,7 +178,7 @@ class ProvenPoles:
     Attributes
     ----------
     data
-        Columns of the table.
+        Columns of the table, one row for each pole in each proven configuration.
     counts
         For each kind of bound, by its name in messages: the number of rows with each
         finding, such as that the bound is proven to be exceeded.
@@ -330,9 +330,9 @@ def _enclose_run_poles(
 ) -> dict[PoleKey, EnclosedPole]:
     """Return the enclosed poles at all configurations of a run whose existence is proven.
 
-    A configuration is proven if the closure equations have a root in small balls (numbers
-    with error bounds) around it. The poles are enclosed by evaluating the rates with these
-    balls.
+    A pole is the axis about which one link rotates relative to another. A configuration is
+    proven if the closure equations have a root in small balls (numbers with error bounds)
+    around it. The poles are enclosed by evaluating the rates with these balls.
 
     Parameters
     ----------
@@ -436,6 +436,9 @@ def check_provable(
 def _compare_row(run_row: Facts, pole: EnclosedPole) -> Facts:
     """Return the enclosure of a pole, and what it says about the errors of the run.
 
+    A pole is the axis about which one link rotates relative to another. Its enclosure is a
+    set of balls: numbers of many digits with a proven error bound.
+
     Parameters
     ----------
     run_row
@@ -458,7 +461,7 @@ def _compare_row(run_row: Facts, pole: EnclosedPole) -> Facts:
         upper_magnitude(ball - exact_ball(float(centre)))
         for ball, centre in zip(pole.direction, axis, strict=True)
     )
-    # Both senses of a pole axis are right.
+    # A pole axis has no sense of its own, so the sense of the run is used.
     axis = axis if axis @ run_axis > 0 else -axis
     axis_distance = np.linalg.norm(run_axis - axis)
     # The radius of three components, and four rounding errors of the distance. These are

@@ -67,12 +67,13 @@ class Recorder(Protocol):
 
 
 class RecordingSession:
-    """Passes what a run shows to its recorder.
+    """Passes what a run shows to its recorder, which draws it or writes it to a file.
 
     The ground and the graph of links and pairs are passed at the start. Moving links and
-    the scenes (drawings) of analyses are passed block by block. Only one of `every`
-    successive samples is recorded. In a grid of inputs the count starts again in each row
-    of the grid. Along a path of samples the last sample is recorded too.
+    the scenes (drawings) of analyses are passed block by block, a block being a group of
+    successive samples. Only one of `every` successive samples is recorded. In a grid of
+    inputs the count starts again in each row of the grid. Along a path of samples the last
+    sample is recorded too.
     """
 
     def __init__(
@@ -98,7 +99,7 @@ class RecordingSession:
         sampling
             The samples of the whole run.
         plans
-            The plan of the poles for each input that moves.
+            How the poles (axes of relative rotation) are found, for each input that moves.
         first_sample
             The first sample of a resumed run.
         """
@@ -226,9 +227,10 @@ class RecordingSession:
             self._log(replace(scene.thinned(is_recorded), source=source), motion)
 
     def _recorded_part(self, motion: Motion) -> tuple[Motion, Bools]:
-        """Return the recorded samples of a block, and which of its samples (k,) they are.
+        """Return the recorded part of a motion, and which of its k samples are recorded.
 
-        All assembly modes have the same samples, so the first mode decides.
+        The motion has the same k samples in each assembly mode, one mode after another. So
+        the mask (k,) is read from the first mode.
         """
         is_recorded_row = self._is_recorded(motion.sample)
         is_recorded = is_recorded_row[: motion.samples]
@@ -262,9 +264,10 @@ class RecordingSession:
             self._log_over_samples(scene, motion)
 
     def _log_over_own_axes(self, scene: Scene) -> None:
-        """Pass a scene with axes of its own to the recorder.
+        """Pass a scene to the recorder that has axes of its own, not those of the samples.
 
-        Its points are spread evenly over the timeline of the recording.
+        Such a scene belongs to no sample. To be shown with the recording, its rows are
+        spread evenly over the inputs and times of the recording.
         """
         # The axes of a scene have one value for each row of the scene.
         count = len(scene.over[0].values)

@@ -43,7 +43,8 @@ def registered(*classes: type[AbstractAnalysis]) -> Iterator[None]:
 def _find_entry_points() -> Mapping[str, list[EntryPoint]]:
     """Return the entry points of all installed packages by name.
 
-    They are listed again only if a folder of packages has changed.
+    By them, packages announce their analyses. They are listed again only if a folder of
+    packages has changed, because listing takes long.
     """
     folder_states = [
         (folder, Path(folder).exists() and Path(folder).stat().st_mtime_ns)
@@ -56,7 +57,8 @@ def _find_entry_points() -> Mapping[str, list[EntryPoint]]:
 def _list_entry_points(*_folder_states: tuple[str, int]) -> Mapping[str, list[EntryPoint]]:
     """Return the entry points by name; listing them takes long.
 
-    The arguments, folders with their times of change, are the key of the cache.
+    Results are cached. The arguments serve only as the key of the cache: folders of
+    packages with their times of change.
     """
     entries_by_name: dict[str, list[EntryPoint]] = {}
     for entry in entry_points(group=ENTRY_POINT_GROUP):

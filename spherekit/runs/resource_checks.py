@@ -25,7 +25,8 @@ FRAME_BYTES = 72
 def evaluation_memory(mechanism: Mechanism, row_count: int) -> int:
     """Estimate the memory in bytes for evaluating rows at once.
 
-    The rotation matrices of links and pairs need most of it.
+    A row is one configuration. The rotation matrices of the frames of links and pairs need
+    most of the memory.
     """
     frame_count = len(mechanism.links) + len(mechanism.pairs)
     return row_count * FRAMES_IN_MEMORY * FRAME_BYTES * frame_count

@@ -80,7 +80,7 @@ class Timer:
 
         Time that belongs to no stage is listed under `REST`.
         """
-        # `self.seconds` has only this process, and so has the elapsed time.
+        # `self.seconds` and `elapsed` have only the time of this process.
         elapsed = time.perf_counter() - self._start_time
         seconds = self.seconds | {REST: elapsed - sum(self.seconds.values())}
         return {

@@ -60,7 +60,7 @@ class RunFolder:
     Parameters
     ----------
     path
-        The folder. Use `open`, which also locks it.
+        The folder. Create objects by `open`, which also locks the folder.
     """
 
     def __init__(self, path: Path) -> None:

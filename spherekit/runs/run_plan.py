@@ -174,6 +174,8 @@ class RunPlan:
     def _fill_in_poles(self, motion: Motion, max_poles: int) -> PoleFields:
         """Return numbers of poles for a run that only measures the size of its tables.
 
+        A pole is the axis about which one link rotates relative to another.
+
         The numbers need not be right, but must take as many bytes as the right ones. About
         `max_poles` poles are evaluated. The others get similar numbers, because a table
         file stores equal numbers only once.
@@ -217,10 +219,11 @@ class RunPlan:
         )
 
     def continue_angles(self, motion: Motion, last_angles: LastAngles) -> ContinuedAngles:
-        """Return the variables that analyses read without jumps of whole revolutions.
+        """Return the pair variables that analyses read without jumps of whole revolutions.
 
-        They are arrays (n,) in rad, by pair. `last_angles` has the variables at the end of
-        the previous block, and is updated in place.
+        They are arrays in rad by pair, with a value for each of the n configurations of the
+        motion. `last_angles` has the variables at the end of the previous block, and is
+        updated in place.
         """
         pairs = frozenset[str]().union(*(needs.continued_values for needs in self.needs))
         if not pairs:
@@ -271,7 +274,10 @@ class RunPlan:
     def compute_tables(
         self, analysis: AbstractAnalysis, batch: Batch
     ) -> dict[str, TableData]:
-        """Return the tables of an analysis for a block, checked against its declaration.
+        """Return the tables of an analysis for a block of samples, after checking them.
+
+        Their columns must be those that the analysis declares. `batch` has the results of
+        the run at these samples.
 
         Errors are those of `compute_checked_tables`.
         """
@@ -389,8 +395,9 @@ class RunPlan:
     def tables_of(self, analysis: AbstractAnalysis) -> tuple[Table, ...]:
         """Return the tables of an analysis, with the columns that it computes.
 
-        These are the declared columns, without those that its parameters do not request.
-        Some are one column for each input.
+        These are the declared columns, without those that its parameters do not request. A
+        column that is declared for every input becomes one column for each input of the
+        mechanism.
         """
         return tuple(table.of(self.mechanism) for table in analysis.requested_tables())
 

@@ -225,7 +225,7 @@ class RunResult:
         return path
 
     def show(self) -> None:
-        """Show the whole recording in a notebook.
+        """Show the drawings of the whole run (its recording) in a notebook.
 
         The first call repeats the run, unless `plot` has done that before.
 
@@ -527,8 +527,8 @@ def _first_rows_html(analysis: str, table: Table, data: TableArrays) -> str:
 def tables_by_file_stem(declared: Declared) -> dict[str, tuple[str, Table]]:
     """Return the analysis and the table of each file, by the stem of the file.
 
-    The stem is the name of the file without its ending. The first table of an analysis is
-    in the file that is named like the analysis.
+    Each table is written to a file of its own. The stem is the name of the file without its
+    ending. The first table of an analysis is in the file that is named like the analysis.
     """
     tables_by_stem = {}
     for analysis, tables in declared.items():
@@ -657,7 +657,7 @@ def write_results(
     memory_bytes = 0
     for stem, (_, table) in tables_by_stem.items():
         for column in table.columns:
-            # Texts are stored as numbers of words.
+            # Each different text is stored once, and a cell has the number of its text.
             dtype = np.dtype(DTYPE_BY_KIND.get(column.kind, TEXT_CODE_TYPE))
             memory_bytes += dtype.itemsize * cost_by_stem[stem]["rows"]
     csv_bytes = TABLE_FORMATS["csv"].relative_size * memory_bytes

@@ -70,17 +70,18 @@ BY_KERNEL = "by_kernel"
 
 @dataclass
 class RunState:
-    """The state of a run after the blocks that are done.
+    """The state of a run after the blocks (groups of successive samples) that are done.
 
-    It is stored in the journal after each block and restored bit for bit, so that a resumed
-    run gives the same results as one that was not stopped. Its size does not grow with the
-    number of samples.
+    It is stored in the journal (a file in the folder of the run) after each block and
+    restored bit for bit, so that a resumed run gives the same results as one that was not
+    stopped. Its size does not grow with the number of samples.
 
     Attributes
     ----------
     sign_continuations
         For each input that moves while the others are locked: the directions of all poles
-        in the last row. Directions in the next rows get the signs that continue them.
+        (axes of relative rotation) in the last row, that is, at the last sample. Directions
+        in the next rows get the signs that continue them.
     last_angles
         For each assembly mode (way to assemble the mechanism), the pair variables in the
         last row, without jumps of whole revolutions. The next block continues them.
@@ -347,6 +348,9 @@ class RunState:
     def status_counts(self, *key_start: str) -> StatusCounts:
         """Return how many rows or poles have each status, by the name of the status.
 
+        A row is one sample of one assembly mode. A status tells whether its computation
+        succeeded.
+
         The keys of `counts` are tuples of texts that end with a status. All keys that begin
         with `key_start` are added up, such as ("mode", "0") for the rows of mode 0.
         """
@@ -416,7 +420,7 @@ def _find_ignored_statuses(needs: Needs) -> list[Status]:
     """Return the statuses that do not count as failures of an analysis with these needs.
 
     A pole is the axis of the relative rotation of two links. If the analysis reads poles,
-    its rows can have the statuses of poles. `RunState.count_block` counts these.
+    its rows can have the statuses of poles. `RunState.count_block` counts these separately.
     """
     ignored = [Status.OK]
     if needs.directions | needs.rates | needs.planes:
@@ -535,8 +539,8 @@ def _find_positions(wanted: Integers, numbers: Integers) -> Indices:
     """
     order = np.argsort(numbers)
     positions_when_sorted = np.searchsorted(numbers[order], wanted)
-    # A number above all others has no position. Any other position will do for it, as the
-    # comparison below finds it missing.
+    # `searchsorted` returns n for a number above all others. This is reduced to a valid
+    # position, and the comparison below finds that the number is missing.
     candidates = order[np.minimum(positions_when_sorted, len(numbers) - 1)]
     return np.where(numbers[candidates] == wanted, candidates, -1)
 
@@ -566,7 +570,7 @@ def describe_analyses(analyses: Analyses) -> list[list[Any]]:
 def hash_array(values: Floats) -> str:
     """Return the SHA-256 of the bits of an array.
 
-    It is hashed in pieces, because the bytes of a long array would be copied as a whole.
+    The array is hashed in pieces, so that only one piece is copied at a time.
     """
     digest = hashlib.sha256()
     for start in range(0, len(values), 1 << 16):

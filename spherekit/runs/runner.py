@@ -283,7 +283,8 @@ def run_study(
 def needs_motion(study: Study, analyses: Analyses, execution: Execution) -> bool:
     """Return whether anything in a run reads the configurations of its samples.
 
-    If not, and the samples are not times, the run skips the search for assembly modes.
+    If nothing does, and the samples are not times, the run skips the search for assembly
+    modes (ways to assemble the mechanism).
     """
     return (
         execution.recorder is not None

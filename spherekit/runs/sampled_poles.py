@@ -30,8 +30,8 @@ def evaluate_sample(motion: Motion, request: Request, max_poles: int) -> PoleFie
     These numbers take as many bytes as the right ones, but are meaningless.
 
     A pole is the axis about which one link rotates relative to another. All poles that are
-    the axis of a pair are evaluated, because their numbers have fewer digits. About
-    `max_poles` of the other poles are evaluated.
+    the axis of a pair (joint) are evaluated. Their numbers have fewer digits and so take
+    fewer bytes. About `max_poles` of the other poles are evaluated.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def evaluate_sample(motion: Motion, request: Request, max_poles: int) -> PoleFie
     PoleField
         With entries for all poles of the request.
     """
-    # Choose the poles to evaluate.
+    # Pair axes are evaluated in any case. Of the other poles, every `step`-th one is.
     pair_poles = axis_pairs(request.plan)
     other_poles = [
         pole for pole in request.poles if request.plan.pole(*pole) not in pair_poles
@@ -76,7 +76,8 @@ def evaluate_sample(motion: Motion, request: Request, max_poles: int) -> PoleFie
     }
     for item in fields(PoleField):
         values_by_pole = getattr(field, item.name)
-        # `w` and `dw` belong to links, other dictionaries to poles.
+        # The angular velocities `w` and their derivatives `dw` belong to links. All other
+        # dictionaries belong to poles and get stand-ins.
         if not isinstance(values_by_pole, dict) or item.name in ("w", "dw"):
             continue
         for number, (pole, stand_in) in enumerate(stand_ins.items(), start=1):

@@ -73,7 +73,7 @@ EVENTS = Table(
 
 @dataclass(frozen=True)
 class Sampling:
-    """The samples of a run, and the motion at them.
+    """The samples of a run (values of its inputs, or times), and the motion at them.
 
     The motion is that of the `simulation`, if there is one. Otherwise the position analysis
     computes it from the inputs.
@@ -81,7 +81,8 @@ class Sampling:
     Attributes
     ----------
     position_analysis
-        The assembly modes, and the solver that computes configurations.
+        The assembly modes (ways to assemble the mechanism), and the solver that computes
+        configurations.
     inputs
         (k, inputs) variables of the driven pairs at the k samples, rad.
     shape
@@ -99,7 +100,7 @@ class Sampling:
     simulation
         The solved simulation, if the motion follows from loads.
     tolerance
-        The tolerance of the simulation, rad.
+        Error tolerance of the simulation, rad.
     """
 
     position_analysis: PositionAnalysis
@@ -223,8 +224,9 @@ class Sampling:
     def _add_simulated_revolutions(self, simulation: Simulation, motion: Motion) -> Motion:
         """Return a motion whose angles contain the revolutions of a simulation.
 
-        A simulation counts the revolutions of all variables while it is solved. Its motion
-        has angles in (-pi, pi], except for the inputs, which contain their revolutions.
+        A simulation counts the revolutions of all variables while it is solved. The motion
+        that is computed from the simulation has angles in (-pi, pi]. Only the inputs
+        contain their revolutions.
         """
         assert motion.timing is not None  # a simulation always has times
         simulated_values = simulation.at(motion.timing.t).values
@@ -365,7 +367,7 @@ class Sampling:
 def _find_input_sense(simulation: Simulation, input_pair: str, t: Floats) -> Floats:
     """Return the sense (n,) in which an input moves at times t (n,) of a simulation.
 
-    At a dead centre the input turns back while the mechanism moves on. The sense is -1
+    At a dead centre the input turns back while the mechanism moves on. So the sense is -1
     after an odd number of dead centres, otherwise 1.
     """
     reversal_times = [
@@ -665,7 +667,9 @@ def sample_simulation(
 
 
 def check_time(study: Study) -> None:
-    """Refuse a study in which laws, duration, start and samples do not fit together.
+    """Refuse a study in which time laws, duration, start and samples do not fit together.
+
+    The start is that of a simulation: inputs and rates at time 0.
 
     Raises
     ------
@@ -677,7 +681,7 @@ def check_time(study: Study) -> None:
 
 
 def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, str]]:
-    """Yield faults of laws, duration and start.
+    """Yield faults of the time laws, the duration and the start of a simulation.
 
     Yields
     ------

@@ -172,6 +172,8 @@ def make_analysis_plan(
 ) -> RunPlan:
     """Return the run of one analysis at some samples, with a setting.
 
+    A setting is a way to compute the run, such as an engine.
+
     An `AnalysisError` says if the parameters of the analysis are wrong.
     """
     needs = check_needs(analysis, sampling.position_analysis.mechanism)
@@ -288,7 +290,7 @@ def measure_candidates(
     start = time.monotonic()
     measured_by_name: dict[str, Measured] = {}
     progress = ProgressReporter("measuring settings")
-    # First the errors.
+    # First run every candidate once, to measure its error.
     for number, candidate in enumerate(candidates, 1):
         # `report_if_due` calls the function before it returns, and only for a report. The
         # loop variable therefore still has its present value (B023).
@@ -316,13 +318,14 @@ def measure_candidates(
         )
 
     applicable = [item for item in candidates if not measured_by_name[item.name].reason]
-    # Then the times: before any sample, and of all samples, in each round.
+    # Then measure times in several rounds: the time before the first sample, and the time
+    # of all samples.
     first_seconds: dict[str, list[float]] = {item.name: [] for item in applicable}
     sample_seconds: dict[str, list[float]] = {item.name: [] for item in applicable}
     for round_number in range(trade_options.rounds):
         if round_number >= MIN_ROUNDS and time.monotonic() - start > trade_options.budget:
             break
-        # Alternating orders, so that a machine that becomes slower favours none.
+        # The order alternates, so that no candidate suffers if the machine becomes slower.
         order = applicable if round_number % 2 == 0 else applicable[::-1]
         for candidate in order:
             timed_tables = candidate.run(False)
@@ -399,6 +402,7 @@ def measure_simulation_settings(
         fields = reference_fields if is_compared else ()
         return _simulate_tables(run_plan, study, setting, fields)
 
+    # No error can be stated below the error of the reference.
     floors = {deviation.column: deviation.error for deviation in reference_deviations}
 
     def compare(tables: Tables) -> list[Deviation]:
@@ -419,7 +423,8 @@ def measure_simulation_settings(
         setting = measured.setting
         is_compiled = setting is not None and setting.integrator == "compiled"
         if is_compiled and not measured.reason:
-            # All compiled settings share the functions that were compiled first.
+            # All compiled settings share compiled functions. They were compiled by the
+            # simulation `tightest`, so its compile time is stated for all of them.
             measured = replace(measured, compile_seconds=tightest.compile_seconds)
         results.append(measured)
     return SettingMeasurement(
@@ -595,8 +600,8 @@ def _compute_exact_tables(
         is_sticking = sampling.t >= min(float(exact.end), simulation.end.t)
         for rate in input_rates:
             rate[is_sticking] = np.nan
-    # The float64 simulation may end later, by its error. Samples after the end of the exact
-    # one have the state at its end, and therefore its time.
+    # By its error, the float64 simulation may end later than the exact one. Samples after
+    # the exact end have the exact state at that end, and so its time.
     timing = Timing(np.minimum(sampling.t, float(exact.end)), *input_rates)
     motion = replace(motion, values=values, inputs=centre_floats(inputs), timing=timing)
     (analysis,) = run_plan.analyses

@@ -13,8 +13,9 @@ from spherekit.conventions import Facts
 class SmoothExtremes:
     """The lowest and the highest value of a quantity, estimated between samples.
 
-    They are the extremes of parabolas through the values at three successive samples. The
-    result does not depend on how the samples are divided into blocks.
+    They are the extremes of parabolas through the values at three successive samples.
+    Values are added block by block (a block is a group of successive samples). The result
+    does not depend on how the samples are divided into blocks.
 
     Attributes
     ----------
@@ -70,7 +71,7 @@ class SmoothExtremes:
         return [np.nan if value is None else value for value in self.last_values]
 
     def excess(self, lowest: float | None, highest: float | None) -> float:
-        """Return how far the extremes exceed a range, 0 if they do not.
+        """Return how far the estimated extremes exceed a range, 0 if they do not.
 
         Parameters
         ----------

@@ -23,7 +23,7 @@ DEFAULT_ANALYSIS = "poles"
 
 
 def _array_words(items: Sequence[str]) -> str:
-    """Return words for an array with one given type for each item.
+    """Return words for an array whose items have certain types, for messages.
 
     Examples are ``an array of 2 numbers`` and ``an array of 2 values: a number, text in
     quotes``.
@@ -173,10 +173,10 @@ def _read_parameters(
     """
 
     def make_error(keys: Names, message: str) -> SpherekitError:
-        """Return an error with the line of a faulty parameter, or of the analysis.
+        """Return an error that states the line of a faulty parameter, or of the analysis.
 
-        `keys` has the key of the faulty parameter. It is empty if the error concerns the
-        analysis as a whole.
+        The line is that in the file of the study. `keys` has the key of the faulty
+        parameter. It is empty if the error concerns the analysis as a whole.
         """
         return study.fault(("analyses", cls.name, *keys), message)
 

@@ -65,11 +65,12 @@ def apply_study_options(
     Raises
     ------
     AnalysisError
-        For a name that is not an option, with the nearest that is; for a wrong type.
+        For a name that is not an option; the message suggests the most similar option. Also
+        for a wrong type.
     FileError
         If there is no such file, or it is faulty.
     PlanError, ModelError
-        If `input_pair` names no R pair.
+        If `input_pair` names no R pair (revolute joint).
     """
     class_names = {item.name for item in fields(options_class)}  # type: ignore[arg-type]
     allowed = _list_options(options_class)

@@ -76,7 +76,8 @@ def summarize_run(run_plan: RunPlan, run_state: RunState) -> Facts:
     remarks = []
     warnings = [*sampling.warnings]
     for name, findings in run_state.findings.items():
-        # Readers of the remarks alone get the rows of tables as sentences.
+        # Tables for the screen are added as sentences too, for those who read only the
+        # remarks.
         for table in findings.tables:
             remarks += [f"{name}: {text}" for text in row_sentences(table)]
         remarks += [f"{name}: {text}" for text in with_counts(findings.remarks)]
@@ -179,7 +180,7 @@ def measure_cost(
     Parameters
     ----------
     run_plan
-        The analyses and the requested poles of the run.
+        The analyses and the requested poles (axes of relative rotation) of the run.
     run_state
         The counts of the run.
     timer

@@ -62,9 +62,10 @@ def describe_scale(column: Column) -> str:
 
 
 def _integrated_unit(unit: str) -> str | None:
-    """Return the unit of the function whose derivative by an angle has a unit.
+    """Return the unit of a quantity from the unit of its derivative by an angle.
 
-    None if the unit is not that of such a derivative.
+    For example N from N/rad, and no unit from 1/rad. None if the unit does not end with
+    /rad.
     """
     integrated = unit.removesuffix("/rad")
     return None if integrated == unit else integrated.removeprefix("1")

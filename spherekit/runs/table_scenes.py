@@ -104,9 +104,9 @@ def _column_series(
 
 
 def _name_subjects(table: Table, data: TableArrays, rows: Indices) -> list[str]:
-    """Return the name of the subject of each row (k,): its texts, joined by commas.
+    """Return what each of k rows of a table is about: its texts, joined by commas.
 
-    It is empty if the table has no column of texts.
+    The names are empty if the table has no column of texts.
     """
     text_columns = [column.name for column in table.columns if column.kind == "text"]
     subjects = []

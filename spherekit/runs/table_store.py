@@ -20,10 +20,10 @@ MODES = "modes"
 class StoredTables:
     """The tables of an unfinished run: one Parquet file for each block of each table.
 
-    Memory does not grow with the number of rows. A file is complete or absent, and has
-    checksums. The journal of the run has the number of files of each table (`to_journal`).
-    A file above that number belongs to a block that was not finished. It is ignored, and
-    overwritten when the run is resumed.
+    A block is a group of successive samples. Memory does not grow with the number of rows.
+    A file is complete or absent, and has checksums. The journal of the run has the number
+    of files of each table (`to_journal`). A file above that number belongs to a block that
+    was not finished. It is ignored, and overwritten when the run is resumed.
 
     Parameters
     ----------

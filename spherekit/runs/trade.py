@@ -92,6 +92,8 @@ Larger: times that scatter less, in more time.
 def spread_samples(sampling: Sampling, count: int) -> Indices:
     """Return the numbers of samples that are spread evenly over a run along a path.
 
+    Settings are tried at these few samples to save time.
+
     The samples with the least and the greatest value of the first input are added to these
     `count` samples, so that the range of the input stays the same.
     """
@@ -138,7 +140,8 @@ def _largest_direction_errors(
 ) -> Floats:
     """Return the largest error bound (rad) of any pole direction, as (modes, samples).
 
-    It is 0 if no pole has a bound.
+    A pole is the axis about which one link rotates relative to another. The result is 0 if
+    no pole has a bound.
     """
     motion = sampling.motion_at(samples)
     # Poles as intersections of the best conditioned great circles (a route to compute
@@ -149,9 +152,10 @@ def _largest_direction_errors(
 
 
 def _find_highest_peaks(values: Floats) -> Indices:
-    """Return the samples of the highest `MAX_REFINED_PEAKS` peaks of (modes, samples).
+    """Return the samples of the highest `MAX_REFINED_PEAKS` peaks of some values.
 
-    A peak is no smaller than its neighbours of the same mode.
+    `values` (modes, samples) are not negative, with one row for each assembly mode. A peak
+    is at least as large as its two neighbours in the row.
     """
     # With a column of -1 on both sides, the first and the last sample can be peaks.
     padded = np.pad(values, ((0, 0), (1, 1)), constant_values=-1.0)

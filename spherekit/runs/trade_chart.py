@@ -58,7 +58,7 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
     for number, (measured, point) in enumerate(zip(settings, points, strict=True), 1):
         tone = FRONT_TONE if measured in trade.pareto else SETTING_TONE
         marks.append(Mark(str(number), point, tone))
-        # A curve of a single point, for its label in the legend.
+        # Each setting is a curve of a single point, so that the legend has a label for it.
         label = f"{number}: {measured.name}, {measured.error:.1e}"
         curves.append(PlaneCurve(point[None], tone, label))
     if tolerance is not None:

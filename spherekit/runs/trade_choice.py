@@ -94,12 +94,14 @@ def choose(
     """
     check_tolerance(study.mechanism.name, tolerance)
     trades = list(stored)
-    # A run of each analysis whose errors depend on the setting. None of a simulation.
+    # Errors depend on the setting only in some analyses. There is a run for each of these
+    # analyses, but none for a simulation.
     run_plans: list[RunPlan] = []
     if study.start is None:
         sampling = make_sampling(study)
         for analysis in analyses:
-            # The run itself reports errors of an analysis.
+            # If an analysis fails here, it is left out. The run itself reports the failure
+            # later.
             with suppress(AnalysisError, PluginError):
                 run_plan = make_analysis_plan(sampling, analysis)
                 if not analysis.trades and reads_motion_quantities(run_plan):

@@ -164,6 +164,9 @@ def align_directions(
 ) -> tuple[PoleField, ...]:
     """Return pole fields whose directions point to the same side as those of a reference.
 
+    A pole is the axis about which one link rotates relative to another. A pole field has
+    the poles in several rows (configurations), for one input.
+
     `rows` are the rows of the reference that belong to the rows of the fields. The two
     senses of a pole axis are equally right, so they must not count as a deviation.
     """

@@ -106,7 +106,7 @@ def choose_most_accurate_fast_option(costs: Mapping[Option, Cost]) -> Option:
     Parameters
     ----------
     costs
-        Time and error of each option. Options with equal errors are compared by time.
+        Time and error of each option. Of options with equal errors the fastest is returned.
     """
     limit = EQUAL_TIME_FACTOR * min(cost.seconds for cost in costs.values())
     fast_options = [option for option, cost in costs.items() if cost.seconds <= limit]
@@ -142,7 +142,7 @@ class Trade:
     columns
         Name, words about the scale, and scale of the errors of each column.
     settings
-        The settings.
+        The settings, with their times and errors.
     made_for
         The run for which the trade was made, see `spherekit.runs.trade_files`.
     draw

@@ -64,7 +64,7 @@ Such rows close no better than the tolerance of the simulation, which is no faul
 
 @dataclass(frozen=True)
 class _BlockRows(ArrayRows):
-    """Rows that analyses read: configurations, their poles, and continued angles.
+    """Configurations of a block of samples, with their poles and continued angles.
 
     A pole is the axis about which one link rotates relative to another.
 
@@ -144,6 +144,8 @@ class _BlockRows(ArrayRows):
 
     def _find_worst_rows(self) -> list[np.intp]:
         """Return the rows with the largest residual, error bound and condition number.
+
+        These rows are verified, because the largest errors are expected there.
 
         The error bound is the largest one of all pole directions of a row.
         """
@@ -278,7 +280,8 @@ class _TablePair:
 class Verifier:
     """Verifies a run: some of its rows are computed again in many digits and compared.
 
-    The rows are chosen during the run, block by block, and verified at its end.
+    A row is one sample of one assembly mode. The rows are chosen during the run, block by
+    block, and verified at its end.
 
     Parameters
     ----------
@@ -545,7 +548,7 @@ class Verifier:
         has_reference = self._has_reference[row]
 
         for column in table.columns:
-            # The reference has another residual, that of its rounding.
+            # Residuals are not compared: that of the reference only shows its own rounding.
             if column.kind != "number" or column == RESIDUAL:
                 continue
             values = np.where(has_reference, values_by_column[column.name], np.nan)
@@ -564,7 +567,8 @@ class Verifier:
             if bounds is not None:
                 is_beyond &= ~(deviation <= bounds)
 
-            # The default values bind the arrays of this column.
+            # Default values are evaluated now, so that the function uses the arrays of this
+            # column.
             def describe(
                 index: Any, values: Floats = values, reference: Floats = reference
             ) -> Facts:

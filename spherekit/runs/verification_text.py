@@ -9,7 +9,7 @@ from spherekit.wording import listing
 
 @dataclass(frozen=True)
 class BoundedQuantity:
-    """A quantity of poles whose error bound is checked.
+    """A quantity of poles (axes of relative rotation) whose error bound is checked.
 
     Attributes
     ----------
@@ -105,7 +105,8 @@ def format_verification(verification: Facts) -> list[str]:
 def _columns_to_show(columns: list[Facts]) -> list[Facts]:
     """Return the compared columns to print.
 
-    Of all columns of pair variables only the one with the largest deviation is printed.
+    Pair variables are the columns of the table `MOTION`. Only the one with the largest
+    deviation is printed.
     """
     variables = [item for item in columns if item["table"] == MOTION]
     others = [item for item in columns if item["table"] != MOTION]

@@ -187,7 +187,7 @@ def moving_link_scenes(motion: Motion, shapes: list[Body]) -> list[Scene]:
 
 
 def link_bodies(mechanism: Mechanism, rotations: Floats) -> list[Body]:
-    """Return the moving links, as they are drawn, in given configurations.
+    """Return the drawings of the moving links in n configurations.
 
     Parameters
     ----------

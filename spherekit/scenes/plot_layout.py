@@ -134,7 +134,9 @@ def choose_map_range(values: Floats, unit: str) -> Range:
 
 
 def insert_gaps(line: Floats, gaps: Bools) -> Floats:
-    """Return points of a line with rows of NaN where the line is interrupted.
+    """Return the points of a line, with a point of NaN in each gap of the line.
+
+    Plotting libraries draw no line through NaN.
 
     Parameters
     ----------
@@ -269,7 +271,8 @@ def place_labels(
             # Rectangles overlap if their middles are nearer than their half sizes together.
             separation = np.abs(candidates - middle[:, None])
             hides_another |= np.all(separation < half_size + occupied_half_size, axis=2)
-        # Candidates are compared by a cost. The first one of the lowest cost is taken.
+        # The cost of a candidate counts what the label hides there. The first candidate
+        # with the lowest cost is taken.
         cost = np.zeros(candidates.shape[:2])
         if curve_points is not None and len(curve_points):
             distances_from_curves = np.abs(candidates[:, :, None] - curve_points)

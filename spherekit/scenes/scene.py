@@ -339,7 +339,7 @@ class Portrait:
         return self.framed(np.stack([self.x, self.y], axis=1))
 
     def framed(self, points: Floats) -> Floats:
-        """Return points (n, 2) of the plane as fractions of the width and height.
+        """Return points (n, 2) of the plane as fractions of the frame's width and height.
 
         The limits of the frame are at 0 and 1. On logarithmic axes, the fractions are those
         of the logarithms.
@@ -692,9 +692,9 @@ def _convert_fields(item: Any, axis_factors: Floats) -> Any:
 
 
 def _degrees_of_unit(unit: str) -> tuple[float, str]:
-    """Return the factor that converts a unit for people, and the converted unit.
+    """Return the factor that converts a unit with rad to degrees, and the unit in degrees.
 
-    Units without rad stay as they are, with the factor 1.
+    Other units stay as they are, with the factor 1.
     """
     if unit in IN_DEGREES:
         return np.degrees(1.0), IN_DEGREES[unit]

@@ -128,7 +128,7 @@ class _SceneRows:
 
 @dataclass(frozen=True)
 class _SharedSize:
-    """A length that several arrays of a primitive share.
+    """A length that several arrays of a drawn object (primitive) must have in common.
 
     Attributes
     ----------

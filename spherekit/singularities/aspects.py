@@ -353,8 +353,8 @@ class _AspectGraph:
         at singularities of its type, and generally changes its sign there. At type II (two)
         the output can move while the inputs rest. At type I (one) inputs can move while the
         output rests. Type II always divides aspects, and type I if the caller asks for it.
-        A node is regular if no singular value of the closure equations, or of the
-        conditions that divide aspects, is small.
+        A node is regular if the closure equations, and the conditions that divide aspects,
+        have no small singular value.
 
         Parameters
         ----------
@@ -501,7 +501,7 @@ class _AspectGraph:
         self._append_nodes(new_values, free_samples)
 
     def _append_nodes(self, values: Floats, samples: Indices) -> None:
-        """Append n new configurations, from which no path is known.
+        """Append n configurations, from which no path to a neighbouring sample is known.
 
         Parameters
         ----------
@@ -510,7 +510,7 @@ class _AspectGraph:
         """
         new_nodes = self._make_nodes(values, samples)
         self.nodes = _AspectNodes.concatenate([self.nodes, new_nodes])
-        # The new rows are False.
+        # `np.pad` appends False for the new configurations.
         self.is_path_known = np.pad(self.is_path_known, ((0, len(samples)), (0, 0)))
 
     def _find_in_column(self, column: int, values: Floats, samples: Indices) -> Indices:
@@ -712,9 +712,10 @@ class _AspectGraph:
 
 
 def _opposite_directions(directions: Indices) -> Indices:
-    """Return the opposite directions (n,) of directions in a grid of inputs.
+    """Return the opposite of each direction (n,) in a grid of inputs.
 
-    Direction 2 k leads upwards along input k, and 2 k + 1 downwards.
+    Direction 2 k leads to the next larger value of input k, and 2 k + 1 to the next smaller
+    one.
     """
     leads_upwards = directions % 2 == 0
     return np.where(leads_upwards, directions + 1, directions - 1)
@@ -772,7 +773,9 @@ def _most_modes_at_a_sample(
 
 
 def _common_signs(values: Floats, label: Integers, sizes: Integers) -> SmallIntegers:
-    """Return the sign that all values of an aspect have, or 0 if they have none in common.
+    """Return for each aspect the sign that all its values have, or 0 if their signs differ.
+
+    An aspect is a part of the configurations that is connected without a singularity.
 
     Parameters
     ----------

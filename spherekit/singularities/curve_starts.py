@@ -318,8 +318,8 @@ def closed_configurations(
 def is_singular_everywhere(report: SingularityReport) -> bool:
     """Return whether all configurations that are reached from random starts are singular.
 
-    They are tested for the type of singularity of the report. If all have this type, its
-    configurations are not curves or surfaces.
+    The type of singularity is that of the report. If all configurations have this type, its
+    singular configurations are no curves or surfaces that could be followed.
     """
     values = closed_configurations(
         report.solver, STARTS_OF_EVERYWHERE_TEST, np.random.default_rng(RANDOM_SEED)

@@ -91,7 +91,7 @@ def trace_curves(
 
 @dataclass(frozen=True)
 class _LocusNodes(CurvePoints):
-    """n nodes of curves of singular configurations.
+    """n nodes (computed points) of curves of singular configurations.
 
     The tangents point in the direction in which the curve is followed. The second
     derivatives are estimated from the last step, and are zero at the start.
@@ -131,10 +131,10 @@ def _equations_with_tangent(points: LocusPoints, tangents: Floats) -> Floats:
 
 @dataclass
 class _LocusCurves(CurveContinuation[_LocusNodes]):
-    """Curves of a locus that are followed at the same time.
+    """Curves of singular configurations (of a locus) that are followed at the same time.
 
-    The first half of the rows follows each curve in one direction from its start, the
-    second half in the other one.
+    Arrays have two rows for each curve. A row in the first half follows the curve in one
+    direction from its start, a row in the second half in the opposite direction.
 
     Attributes
     ----------
@@ -175,6 +175,9 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     def _end_closed_curves(self, rows: Indices) -> None:
         """End the second direction of curves that closed in the first direction.
 
+        Each curve is followed from its start in two directions. If it closes in the first
+        one, the second direction would only repeat it.
+
         Parameters
         ----------
         rows
@@ -190,7 +193,7 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     def try_steps(
         self, rows: Indices, nodes: _LocusNodes, distances: Floats
     ) -> TriedSteps[_LocusNodes]:
-        """Try a step on each of some curves.
+        """Try a step on each of k curves of singular configurations.
 
         The end and the middle of the step are predicted by a Taylor polynomial and
         corrected by Newton's method. The step is verified if the corrections are small, if
@@ -202,7 +205,7 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         rows
             (k,) rows of the curves (not used: all curves have the same equations).
         nodes
-            (k) nodes from which the steps start.
+            The k nodes (points of the curves) from which the steps start.
         distances
             (k,) lengths of the steps along the tangents (rad).
 

@@ -55,7 +55,9 @@ reciprocal condition number. Larger or smaller: as for `CONFIGURATION_ERROR_FACT
 
 @dataclass(frozen=True)
 class _AxisEstimate:
-    """The axis of one pole at n configurations, from one source.
+    """The axis of one pole at n configurations, from one method.
+
+    A pole is the axis about which one link rotates relative to another.
 
     Attributes
     ----------
@@ -172,9 +174,10 @@ class LinkMotion:
         return np.linalg.norm(w, axis=1), np.linalg.norm(dw, axis=1)
 
     def rests(self, pole: Pole) -> Bools:
-        """Return whether (n,) the two links of a pole rest relative to each other.
+        """Return for n configurations whether the two links of a pole rest relatively.
 
-        Their relative speed is then at most a multiple of its rounding error.
+        They rest if their relative angular speed is at most a multiple of its rounding
+        error.
         """
         speed, _ = self.speeds(pole)
         return speed <= REST_ROUNDING_FACTOR * self.rounding
@@ -269,10 +272,10 @@ class LinkMotion:
 def _choose_most_accurate(estimates: Sequence[_AxisEstimate]) -> _AxisEstimate:
     """Return at each configuration the estimate of an axis with the smallest error.
 
-    The error of an unknown axis, and the largest one, is 1 rad. If errors are equal, the
-    earlier estimate is taken, also if all are unknown.
+    An unknown axis counts as an error of 1 rad, and larger errors are reduced to 1 rad. Of
+    equal errors the first one is taken.
     """
-    # The first axis of both arrays numbers the estimates.
+    # Both arrays are (estimates, n, ...).
     directions = np.stack([estimate.direction for estimate in estimates])
     errors = np.stack([estimate.error for estimate in estimates])
     errors = np.minimum(np.nan_to_num(errors, nan=1.0), 1.0)
