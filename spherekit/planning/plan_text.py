@@ -51,10 +51,11 @@ def pole_name(plan: Plan, pole: Pole) -> str:
 
 
 def describe(plan: Plan, step: Step) -> str:
-    """Return one line that tells how a step finds its poles.
+    """Return text that tells how a step of a plan finds its poles.
 
-    An irreducible part, whose poles are solved together, has one more line for each step of
-    its passes.
+    A pole is the axis of the relative rotation of two bodies. The text is one line. The
+    poles of an irreducible part are solved together from its velocity equations. Its text
+    has further lines, which list the order in which its poles would follow.
     """
     if isinstance(step, PrimaryPole):
         return _describe_primary_pole(plan, step)

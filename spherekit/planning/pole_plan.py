@@ -51,10 +51,11 @@ class PrimaryPole:
 
     @property
     def case(self) -> str:
-        """The kind of this step in exported plans.
+        """The word for the kind of this step in exported plans.
 
-        It is ``primary`` for the axis of a pair between the bodies, and ``coaxial`` for a
-        line that the bodies share.
+        The word is ``primary`` if a pair (joint) joins the two bodies: the pole is its
+        axis. It is ``coaxial`` if several pairs in series join them and have one common
+        axis. Such a pole is found in a later pass (round), so its pass number is not 0.
         """
         return "coaxial" if self.pass_number else "primary"
 
@@ -65,10 +66,10 @@ class LinePole:
 
     A pole P_ij is the axis of the relative rotation of the bodies i and j. By the
     Aronhold-Kennedy theorem it lies on the great circle through P_ik and P_jk for every
-    third body k. If a sliding contact joins i and j, it also lies on the great circle in
-    the contact plane. This plane contains the centre of the sphere, and the normal of both
-    curves at the point of contact. Any two of its great circles determine the pole. In each
-    configuration, the two with the best-conditioned intersection are used.
+    third body k. If a sliding contact joins i and j, the pole also lies on the great circle
+    in the contact plane. This plane contains the centre of the sphere, and the normal of
+    both curves at the point of contact. Any two of these great circles determine the pole.
+    In each configuration, the two with the best-conditioned intersection are used.
 
     Attributes
     ----------
@@ -165,11 +166,12 @@ class BlockPoles:
 
     @cached_property
     def pass_numbers(self) -> dict[Pole, int]:
-        """The number of the pass of each pole of the part, for display.
+        """For each pole of the part, the number of the pass that finds it, for display.
 
-        A pole that would follow from the opening pole has the pass of its step. Poles
-        without a step have the pass in which the part is solved. The opening pole is one of
-        them.
+        A pole is the axis of the relative rotation of two bodies. A pass is one round of
+        the search for poles. All poles of the part are solved together. The display tells
+        in which pass a pole would be found if one of them, the opening pole, were known.
+        The opening pole and poles that would not follow have the pass of the whole part.
         """
         pass_by_step = {step.pole: step.pass_number for step in self.steps_from_opening}
         numbers = {}
@@ -194,7 +196,7 @@ class Plan:
 
     A pole is the axis of the relative rotation of two bodies. If there are several inputs,
     the others are locked. Links that cannot move relative to each other then form one body.
-    A body has the number of its smallest link. Each pole is the pole of two bodies.
+    The number of a body is the smallest number of its links.
 
     Attributes
     ----------
@@ -285,8 +287,9 @@ class Plan:
         """The poles that are common axes of several pairs only up to rounding.
 
         A pole is the axis of the relative rotation of two bodies. Here several pairs in
-        series join the bodies. Their axes should be one line, but the numbers of the file
-        are rounded, so they differ a little. `rounded_axes` has a pair of each such line.
+        series join the bodies. Their axes should be one line, but the numbers of the
+        mechanism file are rounded, so the axes differ a little. `rounded_axes` has the
+        number of one pair of each such line. The step of a pole names the same pair.
         """
         return frozenset(
             step.pole
@@ -468,9 +471,11 @@ def table_cells(plan: Plan) -> list[list[str]]:
 
 
 def titled_rows(plan: Plan) -> list[list[str]]:
-    """Return the rows of the pole table, with the names of the bodies in front.
+    """Return the rows of the pole table with titles.
 
-    The first row has the names of the bodies as titles of the columns.
+    The table has a row and a column for each body, and a cell for the pole (axis of the
+    relative rotation) of two bodies. The first row and the first cell of each other row
+    have the names of the bodies.
     """
     names = [plan.name(body) for body in plan.bodies]
     rows = [["", *names]]

@@ -30,8 +30,8 @@ def plan(
 ) -> Plan:
     """Return the plan for some poles (all by default) while one input moves.
 
-    A pole is the axis of the relative rotation of two links. The plan lists the steps by
-    which poles follow from each other.
+    A pole is the axis of the relative rotation of two links. The plan lists the steps that
+    find the poles, each from poles of earlier steps.
 
     Parameters
     ----------
@@ -131,7 +131,10 @@ def _pole_of_bodies(whole_plan: Plan, pole: Pole | str) -> Pole:
 
 
 def plans(mechanism: Mechanism, by_rank: bool = False) -> tuple[Plan, ...]:
-    """Return one plan of all poles for each input that moves while the others are locked.
+    """Return a plan for each input of a mechanism.
+
+    A plan lists the steps that find all poles (axes of the relative rotations of two links)
+    while this input moves and the other inputs are locked.
 
     Raises
     ------
@@ -296,8 +299,9 @@ def _choose_cheapest_lines(
 def _prune_lines(step: LinePole, needed_poles: set[Pole]) -> LinePole:
     """Return a step without the great circles whose poles are not all needed.
 
-    The step finds the pole P_ij at the intersection of great circles through P_ik and P_jk
-    for third bodies k, and of contact planes. The planes need no poles and stay.
+    A pole P_ij is the axis of the relative rotation of the bodies i and j. The step finds
+    it at the intersection of great circles through P_ik and P_jk for third bodies k. The
+    step may also use contact planes, which need no poles and stay.
     """
     i, j = step.pole
     via = [

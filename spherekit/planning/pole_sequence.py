@@ -84,8 +84,8 @@ def find_all_steps(empty_plan: Plan, pebble_game: PebbleGame | None) -> list[Ste
     A pole is the axis of the relative rotation of two bodies. First come the primary poles:
     the axes of pairs, and the lines from the centre of the sphere to the points of rolling
     contacts. Each pass (round) then adds the poles that lie on two known lines: great
-    circles through two known poles, and contact planes of sliding pairs. If there are none,
-    a part of the mechanism is solved from its velocity equations.
+    circles through two known poles, and contact planes of sliding pairs. If a pass finds no
+    pole, a part of the mechanism is solved from its velocity equations.
 
     Parameters
     ----------
@@ -334,18 +334,21 @@ def _choose_opening(
     """
 
     def most_poles_first(opened_block: BlockPoles) -> tuple[int, int]:
-        """Return a sort key: parts with the most found poles first, then by fewest passes.
+        """Return a sort key by which the best choice of an opening pole comes first.
 
-        Each step gives one pole. All parts count their passes from the same number on. So
-        the part with the smallest last number has the fewest passes.
+        The opening pole is the pole of a part from which the other poles are found. The
+        best choice leads to the most poles. Of equal choices, the best needs the fewest
+        passes (rounds). Each step gives one pole.
         """
         found_count = len(opened_block.steps_from_opening)
         return -found_count, opened_block.last_pass_number
 
     def most_lines_first(pole: Pole) -> tuple[int, Pole]:
-        """Return a sort key: poles on many great circles first, then by number.
+        """Return a sort key: poles on many known great circles first, then by number.
 
-        Each body k that has known poles with both bodies i and j gives a great circle.
+        A pole P_ij is the axis of the relative rotation of the bodies i and j. It lies on
+        the great circle through P_ik and P_jk for every third body k. So each body k with
+        two such known poles gives a great circle.
         """
         great_circle_count = len(known_poles.third_bodies(pole))
         return -great_circle_count, pole

@@ -196,10 +196,10 @@ def of_pairs(mechanism: Mechanism, numbers: Iterable[int]) -> Mechanism:
         links.update(pair.links)
 
     def uses_remaining_parts(load: Load) -> bool:
-        """Return whether all links and pairs stay on which a load depends.
+        """Return whether a load depends only on links and pairs that remain.
 
-        `used_links` and `used_pairs` return what all loads of a mechanism depend on. So
-        they are asked about a copy of the mechanism with this load only.
+        `used_links` and `used_pairs` return the links and pairs that all loads of a
+        mechanism use. So they are called with a copy that has this load only.
         """
         with_this_load = replace(mechanism, loads=(load,))
         return used_links(with_this_load) <= links and used_pairs(with_this_load) <= names

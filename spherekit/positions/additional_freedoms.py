@@ -90,9 +90,11 @@ def _find_first_order_motions(jacobian: Floats) -> Floats:
 
 
 def _choose_directions(motions: Floats) -> Floats:
-    """Return random unit vectors (`TRIED_DIRECTIONS`, variables) that combine motions.
+    """Return random directions (`TRIED_DIRECTIONS`, variables) of possible motions.
 
-    `motions` (m, variables) are the motions that the velocity equations allow.
+    `motions` (m, variables) are independent motions that the velocity equations allow, as
+    rates of the pair variables. Each direction is a unit vector and a random combination of
+    these motions.
     """
     random = np.random.default_rng(DIRECTION_SEED)
     directions = random.normal(size=(TRIED_DIRECTIONS, len(motions))) @ motions

@@ -62,15 +62,17 @@ def count_revolutions(angles: Floats) -> Floats:
 
 
 class RevolutionSteps(NamedTuple):
-    """Whole revolutions that angles gain from one configuration to another.
+    """Whole revolutions that the angles of pairs gain in n steps between configurations.
+
+    Angles are known up to full revolutions. They are counted here along the path of a step.
 
     Attributes
     ----------
     revolutions
-        (n, angles) whole revolutions.
+        (n, angles) whole revolutions in each step.
     is_connected
-        (n,) whether a straight path of the inputs leads from one configuration to the
-        other.
+        (n,) whether the mechanism can move from one configuration to the other while the
+        inputs change along a straight line.
     """
 
     revolutions: Floats
@@ -93,15 +95,18 @@ class PeriodicInputs(NamedTuple):
 
 
 class CurveDistance(NamedTuple):
-    """How far the angles of configurations are from those of a followed curve.
+    """Differences between the angles of n configurations and those of a followed curve.
+
+    The curve is compared at the same input. Angles are known up to full revolutions, so
+    each difference is divided into whole revolutions and a rest.
 
     Attributes
     ----------
     revolutions
-        (n, angles) whole revolutions, nearest to the angles of the curve less those of the
-        configuration.
+        (n, angles) whole revolutions nearest to the difference: the angle of the curve less
+        that of the configuration.
     deviation
-        (n,) largest rest (rad) of any angle, without these revolutions.
+        (n,) largest rest (rad) of the angles of a configuration.
     """
 
     revolutions: Floats
@@ -112,10 +117,11 @@ class CurveDistance(NamedTuple):
 class UnwrappedStretch:
     """A stretch of one input over which the angles of an assembly mode were followed.
 
-    Angles of pairs are known up to full revolutions. Along the stretch they were followed
-    continuously, and they are counted so that they are in (-pi, pi] at the reference input.
-    This is the anchor (the input of the reference pose) or, if the stretch does not reach
-    it, the nearest input of the stretch.
+    An assembly mode is one way to assemble the links. Angles of pairs are known up to full
+    revolutions. Along the stretch they were followed continuously. They are counted so that
+    they are in (-pi, pi] at the reference input. This is the anchor (the input of the
+    reference pose). If the stretch does not reach the anchor, it is the input nearest to
+    the anchor.
 
     Attributes
     ----------
@@ -124,7 +130,7 @@ class UnwrappedStretch:
     input_variable
         Number of the variable of the input.
     angles
-        Numbers of the variables that are passive angles.
+        Numbers of the variables that are passive angles (angles of pairs without an input).
     period
         Growth of the input (rad) after which the configurations repeat, or infinite.
     winding
@@ -184,8 +190,8 @@ class UnwrappedStretch:
     def _range_with_slack(self) -> tuple[float, float]:
         """Lowest and highest input (rad) that count as inputs of the curve.
 
-        A curve that leads to a dead centre ends a little before it. An input up to
-        `DEAD_CENTRE_SLACK_RAD` beyond an end of the curve therefore counts as at the end.
+        At a dead centre the input turns back. A curve that leads there ends a little before
+        it. So inputs up to `DEAD_CENTRE_SLACK_RAD` beyond an end count as at the end.
         """
         low, high = self.curve.inputs[[0, -1]]
         return low - DEAD_CENTRE_SLACK_RAD, high + DEAD_CENTRE_SLACK_RAD
@@ -235,9 +241,11 @@ class UnwrappedStretch:
 
 
 class AngleUnwrapping:
-    """Counts the revolutions of the passive pairs of one mechanism.
+    """Counts the full revolutions of the passive pairs (without an input) of a mechanism.
 
-    With one input, the stretches that were followed are kept for later calls.
+    Solutions give angles in (-pi, pi] only. With the counted revolutions, the angles are
+    continuous functions of the inputs. With one input, the curves that were followed are
+    stored for later calls.
     """
 
     def __init__(self, solver: PositionSolver) -> None:
@@ -273,13 +281,12 @@ class AngleUnwrapping:
             (n, inputs) inputs (rad) over full revolutions. They may differ from the inputs
             in `values` by whole periods, after which configurations repeat.
         requested
-            Numbers of the variables whose revolutions are needed. The revolutions of other
+            Numbers of the variables for which revolutions are needed. Those of other
             variables may be returned as zero, which saves time.
         last
             (variables,) the configuration before `values[0]`, such as the last one of the
-            previous block. Its angles include the revolutions that were counted so far,
-            which `values[0]` continues. If None, revolutions are counted from the anchor.
-            With one input it is not used.
+            previous block, with angles over full revolutions. Its count is continued. If
+            None, revolutions are counted from the anchor. Not used with one input.
 
         Returns
         -------
@@ -343,9 +350,10 @@ class AngleUnwrapping:
         piece_numbers = mode.pieces_at(q[:, 0])
         shift = np.zeros(values.shape[1])
         for number, (crossing, piece) in enumerate(mode.pieces):
-            # Each piece keeps its own stretches: near a crossing the curves of other
-            # pieces are as near as its own. Modes have the numbers from 0 on.
-            # Pieces have the negative numbers; key + 1 is that of the piece before.
+            # `count` stores the followed curves under a number. Each piece has a number
+            # of its own, since the curves of several pieces are close at a crossing.
+            # Modes have numbers from 0 on, and pieces negative ones. The number of the
+            # piece before is key + 1.
             key = -1 - mode.number * len(mode.pieces) - number
             is_on_piece = piece_numbers == number
             # At a crossing itself it is open which of the curves is followed.
@@ -451,7 +459,7 @@ class AngleUnwrapping:
     def _follow_stretch(
         self, start: Floats, inputs: Floats, period: float
     ) -> UnwrappedStretch:
-        """Follow the mode from a configuration over one period, or over all needed inputs.
+        """Follow an assembly mode from a configuration, to count revolutions of its angles.
 
         The anchor is the input of the reference pose. Angles of pairs are known up to full
         revolutions; at the anchor they are in (-pi, pi] by definition. If configurations
@@ -469,10 +477,10 @@ class AngleUnwrapping:
 
         Returns
         -------
-        The followed curve, with the revolutions that its angles gain in a period, and those
-        that they have at one input of the curve (`reference_input`). This input is the
-        anchor, or one period above it. If the curve reaches neither, it is the end of the
-        curve that is nearest to the anchor.
+        The followed curve, with the revolutions that its angles gain in a period. It also
+        has their revolutions at the reference input: the anchor, or one period above the
+        anchor. If the curve reaches neither, the reference input is the end nearest to the
+        anchor.
         """
         (driven,) = self._driven
         (anchor,) = self.solver.anchor_inputs
@@ -499,8 +507,8 @@ class AngleUnwrapping:
         elif not max_abs(growth - TURN * winding) < SAME_MODE_TOLERANCE_RAD:
             # After one period the curve is in another mode: it does not repeat.
             return self._follow_stretch(start, inputs, np.inf)
-        # If the curve begins above the anchor but reaches the anchor one period on, this
-        # end is the reference input, because the configuration is that at the anchor.
+        # The curve may begin above the anchor, but reach the input one period above the
+        # anchor. The configuration there is that of the anchor, so it is the reference.
         reference_input = np.clip(anchor, low, high)
         begins_above_anchor = low > anchor + DEAD_CENTRE_SLACK_RAD
         ends_one_period_on = high > anchor + period - DEAD_CENTRE_SLACK_RAD
@@ -524,13 +532,13 @@ class AngleUnwrapping:
         (-pi, pi] by definition. The first of these cases that applies to a configuration
         gives its revolutions:
 
-        1. A straight path of the inputs within the mode leads to the configuration before
-           it: its angles continue those of that configuration.
-        2. Such a path leads to the anchor, after whole periods were subtracted from the
-           inputs: its angles continue those at the anchor. In each of these periods they
-           gain as much as in one period from the anchor on. Without such a gain, as at a
-           singular anchor, nothing is added for the period.
-        3. Otherwise its angles, at inputs less whole periods, are in (-pi, pi].
+        1. The mechanism can move to the previous configuration while the inputs change
+           along a straight line. The angles then continue those of that configuration.
+        2. After whole periods were subtracted from the inputs, such a path leads to the
+           anchor. The angles then continue those at the anchor. For each subtracted period
+           they gain the revolutions of the period that begins at the anchor. If that period
+           cannot be followed, nothing is added.
+        3. Otherwise the angles are in (-pi, pi] at the inputs less whole periods.
 
         Parameters
         ----------
@@ -545,9 +553,9 @@ class AngleUnwrapping:
         (n, angles) revolutions to be added to the passive angles.
         """
         angles = self._angles
-        # The chain begins with the last configuration of the block before, if there is one.
-        # Each configuration is followed to the inputs of the one before it. A part of the
-        # chain begins where this fails.
+        # The chain begins with the last configuration of the previous block, if any. Each
+        # configuration is followed back to the inputs of its predecessor. Where this
+        # fails, a new part of the chain begins.
         chain = values if last is None else np.concatenate([[last], values])
         steps = self._follow_to(chain[1:], chain[:-1])
         begins_part = np.concatenate([[last is None], ~steps.is_connected])
@@ -660,11 +668,14 @@ def continue_angles(
 ) -> Mapping[str, Floats]:
     """Return the variables of pairs over full revolutions at a block of samples.
 
+    Solutions give angles in (-pi, pi]. Here they become continuous functions of the inputs.
+    A sample is one value of the inputs.
+
     Parameters
     ----------
     motion
-        The block: all samples of the first assembly mode, then all of the next mode, and so
-        on. Rows without a configuration stay NaN.
+        The block. Its rows are all samples of the first assembly mode (one way to assemble
+        the links), then all samples of the next mode. Rows without a solution stay NaN.
     names
         Names of pairs with one variable.
     unwrapping

@@ -47,10 +47,11 @@ Z(angle) is the rotation matrix about the z axis.
 
 @dataclass(frozen=True)
 class GroupGeometry:
-    """Pair frames of a group of R pairs, from which its arc equations follow.
+    """Pair frames of a group (bodies that are placed together) with R pairs only.
 
-    The z axis of a pair frame is the axis of the pair. If R_first and R_second are the
-    orientations of the two bodies of a pair, and F_first and F_second its frames in them,
+    Its arc equations follow from them. Each says that two axes of a link are at a fixed
+    arc. The z axis of a pair frame is the axis of the pair. R_first and R_second are the
+    orientations of the two bodies of a pair, and F_first and F_second its frames in them:
 
         R_second = R_first F_first Z(angle) F_second^T.
 
@@ -61,7 +62,7 @@ class GroupGeometry:
     pair_frames
         (2, pairs, samples, 3, 3) rotations from the frame of each pair to the axes of its
         first body [0] and of its second body [1]. Real or complex. A sample is one choice
-        of the inputs, or one complex mode of the groups that were placed before.
+        of the inputs, or one complex solution of the groups that were placed before.
     """
 
     group: Group
@@ -73,10 +74,10 @@ class GroupGeometry:
         return self.pair_frames[side, pair]
 
     def arc_sines(self, binary_link: BinaryLink) -> Floats:
-        """Return the sine (samples,) of the arc of a binary link at each sample.
+        """Return the sine (samples,) of the arc between the two axes of a binary link.
 
-        At zero the two axes of the link coincide, and the link can rotate freely about
-        them.
+        A binary link has two pairs. If the sine is zero, its axes coincide and the link can
+        rotate freely about them.
         """
         axes_in_link, _ = self._link_axes(binary_link)
         return np.asarray(np.linalg.norm(cross(*axes_in_link), axis=-1))
@@ -139,10 +140,10 @@ class GroupGeometry:
     def place_bodies(self, order: EliminationOrder, tree_angles: Array) -> Array:
         """Return the orientations of all bodies at solutions of the arc equations.
 
-        The bodies of the tree are placed pair by pair from the base body. The removed
-        links, which have two pairs each, are then put between their two neighbours. The arc
-        equation of such a link says that its two axes are at the same arc as the axes of
-        its neighbours with which they coincide.
+        To form the equations, some links with two pairs were removed, so that the other
+        bodies form a tree without loops. These are placed pair by pair from the base body.
+        The removed links are then put between their two neighbours. Each has an arc
+        equation: the two axes of its neighbours are at the arc of its own two axes.
 
         Parameters
         ----------
@@ -191,8 +192,8 @@ class GroupGeometry:
             rotation = rotation_between_pairs(
                 *(axis[:, None] for axis in axes_in_link), *placed_axes
             )
-            # The orientations have the type of the angles, real or complex. Pair frames of
-            # complex type give a rotation of complex type also if the angles are real.
+            # Complex pair frames give a complex rotation. With real angles only its real
+            # part is stored.
             is_complex = np.iscomplexobj(orientations)
             orientations[:, :, binary_link.body] = rotation if is_complex else rotation.real
         # Relative to the first body of the group.

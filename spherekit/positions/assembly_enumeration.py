@@ -101,10 +101,12 @@ class ConfigurationsAtInput(NamedTuple):
 
 
 def can_find_all_modes(solver: PositionSolver) -> bool:
-    """Return whether methods exist that find all modes of every group.
+    """Return whether all assembly modes of a mechanism can be found.
 
-    Dyads and trains of wheels have closed forms, and some other groups elimination. If this
-    is false for a group, only a random search is left, which may miss modes.
+    An assembly mode is one way to assemble the links. The links are placed in groups. Dyads
+    (two links joined by a pair) and trains of wheels have closed forms. Some other groups
+    can be solved by elimination. For the rest only a random search is left, which may miss
+    modes.
     """
     return all(
         group.is_dyad or position in solver.wheel_trains or has_elimination(group)
@@ -113,13 +115,13 @@ def can_find_all_modes(solver: PositionSolver) -> bool:
 
 
 class ModePlacement(NamedTuple):
-    """The bodies of a mechanism that is placed in one of its modes.
+    """The placed bodies of a mechanism in one assembly mode (one way to assemble it).
 
     Attributes
     ----------
     signs
-        The sign of each group: +1 or -1 in the two modes of a dyad, 0 for other groups,
-        whose modes differ only in the placed bodies.
+        The sign of each group of links that is placed together. A dyad (two links joined by
+        a pair) has +1 or -1 in its two modes. Other groups have 0.
     state
         The placed bodies and the pair variables, at all inputs.
     """
@@ -421,9 +423,10 @@ def _place_computed_modes(
 
 
 def signs_at(solver: PositionSolver, values: Floats) -> tuple[int, ...]:
-    """Return the sign of each group in a closed configuration (variables,).
+    """Return the sign of each group in a configuration with closed loops.
 
-    The sign of a dyad is 1 or -1. Other groups have the sign 0.
+    `values` (variables,) are the pair variables. A dyad (two links joined by a pair) can be
+    assembled in two ways, which its sign 1 or -1 tells apart. Other groups have the sign 0.
     """
     determinant_signs = group_signs(solver, values[None], 0.0)[0]
     signs = []
@@ -468,10 +471,12 @@ def group_matrices(
 def _group_velocity_matrices(
     solver: PositionSolver, linearisation: Linearisation, group: Group
 ) -> Floats:
-    """Return the matrices (n, 3 loops, variables) of a group's velocity equations.
+    """Return the matrices (n, 3 loops, variables) of the velocity equations of a group.
 
-    The equations state that the angular velocities of the pairs around each loop of the
-    group add up to zero. The unknowns are the rates of the variables of its pairs.
+    A group is a set of links that are placed together. The relative angular velocities in
+    the pairs around each loop add up to zero, which gives 3 equations per loop. The
+    unknowns are the rates of the pair variables of the group. n is the number of
+    configurations.
     """
     variables: list[int] = []
     for pair in group.pairs:
@@ -526,11 +531,12 @@ def random_starts(
     samples: Floats | None = None,
     seed: int = SEED,
 ) -> Iterator[tuple[int, Floats, Indices]]:
-    """Yield closed configurations, found from random starts over a range of inputs.
+    """Yield configurations with closed loops, found from random starts over an input range.
 
-    The first `RANGE_ROUNDS` rounds are yielded together, then one round after another. They
-    are the same in every run. Configurations whose contacts do not exist, or that are near
-    a dead centre, are left out.
+    Starts are drawn in rounds of a fixed number. The first `RANGE_ROUNDS` rounds are
+    yielded together, then one round after another. The numbers are the same in every run.
+    Left out are configurations near a dead centre (where an input turns back), and those
+    with a contact that does not exist.
 
     Parameters
     ----------
@@ -539,9 +545,8 @@ def random_starts(
     low, high
         (inputs,) ranges of the inputs (rad).
     samples
-        (n, inputs) inputs (rad) at which the starts have to close. If they are not given,
-        the inputs are drawn from the range, and change with the passive variables until
-        the loops close.
+        (n, inputs) inputs (rad) at which the loops have to close. If None, the inputs are
+        drawn from the range, and change with the passive variables until the loops close.
     seed
         Seed of the random numbers.
 

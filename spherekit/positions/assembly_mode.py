@@ -35,11 +35,11 @@ class AssemblyMode(NamedTuple):
     name
         The name that the file gives to the mode, empty if it gives none.
     pieces
-        The configurations of a mode form a curve over the input. Where curves of two modes
-        cross, this mode may continue on its smooth curve, on which its signs change. It is
-        then composed of pieces. Each piece has the input (rad) at which it begins, -inf for
-        the first one, and the mode with constant signs whose configurations it has. Empty
-        if the signs of the mode do not change.
+        The configurations of a mode form a curve over the input. Where the curves of two
+        modes cross, this mode may follow the smooth curve, and its signs change there. It
+        is then composed of pieces. Each piece is the input (rad) at which it begins (-inf
+        for the first one), and the mode with constant signs from there on. Empty if the
+        signs do not change.
     """
 
     number: int
@@ -73,7 +73,7 @@ class AssemblyMode(NamedTuple):
 
     @property
     def label(self) -> str:
-        """The signs of the groups as text, such as ``+-``.
+        """The signs of the groups as text, such as ``+-``, to name the mode in reports.
 
         A mechanism without groups has a single mode with the label ``+``.
         """

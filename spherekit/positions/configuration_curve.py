@@ -106,12 +106,14 @@ class ChordProjections:
 
 @dataclass(frozen=True)
 class Chords:
-    """The straight segments between successive nodes of a curve.
+    """The straight segments (chords) between successive computed points of a curve.
+
+    The curve lies in the space of the pair variables.
 
     Attributes
     ----------
     nodes
-        k points of the curve in order.
+        k computed points of the curve, in order along it.
     """
 
     nodes: CurvePoints
@@ -127,7 +129,10 @@ class Chords:
         return np.diff(self.nodes.values, axis=0) / self.chord_lengths[:, None]
 
     def predict(self, which: Indices, fractions: Floats) -> Floats:
-        """Return interpolated points (n, variables) of the curve (rad).
+        """Return predicted points (n, variables) of the curve (rad).
+
+        They are interpolated between the computed points at both ends of a chord (straight
+        segment).
 
         Parameters
         ----------
@@ -230,13 +235,15 @@ class Chords:
 
 @dataclass(frozen=True)
 class ArcCurve(Chords):
-    """A configuration curve through verified nodes.
+    """A curve of configurations of a mechanism, in the space of the pair variables.
+
+    It is stored as nodes (computed points) between which every step was verified.
 
     Attributes
     ----------
     nodes
-        k points in order of arc length. The nodes of a closed curve end with the first one,
-        its variables grown by `rise`.
+        k points in order of arc length s. A closed curve ends with its first node, where
+        the variables may have grown by whole periods (`rise`).
     closure
         The loops of the mechanism.
     periods
@@ -247,9 +254,9 @@ class ArcCurve(Chords):
     closed
         Whether the curve closes.
     ends
-        Why the curve ends at s = 0 and at s = `length`. OK if it is closed, or a limit of
-        the caller or the greatest length was reached; otherwise OFF_PROFILE, CURVATURE,
-        AT_SINGULARITY if two curves cross, or MODE_LOST.
+        Why the curve ends at s = 0 and at s = `length`. OK if it is closed, or if a limit
+        of the caller or the greatest length was reached. Otherwise OFF_PROFILE, CURVATURE,
+        MODE_LOST, or AT_SINGULARITY where two curves cross.
     """
 
     closure: Closure
@@ -265,8 +272,8 @@ class ArcCurve(Chords):
     def _evaluate_parameter(self, u: Floats) -> tuple[CurvePoints, Indices]:
         """Return the points of the curve at parameters u (n,), and their chords (n,).
 
-        The parameter u is the length along the chords, which are the straight lines between
-        successive nodes.
+        The parameter u is the length along the chords: the straight lines between
+        successive nodes (computed points). It is cheaper than the arc length.
         """
         # `starts` has the parameters of the nodes. The chord of u is the last one that
         # begins before it.
@@ -457,9 +464,10 @@ class ArcCurve(Chords):
         return zeros
 
     def dead_points(self, variable: int) -> Zeros:
-        """Return all arc lengths s at which a variable is stationary: dv/ds = 0.
+        """Return all arc lengths s at which a pair variable v is stationary: dv/ds = 0.
 
-        The result is empty if the variable is constant along the whole curve.
+        There the pair stops and turns back. The result is empty if the variable is constant
+        along the whole curve.
         """
 
         def slope_and_bend(points: CurvePoints) -> tuple[Floats, Floats]:
@@ -493,8 +501,9 @@ class ArcCurve(Chords):
         def periodic_difference(points: CurvePoints) -> tuple[Floats, Floats]:
             """Return period / pi sin(pi difference / period), and its derivative by s.
 
-            It is zero at all differences that are whole periods. If the period is infinite,
-            it is the difference itself.
+            The difference is that of the variable from the searched value. The function is
+            zero where the difference is a whole number of periods, so all such places are
+            found. With an infinite period it is the difference itself.
             """
             # NumPy's sinc(x) is sin(pi x) / (pi x), and 1 at x = 0. The product below is
             # therefore the sine above. It is also right for an infinite period.
@@ -508,8 +517,8 @@ class ArcCurve(Chords):
     def find(self, values: Floats) -> Floats:
         """Return the arc lengths (n,) of configurations (n, variables) on this curve.
 
-        Whole periods of the variables do not matter. Configurations that are not on the
-        curve have NaN.
+        Variables may differ from the curve by whole periods, such as revolutions. The
+        result is NaN for configurations that are not on the curve.
         """
         lengths = nans(len(values))
         # The configurations on the curve, with their projections on chords.

@@ -90,7 +90,10 @@ class DeterminantSigns:
 
 
 class NodeEdges(NamedTuple):
-    """Edges of the graph, by the nodes that they join.
+    """Edges of the configuration graph, by the nodes that they join.
+
+    A node is one configuration of the mechanism at one sample of the inputs. An edge is a
+    verified path between configurations at neighbouring samples.
 
     Attributes
     ----------
@@ -143,9 +146,10 @@ class NodeTable:
 class NodePieces:
     """The division of the nodes into pieces, from which assembly modes are made.
 
-    A piece is a set of joined nodes with at most one node per sample, as an assembly mode
-    has. A new node is a piece of its own. Pieces that paths join are united, unless both
-    have a node at the same sample. This is possible if modes meet.
+    A node is one configuration at one sample of the inputs. An assembly mode (one way to
+    assemble the links) has at most one node per sample. So has a piece, a set of nodes that
+    paths join. A new node is a piece of its own. Pieces that a path joins are united,
+    unless both have a node at the same sample, which is possible if modes meet.
 
     Attributes
     ----------
@@ -171,6 +175,9 @@ class NodePieces:
 
     def have_nodes_at(self, piece: Indices | int, sample: Indices) -> Bools:
         """Return whether pieces have nodes at samples (m,).
+
+        A piece is a set of joined nodes (configurations), at most one per sample of the
+        inputs. Pieces with nodes at the same sample cannot be united.
 
         `piece` is the identifier of one piece, or of a piece (m,) for each sample.
         """
@@ -214,9 +221,11 @@ class NodePieces:
 class ConfigurationGraph:
     """Configurations at the n samples of an input grid, and the paths that join them.
 
-    Nodes are numbered 0 to k - 1 in the order in which they are added. A direction is a row
-    of `InputGrid.neighbours`: 2 a leads to the next sample along axis a, and 2 a + 1 to the
-    previous one, so ``direction ^ 1`` is the opposite direction.
+    Joined configurations belong to the same assembly mode (one way to assemble the links).
+    Each configuration is a node. Nodes are numbered 0 to k - 1 as they are added. A
+    direction is a row of `InputGrid.neighbours`: 2 a leads to the next sample along axis a
+    (an input), and 2 a + 1 to the previous one. So ``direction ^ 1`` is the opposite
+    direction.
 
     Parameters
     ----------
@@ -904,8 +913,9 @@ class ConfigurationGraph:
     def _find_components(self) -> Indices:
         """Return the number (k,) of the connected component of each node.
 
-        A connected component consists of all nodes that are joined by edges, directly or
-        through other nodes.
+        A node is one configuration at one sample of the inputs, and an edge is a path
+        between two of them. A connected component consists of all nodes that are joined by
+        edges, directly or through other nodes.
         """
         no_nodes = np.empty(0, np.intp)
         starts = np.concatenate([no_nodes, *(edges.starts for edges in self._edges)])
@@ -916,7 +926,7 @@ class ConfigurationGraph:
         return component.astype(np.intp)
 
     def first_node(self, mode: Indices) -> tuple[int, int]:
-        """Return the first sample at which a mode has a node, and this node.
+        """Return the first sample at which a mode has a node (configuration), and the node.
 
         `mode` (n,) lists the node at each sample, or -1 where it has none.
         """
@@ -925,8 +935,9 @@ class ConfigurationGraph:
         return sample, int(mode[sample])
 
     def regular_node(self, mode: Indices) -> int:
-        """Return the first regular node of a mode, or its first node if all are singular.
+        """Return the first regular node (configuration) of a mode.
 
+        If all nodes of the mode are singular, its first node is returned.
         `mode` (n,) lists the node at each sample, or -1 where it has none.
         """
         nodes = mode[mode >= 0]

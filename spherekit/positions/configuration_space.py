@@ -260,7 +260,7 @@ def _may_reach_range(
 
 
 class ConfigurationCurve(NamedTuple):
-    """A configuration curve, and its pieces within the range of the input.
+    """A curve of configurations, and its pieces within the range of the input.
 
     A piece is a part on which the input only rises or only falls. The pieces are in order
     of arc length.
@@ -334,9 +334,9 @@ def configuration_curves(
 
     Returns
     -------
-    The curves with their pieces, on each of which the input only rises or only falls, and
-    how complete they are. Numbers of modes that were counted independently of the curves
-    check the result. A failed check reduces the claim of completeness.
+    The curves, and how complete they are. Each curve is divided into pieces, on which the
+    input only rises or only falls. At some inputs the modes are counted independently of
+    the curves, as a check. If a check fails, less is claimed about completeness.
     """
     (period,) = solver.periods
     longest = LONGEST_CURVE_RAD
@@ -448,7 +448,7 @@ class _CurveSearch:
     low, high
         Ends of the range of the input (rad).
     longest
-        Curves are followed from their starts in both senses. One that does not close is
+        Curves are followed from their starts in both senses. A curve that does not close is
         ended after this length (rad) in each sense.
 
     Attributes
@@ -543,7 +543,8 @@ class _CurveSearch:
     def _is_near_crossing_end(self, values: Floats) -> bool:
         """Return whether a known curve ends at a crossing near a configuration.
 
-        No curve can be followed from there. `values` are the variables (rad).
+        At a crossing several curves meet, and none can be followed from there.
+        `values` (variables,) are the pair variables (rad).
         """
         for curve in self.curves:
             for end in _crossing_ends([curve]):
@@ -696,9 +697,10 @@ class _CurveSearch:
                 )
 
     def _count_modes_at_further_inputs(self) -> None:
-        """Append to `mode_counts` the numbers of modes at inputs spread over the range.
+        """Count the modes at inputs spread over the range, as a check of the curves.
 
-        Inputs at which modes may have been missed are left out.
+        Inputs and counts are appended to `mode_counts`. Inputs at which the count may have
+        missed modes are left out.
         """
         # The middles of `CHECKED_INPUTS` equal parts of the range. The ends and the middles
         # of the parts alternate.

@@ -65,7 +65,7 @@ class TriedSteps(Generic[Node]):
 
 
 class StepOutcome(NamedTuple):
-    """What has become of one step on each of k curves.
+    """What has become of one step on each of k curves that are followed step by step.
 
     Attributes
     ----------
@@ -81,7 +81,10 @@ class StepOutcome(NamedTuple):
 
 @dataclass
 class CurveContinuation(ABC, Generic[Node]):
-    """Follows n curves in the space of the variables, each in one sense.
+    """Follows n curves in the space of the pair variables, each in one sense.
+
+    Each curve is followed by steps from node to node (computed points). A step is taken
+    only if tests verify that it stays on the same curve.
 
     Attributes
     ----------
@@ -221,9 +224,9 @@ class CurveContinuation(ABC, Generic[Node]):
         return np.flatnonzero(self.end_status == UNFINISHED)
 
     def limit_steps(self, rows: Indices, steps: Floats) -> Floats:
-        """Return steps (k,) in rad of curves, no longer than allowed at their last nodes.
+        """Return the next steps (k,) of curves (rad), shortened to the longest allowed step.
 
-        `rows` (k,) are the indices of the curves.
+        `rows` (k,) are the indices of the curves. Here the limit is the same for all.
         """
         return np.minimum(steps, self.max_step)
 
@@ -388,9 +391,8 @@ class CurveContinuation(ABC, Generic[Node]):
         # The curve must pass its start in the same direction as it began. A curve that
         # crosses it at an angle is not closed.
         closes &= np.vecdot(starts.tangents, nodes.tangents) >= MIN_LAP_COSINE
-        # A start that is practically the last node needs no step. To the others, a step of
-        # the distance of the start is tried. It has to be verified, and to end at the
-        # start.
+        # If the start is practically the last node, no step is needed. Otherwise a step up
+        # to the start is tried. It must be verified and end at the start.
         needs_step = np.abs(distances) > NEAR_END_RAD
         closes &= needs_step | (miss <= self.same_point_rad)
         last_steps = np.flatnonzero(closes & needs_step)

@@ -79,7 +79,7 @@ SINGULAR_START = (
 
 @dataclass(frozen=True)
 class _ArcNodes(CurvePoints):
-    """n points of configuration curves, with their equations and limits.
+    """n points of configuration curves, with all that the next steps along them need.
 
     `values` are the pair variables, `tangents` and `bends` their first two derivatives by
     the arc length, and `residual` is the closure residual, as in `CurvePoints`. A limit is
@@ -88,7 +88,7 @@ class _ArcNodes(CurvePoints):
     Attributes
     ----------
     equations
-        (n, equations + 1, variables) closure Jacobians, bordered by the tangents.
+        (n, equations + 1, variables) closure Jacobians, with the tangent as a further row.
     inverse
         (n, variables, equations + 1) their inverses.
     reciprocal_condition
@@ -242,8 +242,8 @@ def _follow_both_senses(
 
     All curves are first followed along their tangents. Those that do not close are then
     followed from the same nodes in the opposite sense, and both parts are joined. A node is
-    a point of a curve, with the equations there and the distances from limits. A `plain`
-    node is the point alone.
+    a computed point of a curve, with the linearised equations there and the distances from
+    limits. A `plain` node is the point alone.
 
     Parameters
     ----------
@@ -320,8 +320,8 @@ def _join_senses(
     Raises
     ------
     SolveError
-        If no step was possible in either sense, so that the start is the only node. This
-        happens, for example, if it is at joint limits on both sides.
+        If no step was possible in either sense, so that the start is the only node. An
+        example is a start at joint limits on both sides.
     """
     # The nodes of a closed curve are those of one sense. Both ends then have the status OK.
     # A `plain` node is a point of the curve, without the equations and the distances from
@@ -442,7 +442,7 @@ def _find_motion(closure: Closure, values: Floats) -> Floats:
 
 @dataclass
 class _ArcContinuation(CurveContinuation[_ArcNodes]):
-    """Follows configuration curves by verified steps, each in one sense.
+    """Follows curves of configurations by verified steps, each curve in one sense.
 
     Attributes
     ----------

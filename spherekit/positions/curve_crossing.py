@@ -115,9 +115,9 @@ class Crossing(NamedTuple):
 def find_crossing(closure: Closure, values: Floats) -> Crossing | None:
     """Return the crossing near a configuration (variables,), None if there is none.
 
-    At a crossing, several curves of configurations meet: the closure Jacobian has a lower
-    rank, so that the loops allow several independent motions. The largest possible number
-    of these is tried first.
+    At a crossing, several curves of configurations meet. The closure Jacobian (derivatives
+    of the loop equations by the pair variables) has a lower rank there. So the loops allow
+    several independent motions. The largest possible number of motions is tried first.
     """
     _, singular_values, _ = np.linalg.svd(closure.linearise(values[None]).jacobian[0])
     rank = int(np.sum(singular_values > MAX_NULL_RATIO * singular_values[0]))
@@ -164,11 +164,10 @@ def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
         return motions
 
     def step_to_sphere(points: Floats, _: Indices) -> Floats:
-        """Return Newton's step that closes the loops at the radius.
+        """Return Newton steps that close the loops at a fixed distance from `values`.
 
-        The additional equation is that the distance from `values` is the radius. If it is
-        linearised, the component of the step along the present direction from `values` is
-        the radius minus the present distance.
+        The distance is an additional equation. Linearised, it says: the component of the
+        step along the direction from `values` is the radius minus the present distance.
         """
         offsets = points - values
         distances = np.linalg.norm(offsets, axis=1)

@@ -70,7 +70,8 @@ class ConformanceCase:
     def errors(self) -> dict[str, SpherekitError]:
         """The error that each method of the analysis raises, by the name of the method.
 
-        The methods are called with all samples in one block.
+        The methods are called with all samples (values of the inputs) in one block. A
+        method that raises no error is not in the result.
         """
         errors: dict[str, SpherekitError] = {}
         for method in ("compute", "findings", "scene"):

@@ -233,7 +233,10 @@ def check_failed_rows(case: ConformanceCase) -> str:
 
 
 def check_rotation(case: ConformanceCase) -> str:
-    """Check that the rotated mechanism gives the same rows, with vectors rotated.
+    """Check that the analysis does not depend on the direction of the ground axes.
+
+    The whole mechanism is rotated. The tables of results must then have the same rows, with
+    vectors rotated.
 
     Returns
     -------

@@ -38,7 +38,9 @@ CheckedAnalysis = type[AbstractAnalysis] | AbstractAnalysis | str
 
 
 class ConformanceSuite:
-    """Checks one analysis on several mechanisms and makes the report.
+    """Checks that one analysis (of a plugin) keeps the rules, and makes the report.
+
+    The analysis is run on several mechanisms.
 
     Parameters
     ----------
@@ -47,7 +49,8 @@ class ConformanceSuite:
     mechanisms
         Mechanisms, or their names or files.
     samples
-        Number of samples of each assembly mode.
+        Number of samples (values of the inputs) of each assembly mode (one way to assemble
+        the links).
     """
 
     def __init__(

@@ -29,9 +29,9 @@ def describe_difference(
 ) -> str:
     """Return the first difference of two tables in words; an empty text if there is none.
 
-    There are two cases. Both tables are of one mechanism, computed in blocks of different
-    sizes. Or `compared` is the table of a variant: the mechanism rotated as a whole, or
-    with other names of links.
+    The checks of an analysis use it in two cases. Either both tables are of one mechanism,
+    but computed with blocks of different sizes. Or `compared` is the table of a variant:
+    the mechanism rotated as a whole, or with other names of links.
 
     Parameters
     ----------
@@ -43,9 +43,9 @@ def describe_difference(
         Whether `compared` is of a variant. Its numbers differ more by rounding. Columns
         that describe the computation, such as error bounds, are then not compared.
     rotation
-        (3, 3) rotation of the mechanism of `compared`. Vectors of `expected` are rotated by
-        it before they are compared. Columns that depend on axes in another way are left
-        out. If such columns identify the rows, nothing is compared.
+        (3, 3) rotation of the mechanism of `compared`, None if it is not rotated. Vectors
+        of `expected` are rotated before they are compared. Columns that depend on axes in
+        another way are left out. If such columns can change the rows, nothing is compared.
     """
     tolerance = VARIANT_TOLERANCE if is_variant else BLOCK_TOLERANCE
     if rotation is not None:
@@ -54,10 +54,10 @@ def describe_difference(
         axis_dependent_columns = [
             column for column in table.columns if column.turns == "otherwise"
         ]
-        # If there are such columns, the rotated mechanism may have other rows, which cannot
-        # be compared. For example, a text can name the size of the mechanism file to which
-        # a row belongs, such as a longitude. A table with a row for each sample and
-        # assembly mode keeps its rows, unless one of these columns is a text.
+        # With such columns, the rotated mechanism may have other rows, which cannot be
+        # compared. For example, a text column can name the longitude to which a row
+        # belongs. A table without such a text keeps its rows if it has one for each
+        # sample and assembly mode.
         if axis_dependent_columns:
             has_dependent_text = any(
                 column.kind == "text" for column in axis_dependent_columns
@@ -239,9 +239,10 @@ def match_rows(
 def _rows_by_key(
     data: TableArrays, key_columns: Collection[str]
 ) -> dict[tuple[object, ...], int]:
-    """Return the row of each combination of key values.
+    """Return the index of the row for each combination of values of the key columns.
 
-    If several rows have the same combination, the last of them is returned.
+    The key columns identify the rows of a table. If several rows have the same combination,
+    the index of the last one is returned.
     """
     columns = [data[name].tolist() for name in key_columns]
     return {key: row for row, key in enumerate(zip(*columns, strict=True))}
