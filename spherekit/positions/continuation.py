@@ -224,7 +224,7 @@ class CurveContinuation(ABC, Generic[Node]):
         return np.flatnonzero(self.end_status == UNFINISHED)
 
     def limit_steps(self, rows: Indices, steps: Floats) -> Floats:
-        """Return the next steps (k,) of curves (rad), shortened to the longest allowed step.
+        """Return the next steps (k,) of curves (rad), at most the longest allowed one.
 
         `rows` (k,) are the indices of the curves. Here the limit is the same for all.
         """
