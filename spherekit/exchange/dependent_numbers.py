@@ -40,9 +40,11 @@ def express_dependent_numbers(
 ) -> dict[ExpressionNode, Expr]:
     """Return numbers of the formulas as expressions of the numbers of the file that vary.
 
-    They are numbers of masses and loads, and of links that replace contacts. The inertia of
-    a mass that is given by axes of pairs is an expression of the sizes. Any other number is
-    a linear function of the numbers that vary, and its slopes are measured by trial.
+    The formulas contain these numbers as symbols of their own: numbers of masses, of loads
+    and of links that replace contacts. If a number of the file becomes an argument of the
+    formulas, they have to follow it. The inertia of a mass that the file states by axes of
+    pairs (joints) becomes an expression of the sizes of links. Any other number is a linear
+    function of the numbers that vary. Its slopes are measured by changing these numbers.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ class ExportedPose(NamedTuple):
     mechanism
         The mechanism.
     values
-        (variables,) its pair variables (rad).
+        (variables,) the pair variables (joint angles, rad) of the configuration.
     """
 
     mechanism: Mechanism
@@ -42,6 +42,9 @@ def find_pose(
     inputs: float | Sequence[float] | None = None,
 ) -> ExportedPose:
     """Return a mechanism and one of its configurations in an assembly mode.
+
+    Exporters need it as the pose in which the exported model starts. An assembly mode is
+    one of the ways to assemble the links at the same inputs.
 
     Parameters
     ----------

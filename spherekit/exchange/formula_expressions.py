@@ -104,13 +104,14 @@ class ModePiece(NamedTuple):
 class SmoothModes(NamedTuple):
     """The mode values of assembly modes that follow smooth curves through crossings.
 
-    Mode values are the numbers that select a mode: the signs of its dyads, or the variables
-    (rad) from which Newton's method starts. At a crossing two curves of configurations
-    meet.
+    An assembly mode is one way to assemble the links. Mode values are the numbers that
+    select it in the formulas: the signs of its dyads (groups of two links), or the
+    variables (rad) from which Newton's method starts. At a crossing two curves of
+    configurations meet.
 
-    The intervals divide all values of the only input. In the short intervals around a
-    crossing the mode values are NaN for each mode whose signs change there. Rounding would
-    decide on which side of the crossing such an input is.
+    Intervals divide the range of the only input, since the mode values can change at each
+    crossing. A short interval surrounds each crossing, because rounding decides on which
+    side such an input is. Modes with changing signs have the mode values NaN there.
 
     Attributes
     ----------
@@ -118,8 +119,8 @@ class SmoothModes(NamedTuple):
         Ends of the range of the input (rad).
     period
         Growth of the input (rad) after which all configurations return, infinite if they
-        never do. An input outside of the range is moved by whole periods into it, or as
-        near to it as they lead.
+        never do. An input outside of the range is moved into it by whole periods. If no
+        whole number of periods leads into it, the nearest input is used.
     crossings
         Inputs (rad) in the range at which curves are known to cross.
     are_all_known
@@ -273,12 +274,14 @@ class SeriesTable(NamedTuple):
     closed: bool
 
     def evaluate(self, variable_values: Floats) -> Floats:
-        """Return the functions (terms, n) at values (n,) of the variable.
+        """Return the stored functions (terms, n) at values (n,) of their variable.
 
-        They are NaN outside of the range of the series.
+        A term is one stored function, such as a coordinate of a contact profile. Values are
+        NaN outside of the range of the series.
         """
         edges = self.series.edges  # of the cells, rising
         position = variable_values + self.start
+        # A function of a closed curve repeats after each length of the curve.
         if self.closed:
             position = edges[0] + np.mod(position - edges[0], self.length)
         series_rows = self.series.evaluate(position)  # (n, terms)
@@ -415,7 +418,7 @@ class Formulas:
     def size_values(self) -> Floats:
         """(sizes, 1) values of `sizes` in the mechanism file; a new array at each access.
 
-        With the unit ``"as in the file"`` the value is that of the file, and angles are in
-        rad.
+        Sizes are the numbers of the file that are arguments of the formulas. A size with
+        the unit ``"as in the file"`` has the value that the file states. Angles are in rad.
         """
         return np.array([size.value for size in self.sizes]).reshape(-1, 1)

@@ -72,6 +72,9 @@ More: modes that exist at few inputs are found; fewer: the search is faster.
 class MotionArguments:
     """The arguments of formulas that describe a motion, and their symbols.
 
+    They are inputs (rad), and rates, accelerations, the time or torques if results depend
+    on these.
+
     Attributes
     ----------
     arguments
@@ -100,9 +103,10 @@ def formulas(
         The mechanism, the name of a shipped one, or the path of a file.
     quantities
         Names of quantities, as `row_quantities` lists them, or patterns such as
-        ``"theta_*"``. By default they are angles, coefficients of links relative to the
-        ground and transmission angles. If the mechanism has masses, the inertia, its
-        derivative and the driving torque are added.
+        ``"theta_*"``. By default they are angles, velocity coefficients of links relative
+        to the ground (angular velocity per unit rate of an input) and transmission angles.
+        If the mechanism has masses, the inertia, its derivative and the driving torque are
+        added.
     vary
         Keys of the mechanism file, such as ``"links.2.arc"``. Their numbers become
         arguments of the formulas.

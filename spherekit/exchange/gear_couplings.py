@@ -48,7 +48,8 @@ class Coupling(NamedTuple):
     name
         Name of the coupling.
     factors
-        Factor of each rate, by the number of the joint, in a sum that is zero.
+        Factor of the rate of each joint, by the number of the joint. The sum of all factors
+        times rates is zero.
     """
 
     name: str
@@ -101,15 +102,15 @@ class PitchCircle(NamedTuple):
 
 @dataclass(frozen=True)
 class BevelGears:
-    """Two pitch circles that roll on each other.
+    """Two pitch circles on the sphere that roll on each other, as two bevel gears do.
 
     Attributes
     ----------
     circles
         The two circles.
     external
-        Whether they touch from outside. Otherwise the smaller one, which comes first, rolls
-        inside the larger one.
+        Whether the circles touch from outside. Otherwise the smaller circle, which comes
+        first, rolls inside the larger circle.
     """
 
     circles: tuple[PitchCircle, PitchCircle]
@@ -148,7 +149,7 @@ class CoupledGears:
 
 
 class HingeOnPath(NamedTuple):
-    """A hinge on the path between two links.
+    """A hinge that is passed on the way from one link to another.
 
     Attributes
     ----------
@@ -163,14 +164,14 @@ class HingeOnPath(NamedTuple):
 
 
 class LinkPath(NamedTuple):
-    """The path between two links through the tree of hinges.
+    """The path between two links through the hinges of a model without loops.
 
     Attributes
     ----------
     first_link, last_link
         Numbers of the links.
     hinges
-        The hinges from the first link to the last.
+        The hinges in the order from the first link to the last.
     """
 
     first_link: int
@@ -186,8 +187,9 @@ class CoaxialHinges(NamedTuple):
     axis
         (3,) unit vector of the axis.
     hinges
-        The hinges. The sense of each is the sign of the rotation of the path's end relative
-        to its beginning, about `axis`, if the hinge has a positive rate: 1.0 or -1.0.
+        The hinges in the order of the path. Each has the sense 1.0 or -1.0: the sign of the
+        rotation about `axis` if the hinge has a positive rate. This is the rotation of the
+        end of the path relative to its beginning.
     """
 
     axis: Floats
@@ -316,12 +318,14 @@ def find_gears(
 ) -> CoupledGears:
     """Return bevel gears that have the same equations as couplings of hinges.
 
-    A coupling is a linear equation between the rates of hinges. For any two links, the
-    couplings may imply the equation of two gears. All such equations are candidates. As
-    many independent candidates are chosen as there are independent couplings.
+    A coupling is a linear equation between the rates of hinges, as some models state it. A
+    mechanism file has gears in place of couplings. For any two links, the couplings may
+    imply the equation of two gears. All such equations are candidates. Independent
+    candidates are chosen, one for each independent coupling.
 
-    A coupling that is a pair of gears by itself keeps its name. The names of the others go
-    to gears whose equations are combinations of couplings, in the order of the search.
+    A coupling that is the equation of two gears by itself gives these gears its name. The
+    names of all other couplings go to gears that follow from combinations of couplings, in
+    the order of the search.
 
     Parameters
     ----------
@@ -629,8 +633,9 @@ def _find_common_link(first_hinge: ImportedPair, second_hinge: ImportedPair) -> 
 def _find_perpendicular(axis: Floats) -> Floats:
     """Return any unit vector (3,) at right angles to a unit vector (3,).
 
-    It is along the cross product with the coordinate axis that is most nearly at right
-    angles to the vector. This product is the longest, and so the most accurate one.
+    The result is along the cross product of the vector and a coordinate axis. Of the three
+    axes, the one most nearly at right angles to the vector gives the longest, most accurate
+    product.
     """
     coordinate_axis = np.eye(3)[int(np.argmin(np.abs(axis)))]
     perpendicular = np.cross(axis, coordinate_axis)
@@ -676,7 +681,10 @@ def _find_implied_factors(rotations: Floats, equations: Floats) -> Floats | None
 
 
 def _measure_extent(points: Floats) -> Extent:
-    """Return how far points (2, n) of a plane, in columns, extend from the origin.
+    """Return how far points (2, n) of a plane spread from the origin, in two directions.
+
+    The points are columns. The directions, at right angles, are those of the largest and
+    the smallest extent.
 
     The extent along a direction is the root of the sum of the squares of the components of
     all points along this direction. Without points it is 0.

@@ -55,11 +55,11 @@ class NameRules:
     underscores: bool = True
 
     def identifier(self, text: str) -> str:
-        """Return a text as a name that the language allows, unchanged if it is one.
+        """Return a text as a name that the language allows; an allowed name is unchanged.
 
-        Characters that names cannot have become underscores. A name that is still not
-        allowed gets "m_" before it. No word of a language, and no name in the generated
-        sources, begins with "m_", so the result is not checked again.
+        Characters that names cannot have become underscores. If the name is then still not
+        allowed, "m_" is put before it. No reserved word and no name in the generated
+        sources begins with "m_", so the result is always allowed.
         """
         name = re.sub(r"\W", "_", text, flags=re.ASCII)
         if not self.underscores:

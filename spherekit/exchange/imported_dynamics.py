@@ -36,7 +36,7 @@ simulations take shorter steps.
 
 
 class ImportedDynamics:
-    """The masses and loads of an imported model.
+    """The masses and loads of an imported model, as tables of a mechanism file.
 
     Notes on parts that are left out are added to the notes of the linkage.
 
@@ -140,12 +140,12 @@ class ImportedDynamics:
         return is_weightless
 
     def _has_invented_masses(self, bodies: list[int]) -> bool:
-        """Return whether the masses of a link's bodies are taken as invented by spherekit.
+        """Return whether spherekit invented the masses of a link's bodies at an export.
 
-        A mechanism file may state the tensor of a link without its mass. MuJoCo needs a
-        mass, so spherekit invents one when it exports such a file, and marks the body as
-        weightless. Masses count as invented if all bodies of the link are weightless and no
-        gravity acts.
+        A mechanism file may state the inertia tensor of a link without its mass. MuJoCo
+        needs a mass, so an export invents one and marks the body as weightless. On import
+        such masses are left out again. Masses count as invented if all bodies of the link
+        are weightless and no gravity acts.
         """
         has_gravity = self._linkage.foreign_model.gravity is not None
         return bool(np.all(self._is_weightless(bodies))) and not has_gravity
@@ -342,9 +342,10 @@ class ImportedDynamics:
                 )
 
     def _is_controlled(self, actuator: int) -> bool:
-        """Return whether the force of an actuator depends on a control signal.
+        """Return whether the force of a MuJoCo actuator depends on a control signal.
 
-        The force is gain * control + bias, where the bias may depend on the motion.
+        The force is gain * control + bias, where only the bias may depend on the motion. A
+        gain other than zero means that control changes the force.
         """
         return bool(np.any(self._mj_model.actuator_gainprm[actuator]))
 

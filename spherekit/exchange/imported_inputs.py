@@ -34,7 +34,8 @@ def choose_inputs(linkage: ImportedLinkage) -> Table:
     Parameters
     ----------
     linkage
-        The links and pairs, without idler wheels: the couplings do not mention these.
+        The links and pairs (joints), before idler wheels are added. The couplings (linear
+        equations between joint rates) do not contain idler wheels.
     """
     pairs = linkage.pairs
     driven_ranges = linkage.foreign_model.driven_ranges
@@ -239,7 +240,7 @@ def _find_farthest_links(linkage: ImportedLinkage, links: Sequence[int]) -> list
 
 
 def _find_geared_links(linkage: ImportedLinkage) -> set[int]:
-    """Return the links on both sides of all joints that gears turn.
+    """Return the links on both sides of all joints that gears connect.
 
     A coupling is an equation of gears, with a factor for the rate of each of its joints.
     """

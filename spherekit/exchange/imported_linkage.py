@@ -61,14 +61,17 @@ class ImportedLinkage:
     foreign_model
         The model.
     max_distance
-        Distance (m) by which axes may miss the centre. By default `CENTRE_TOLERANCE` of the
-        distance of the farthest centre of mass, joint or loop point from their mean.
+        Distance (m) by which axes of joints may miss the centre of the sphere. By default
+        it is `CENTRE_TOLERANCE` times the size of the model. The size is the distance of
+        the farthest centre of mass, joint or loop point (where a loop is closed) from the
+        mean of all these points.
 
     Attributes
     ----------
     link_by_body
-        Number of the link of each body of the model, then the numbers of added links. The
-        number of a link is that of one of its bodies; the ground is 0.
+        Number of the link of each body of the model, then the numbers of added links.
+        Bodies that are rigidly joined form one link, which has the number of one of them.
+        The ground is 0.
     links
         Numbers of the links that have pairs, the ground first.
     pairs
@@ -523,7 +526,8 @@ class ImportedLinkage:
     def add_idler_wheels(self, idlers: Sequence[IdlerWheel]) -> None:
         """Add idler wheels of gears as links, each on a pair of its carrier.
 
-        Their numbers must follow those of the links that exist.
+        An idler wheel meshes with two coaxial wheels and turns on their carrier link. The
+        new links must be numbered after all links that exist.
         """
         for number, idler in enumerate(idlers, 1):
             link = self._add_link(f"idler_{number}")

@@ -134,7 +134,7 @@ def write_julia(source: FormulaSource) -> str:
 
 
 def _write_function(source: FormulaSource, function: SourceFunction) -> str:
-    """Return the text of a function that returns its results.
+    """Return the Julia text of a function that computes some formulas.
 
     A step of Newton's method also returns the closure residual (by how much the loops were
     open before the step).

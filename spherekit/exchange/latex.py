@@ -94,7 +94,7 @@ def latex(
         the ground and, if there are masses, torques.
     vary
         Keys of sizes and masses in the file of the mechanism, such as ``links.2.arc``, that
-        stay symbols whatever their values.
+        stay symbols. Without this, an angle of 90 degrees would be inserted as a number.
 
     Raises
     ------
@@ -105,7 +105,8 @@ def latex(
     FileError, DesignError
         If the file has no number of a key.
     """
-    # The groups are sets of links whose loops are closed together.
+    # The groups are sets of links that close their loops together. Only groups of two links
+    # (dyads) have formulas in closed form.
     for group in assembly_by_count_or_rank(mechanism).groups:
         if not group.is_dyad:
             links = [mechanism.links[link] for body in group.bodies[1:] for link in body]
@@ -197,7 +198,7 @@ def _select_expressions(
 def _document_lines(
     latex_formulas: LatexFormulas, expressions: Sequence[Expr]
 ) -> Iterator[str]:
-    """Yield the parts of the document, each of one or more lines.
+    """Yield the parts of the LaTeX document, each of one or more lines.
 
     Parameters
     ----------

@@ -46,8 +46,10 @@ from spherekit.wording import listing
 class CoefficientFormulas:
     """Formulas of the motion of all links per unit rate of each input.
 
-    They are written to the formula list when this object is made: poles, velocity
-    coefficients, acceleration coefficients, then coefficients between moving links.
+    A velocity coefficient is the angular velocity of a link about its pole (axis of its
+    rotation) per unit rate of an input. An acceleration coefficient is its derivative by
+    the input. The constructor writes formulas to the list: poles, velocity coefficients,
+    acceleration coefficients, then coefficients between moving links.
 
     Parameters
     ----------
@@ -58,7 +60,7 @@ class CoefficientFormulas:
     positions
         Formulas of its positions.
     pole_plans
-        For each input the plan of the poles while it moves.
+        For each input the plan (order of computation) of the poles while it moves.
     input_suffixes
         For each input the text that ends the names of quantities while it moves.
 
@@ -135,8 +137,11 @@ class CoefficientFormulas:
     def derivative(self, expression: Expr, input_index: int) -> Expr:
         """Return the derivative of an expression with respect to an input.
 
-        The expression may contain axes of pairs, poles and coefficients. Their derivatives
-        are formulas of the document. It must not depend on the inputs in another way.
+        The other inputs stay locked.
+
+        The expression may contain axes of pairs (joints), poles (axes of relative
+        rotations) and velocity coefficients. The document has a formula for the derivative
+        of each of these. The expression must not contain inputs directly.
         """
         return differentiate([expression], self._derivatives_by_term[input_index])[0]
 
@@ -148,14 +153,15 @@ class CoefficientFormulas:
         return self._formula_list.quantities[name][0]
 
     def _write_poles(self, input_index: int) -> dict[Pole, Expr]:
-        """Write the poles while one input moves and the others are locked.
+        """Write formulas of the poles while one input moves and the others are locked.
 
-        A body is a set of links that are then rigid with each other. The pole of two bodies
-        is the axis of their relative rotation. It is primary if it is the axis of a pair.
-        Otherwise it is the line common to two planes (Aronhold and Kennedy). Each plane is
-        spanned by the poles of the two bodies relative to a third body. The line is the
-        cross product of the normals of the two planes. Poles become known in passes, of
-        which each uses poles of earlier passes.
+        A body is a set of links that are rigid with each other while the other inputs are
+        locked. The pole of two bodies is the axis of their relative rotation. If a pair
+        (joint) joins the bodies, the pole is its axis, called primary. Otherwise it is the
+        line common to two planes (Aronhold and Kennedy). Each plane is spanned by the poles
+        of the two bodies relative to a third body. The line is the cross product of the
+        normals of the two planes. Poles are found in passes; each pass uses the poles of
+        earlier passes.
 
         Returns
         -------
@@ -216,11 +222,13 @@ class CoefficientFormulas:
     def _write_velocities(self, input_index: int) -> None:
         """Write the velocity coefficients and angular velocities of all bodies.
 
-        Body j has the angular velocity m_j u_j relative to the ground, with the direction
-        u_j of its pole and its velocity coefficient m_j. The coefficient follows from that
-        of a body t, m_j = m_t N / D, with c = u_j x u_t, N = c . (u_jt x u_t) and
-        D = c . (u_jt x u_j). This is the equation m_j u_j = m_t u_t + m_jt u_jt, multiplied
-        by u_jt and then by c.
+        A body is a set of links that are rigid with each other while one input moves. Body
+        j has the angular velocity m_j u_j relative to the ground, per unit rate of the
+        input. Here u_j is the direction of its pole (axis of rotation) and m_j its velocity
+        coefficient. The coefficient m_j follows from the coefficient m_t of another body t:
+        m_j = m_t N / D, with N = c . (u_jt x u_t), D = c . (u_jt x u_j) and c = u_j x u_t.
+        This is the equation m_j u_j = m_t u_t + m_jt u_jt, multiplied by u_jt and then by
+        c, where jt is the motion of j relative to t.
         """
         formula_list = self._formula_list
         pole_plan = self._pole_plans[input_index]
@@ -355,17 +363,17 @@ class CoefficientFormulas:
         return first_velocity
 
     def _name_coefficients(self, input_index: int) -> None:
-        """Give all poles, angular velocities and coefficients the names that users know.
+        """Store expressions of poles, velocities and coefficients by names for users.
 
         Users ask for a quantity by a name such as ``velocity_coefficient_2_1``. In the
         formulas it is a symbol, such as m_21. This function stores the expression of each
         name.
 
-        A quantity of two links a and b describes the motion of a relative to b. It is 0 if
-        both are rigid with each other. If one of them is at rest, the coefficients are
-        those relative to the ground, whose formulas exist already. Otherwise their formulas
-        are written here. They are the components of the relative angular velocity, and of
-        its derivative, along the pole.
+        A coefficient of two links a and b describes the rotation of a relative to b per
+        unit rate of the input. It is 0 if both are rigid with each other. If one link is at
+        rest, the coefficients relative to the ground are used, which have formulas already.
+        Otherwise their formulas are written here: the components of the relative angular
+        velocity, and of its derivative, along the pole (axis of the relative rotation).
         """
         formula_list = self._formula_list
         links = self._mechanism.links

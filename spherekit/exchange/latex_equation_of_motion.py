@@ -42,7 +42,7 @@ from spherekit.symbolic.parsed_expressions import convert_to_graph
 class LatexEquationOfMotion:
     """Formulas of the inertia matrix, of generalized forces and of the input torques.
 
-    They are written to the formula list when this object is made.
+    The constructor writes the formulas to the formula list.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class LatexEquationOfMotion:
     input_suffixes
         For each input the text that ends the names of its quantities.
     free_sizes
-        Names of free numbers. A link whose mass is free has ("mass", link) in it.
+        Keys of the numbers that stay symbols, such as ("mass", name of a link) for a mass.
 
     Attributes
     ----------
@@ -111,11 +111,12 @@ class LatexEquationOfMotion:
     # Inertia
 
     def _write_torques(self, forces: Sequence[Expr]) -> None:
-        """Write the inertia matrix B and the torque of each input.
+        """Write formulas of the inertia matrix B and of the driving torque of each input.
 
-        The torque of input k is sum_i B_ki qdd_i + r_k - Q_k, with the accelerations qdd of
-        the inputs, the inertia forces r at constant rates and the generalized forces Q.
-        With one input, r = (1/2) B' qd^2, where B' is the derivative of B.
+        The torque of input k is sum_i B_ki qdd_i + r_k - Q_k. Here qdd_i are the
+        accelerations of the inputs. The inertia forces r_k remain if all inputs have
+        constant rates qd, and Q_k are the generalized forces of the loads. With one input,
+        r = (1/2) B' qd^2, where B' is the derivative of B by the input.
 
         Parameters
         ----------

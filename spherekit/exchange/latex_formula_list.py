@@ -29,7 +29,8 @@ class Formula(NamedTuple):
     section
         Title of the section of the document in which the formula is printed.
     rows
-        One expression, or the three components of a vector.
+        A list of one expression (a scalar or a vector), or of the three components of a
+        vector.
     """
 
     section: str
@@ -37,9 +38,9 @@ class Formula(NamedTuple):
 
 
 class SymbolMeaning(NamedTuple):
-    """Meaning of a symbol that no formula defines, and its value.
+    """Meaning of a symbol that no formula defines, such as a size, and its value.
 
-    Both are LaTeX. The value is empty if it is not known, as of an input.
+    Both are LaTeX texts. The value is empty if it is not known, as for an input.
     """
 
     meaning: str
@@ -152,7 +153,7 @@ class FormulaList:
         return term
 
     def write_indexed(self, letter: str, index: str, *rows: Expr, mark: str = "") -> Expr:
-        """Add the formula of a letter with an index, as `write` does.
+        """Add a formula, with a letter and an index on the left side, to the list.
 
         Parameters
         ----------
@@ -161,7 +162,7 @@ class FormulaList:
         rows
             The right-hand side: one expression, or the components of a vector.
         mark
-            Text after the index: the `input_mark` of the moving input, or a prime.
+            LaTeX text after the index: the mark of the moving input, or a prime.
         """
         return self.write(make_symbol(f"{letter}_{{{index}}}{mark}"), *rows)
 

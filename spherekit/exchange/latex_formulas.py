@@ -45,12 +45,12 @@ class LatexFormulas:
     inputs
         Numbers of the driven pairs.
     input_suffixes
-        For each input the text that ends the names of quantities while it moves. It is
-        empty for the only input.
+        For each input the text that ends the names of derivatives by this input. It is
+        empty if there is only one input.
     pole_plans
-        For each input the plan of the poles while it moves.
+        For each input the plan of the poles (axes of relative rotations) while it moves.
     omitted_loads
-        Names of loads that are not written, because their friction follows from reactions.
+        Names of loads that are left out, because their friction depends on reaction forces.
     free_symbols
         Symbols of the free sizes and masses.
 
@@ -84,8 +84,8 @@ class LatexFormulas:
         self.inputs = assembly.inputs
         input_names = mechanism.names_of(self.inputs)
         self.formula_list = FormulaList(mechanism, len(input_names))
-        # With several inputs, derivatives are those while one input moves and the others
-        # are locked. Their names end in the name of the moving input.
+        # With several inputs, each derivative is by one input while the others are locked.
+        # Its name ends in the name of this input.
         self.input_suffixes = [""]
         if len(input_names) > 1:
             self.input_suffixes = [f"_by_{name}" for name in input_names]

@@ -82,9 +82,10 @@ class LinkAxis(NamedTuple):
 
 
 class DyadSide(NamedTuple):
-    """One of the two links of a dyad, with its axes u and v at two pairs of the dyad.
+    """One of the two links of a dyad, with two of its joint axes, u and v.
 
-    The link is given by its number. The mechanism file lists u before v.
+    A dyad is two links that close a loop; one joint joins them, and two join them to other
+    links. The link is given by its number. The mechanism file lists u before v.
     """
 
     link: int
@@ -125,8 +126,8 @@ def _tangent_of_arc(k: Expr, axis: LinkAxis) -> Expr:
 class PositionFormulas:
     """Formulas of the frames of all links and of the variables of all pairs.
 
-    They are written to the formula list when this object is made. A dyad is two links that
-    close a loop between two known axes.
+    The constructor writes the formulas to the list. A dyad is two links that close a loop
+    between two known axes.
 
     Parameters
     ----------
@@ -455,10 +456,11 @@ class PositionFormulas:
     def _find_tangent_of_second_link(self, input_pair: int) -> Expr:
         """Return the tangent t2 to the reference arc of the second link of an input.
 
-        The first link has a known frame, and t1 is the tangent to its reference arc. Two
-        rotations about the axis of the pair lead from t1 to t2. The first one, by the zero
-        angle of the pair, gives the direction of t2 at the input angle 0. The second one is
-        by the input angle.
+        The reference arc of a link at a pair (joint) leads from the axis of the pair to the
+        first other axis of the link. The tangents to the arcs of both links are t1 and t2;
+        t1 is known, since the first link has a known frame. Two rotations about the axis of
+        the pair lead from t1 to t2. The first rotation is by the zero angle of the pair, a
+        number of the file. The second rotation is by the input angle.
         """
         input_rotation = self._make_input_rotation(input_pair)
         direction_at_zero = self._write_zero_direction(input_pair)
@@ -532,7 +534,7 @@ class PositionFormulas:
             )
 
     def _place_dyad(self, label: str, group: Group) -> None:
-        r"""Write the frames of both links of a dyad.
+        r"""Write the formulas of the frames of both links of a dyad.
 
         A dyad has two links. The middle pair joins them to each other, and each outer pair
         joins one of them to a placed link. The axes a and c of the outer pairs are known.
@@ -551,11 +553,13 @@ class PositionFormulas:
         Parameters
         ----------
         label
-            Index of the symbols of the dyad, its number from 1 on.
+            The number of the dyad, from 1 on, as the index of its symbols.
         """
         formula_list = self._formula_list
         first_outer, middle, second_outer = group.dyad_positions
-        # The sign of the mode belongs to the axes in the order of `group.pairs`.
+        # The sign s is defined for the axes in the order of `group.pairs`. With the other
+        # order of a and c, the vector a x c would change its sign, so a and c are
+        # exchanged.
         if group.dyad_parity < 0:
             first_outer, second_outer = second_outer, first_outer
         a, b, c = (
@@ -753,11 +757,10 @@ class PositionFormulas:
                 )
 
     def _write_axis(self, vector: ExpressionNode, right_side: Expr) -> None:
-        """Write the formula of the unit vector along an axis, unless it has one.
+        """Write the formula of the unit vector along an axis, unless it is written already.
 
-        The right side may be a single symbol. Formulas of other quantities are then left
-        out, and the symbol is used in their place. A formula of an axis is written all the
-        same (`always`).
+        A formula with a single symbol on the right side is usually left out, and the symbol
+        is used directly. The formula of an axis is always written (`always`).
         """
         if vector not in self._formula_list.formulas:
             self._formula_list.write(vector, right_side, always=True)

@@ -97,9 +97,9 @@ class LatexText(NamedTuple):
     is_spaced_product: bool = False
 
     def bracketed_beyond(self, loosest: Binding) -> str:
-        """Return the text, in brackets if its binding is looser than `loosest`.
+        """Return the text, with brackets if its operators bind less tightly than `loosest`.
 
-        A symbol is the tightest binding, a product is looser, and a sum is the loosest.
+        A symbol binds most tightly, a product less, and a sum least.
         """
         if self.binding <= loosest:
             return self.text
@@ -167,10 +167,9 @@ def _print_operation(node: ExpressionNode, arguments: list[LatexText]) -> LatexT
 
 
 def _print_symbol(name: str) -> LatexText:
-    """Return a variable, with the rank that its name shows.
+    """Return a variable as LaTeX, with the rank (place in products) that its name shows.
 
-    A name is LaTeX, and all that is known about a variable. It is therefore the only text
-    that is examined.
+    The name is LaTeX and shows the kind: bold letters mark a vector, for example.
     """
     rank = FactorRank.SCALAR
     for mark, rank_of_mark in _RANK_BY_MARK:
@@ -225,7 +224,8 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
 def _print_negative(positive: LatexText) -> LatexText:
     """Return an expression with a minus sign as LaTeX.
 
-    As a factor of a product, the result needs brackets, as a sum does.
+    As a factor of a product, such an expression needs brackets. It therefore has the
+    binding of a sum.
     """
     text = "-" + positive.bracketed_beyond(Binding.PRODUCT)
     return LatexText(text, Binding.SUM, positive.rank, is_negative=True)
@@ -247,8 +247,8 @@ def _print_square(base: LatexText) -> LatexText:
 def _print_multiple(number_text: LatexText, factor: LatexText) -> LatexText:
     """Return a number times an expression as LaTeX.
 
-    Even a negative number needs no brackets at the beginning, as in "-2 x". The whole
-    product then needs brackets as a factor of another product, as a sum does.
+    A negative number at the beginning needs no brackets, as in "-2 x". As a factor of
+    another product, "-2 x" needs brackets. It therefore has the binding of a sum.
     """
     text = rf"{number_text.text} \, {_print_factor(factor)}"
     if number_text.is_negative:

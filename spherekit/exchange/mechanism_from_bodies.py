@@ -21,7 +21,8 @@ from spherekit.wording import listing
 class ImportedFile:
     """A mechanism file that describes the same mechanism as a model of another program.
 
-    Angles are in degrees.
+    The file is the result of an import, for example from MuJoCo or URDF. Angles are in
+    degrees.
 
     Parameters
     ----------
@@ -30,7 +31,8 @@ class ImportedFile:
     foreign_model
         The model.
     max_distance
-        Distance (m) by which axes may miss their common point, None for the default.
+        Distance (m) by which axes of joints may miss their common point, the centre of the
+        sphere. None means the default.
 
     Attributes
     ----------

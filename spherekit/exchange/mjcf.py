@@ -213,9 +213,9 @@ class MujocoModel:
     def _write_notes(self) -> list[str]:
         """Return sentences on everything that the model leaves out or has in another form.
 
-        The sentences are about masses that are made up, omitted loads and soft limits. They
-        also name links for which a mass was chosen, because the file has no mass or only a
-        tensor.
+        The sentences name omitted loads, limits that MuJoCo enforces only softly, and
+        masses that are invented because the file has none. They also name links with a
+        chosen mass, because the file has only an inertia tensor.
         """
         mechanism = self._mechanism
         rigid_bodies = self._rigid_bodies
@@ -328,9 +328,9 @@ class MujocoModel:
     def _add_ground_sites(self, worldbody: Element) -> None:
         """Add a site of the world for each load whose direction is constant in ground axes.
 
-        A site is a marked point with axes. The actuator of such a load has an attribute
-        "refsite": the site in whose axes its vector is given. `_add_actuators` writes the
-        name of the site that is added here.
+        A site is a marked point with axes. MuJoCo lets an actuator state its vector in the
+        axes of such a site ("refsite"). `_add_actuators` writes the name of the site that
+        is added here.
         """
         size = _format_drawn(INVISIBLE_SITE_RATIO * self._radius)
         for load, attributes in self._loads.actuator_loads:

@@ -65,7 +65,7 @@ class MujocoLoads:
 
     @property
     def loaded_pairs(self) -> list[str]:
-        """Pairs at which a load or a limit acts.
+        """Pairs (joints) at which a load or a limit acts.
 
         They have to be joints in MuJoCo. A pair without loads that closes a loop can be a
         constraint of MuJoCo instead, at which no torque can act.
@@ -104,9 +104,10 @@ class JointSums:
 def convert_loads(mechanism: Mechanism) -> MujocoLoads:
     """Return the loads and joint limits of a mechanism in the form that MuJoCo has.
 
-    Springs, dampers and dry friction at one pair are added up, since a joint of MuJoCo has
-    one of each. Other loads become actuators without control if they are constant or affine
-    in the motion of their pair. All others are left out, with a reason.
+    Springs, dampers and dry friction at one pair (joint) are added up, since a joint of
+    MuJoCo has one of each. Other loads become actuators without control if they are
+    constant, or linear in the angle and rate of their pair. All others are left out, with a
+    reason.
     """
     gravity = np.zeros(3)
     sums_by_pair = {pair: JointSums() for pair in mechanism.angles}
@@ -209,7 +210,7 @@ def _actuator_attributes(mechanism: Mechanism, load: ActuatorLoad) -> Attributes
 
 
 def _find_constant(component: LoadComponent) -> float:
-    """Return the magnitude of a component of a load, which must be constant.
+    """Return the constant magnitude of a component of a load.
 
     Raises
     ------

@@ -140,29 +140,31 @@ class ModeCandidate:
     mode_values: Floats
 
     def find_known_input(self, interval: int) -> Floats | None:
-        """Return the inputs (inputs,) rad of one configuration in an interval, or None.
+        """Return the inputs (inputs,) rad of a known configuration in an interval, or None.
 
-        Newton's method starts from this configuration if the formulas have no closed form.
+        Intervals are the parts of the input's range between crossings of configuration
+        curves. Newton's method starts from this configuration if the formulas have no
+        closed form.
         """
         row = _middle_row(self.interval, interval)
         return None if row is None else self.motion.inputs[row]
 
     @property
     def allowed_difference(self) -> Floats:
-        """(n,) largest accepted difference (rad) of a variable in each configuration.
+        """(n,) largest accepted error (rad) of the formulas in each configuration.
 
-        It is a fixed tolerance plus ten times the error bound of the mechanism's variables.
-        The factor ten leaves room for the rounding errors of the formulas, which have other
-        steps and no error bound of their own. A smaller factor would reject right modes of
-        long chains.
+        An assembly mode is rejected if a pair variable (joint angle) of the formulas
+        differs by more. The limit is a fixed tolerance plus ten times the error bound of
+        the compared variables. The factor ten leaves room for the rounding errors of the
+        formulas, which have no error bound of their own.
         """
         return ANGLE_TOLERANCE_RAD + 10.0 * self.motion.kantorovich_error
 
 
 def _middle_row(row_intervals: Indices, interval: int) -> int | None:
-    """Return the middle one of the rows in an interval, or None if there is none.
+    """Return the index of the middle configuration in an interval, or None without any.
 
-    `row_intervals` has the number of the interval of each row.
+    A row is one configuration. `row_intervals` has the number of its interval.
     """
     rows = np.flatnonzero(row_intervals == interval)
     return int(rows[len(rows) // 2]) if len(rows) else None
@@ -346,6 +348,9 @@ def _join_mode_values(
 ) -> SmoothModes:
     """Return the mode values of all modes in the intervals of the input.
 
+    A mode is one way to assemble the links. It follows a smooth curve of configurations,
+    which crosses other curves.
+
     Mode values are the numbers that select a mode in the formulas. Crossings divide the
     range of the input into intervals, and a mode can have other values in each of them.
     There is also a short interval about each crossing. In it the values of a mode are
@@ -442,8 +447,8 @@ def _find_candidate(
     Raises
     ------
     ModeProblem
-        If the mode is well conditioned at no sample, or a dyad changes its sign within the
-        mode and an interval.
+        If the mode is well conditioned at no sample, or if a dyad changes its sign within
+        one interval.
     """
     motion = _select_well_conditioned_rows(
         position_analysis, sampled_motion, mode, crossing_inputs, terms.has_closed_form
@@ -571,10 +576,10 @@ def _spread_well_conditioned(sensitivity: Floats, rows: Indices, count: int) -> 
 
 
 def _find_accurate_rows(sampled_motion: Motion, mode: AssemblyMode) -> Indices:
-    """Return the indices of the valid rows of a mode that are accurate enough to compare.
+    """Return the indices of the rows of a mode that are accurate enough to compare.
 
-    Valid rows have the status OK. The error bound of their variables must not exceed
-    `MAX_CONFIGURATION_ERROR_RAD`.
+    A row is one configuration of one assembly mode. It must have the status OK, and the
+    error bound of its variables must not exceed `MAX_CONFIGURATION_ERROR_RAD`.
     """
     is_valid = (sampled_motion.assembly_mode == mode.number) & (
         sampled_motion.status == Status.OK
@@ -639,7 +644,7 @@ def _compute_deviations(
     angles: Sequence[Expr],
     candidates: Sequence[ModeCandidate],
 ) -> list[Floats]:
-    """Compute the deviation of the formulas from the configurations of all candidates.
+    """Compute how far results of the formulas are from known configurations of the modes.
 
     In closed form the formulas compute the variables from the signs of the dyads. Otherwise
     Newton's method starts near each configuration: each variable is moved by an amount so

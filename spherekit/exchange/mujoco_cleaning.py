@@ -14,6 +14,9 @@ import numpy as np
 def drop_missing_files(mujoco: Any, spec: Any, folder: Path) -> list[str]:
     """Delete everything that a model reads from files that are missing.
 
+    Files that show only the appearance are often missing. MuJoCo would refuse the model
+    without them.
+
     Textures become plain colours. Skins, height fields, meshes and the shapes (geoms) of
     bodies that use them are deleted.
 
@@ -83,6 +86,8 @@ def replace_ball_joints(
     mujoco: Any, spec: Any
 ) -> tuple[Mapping[str, list[str]], list[str]]:
     """Replace each ball joint by three hinges at right angles.
+
+    The import reads only joints with one variable, and three hinges allow the same motion.
 
     Actuators and sensors of ball joints are deleted, and all key frames (stored poses).
 

@@ -94,7 +94,7 @@ class ForeignModel:
     loop_points
         The points at which constraints close loops.
     welded_bodies
-        The two bodies of each weld.
+        The two bodies of each weld (constraint that joins bodies rigidly).
     couplings
         Linear equations between the rates of joints.
     locked_joints
@@ -109,7 +109,8 @@ class ForeignModel:
         Variables (rad) of the pairs that close loops, by the name of the constraint, if the
         file states them.
     has_made_up_masses
-        Whether the file says that its masses are made up.
+        Whether the file says that its masses are invented (spherekit writes this at
+        export).
     gravity
         (3,) acceleration (m/s2) in world axes, or None if none acts.
     notes

@@ -130,6 +130,9 @@ def construct_rigid_bodies(
 ) -> RigidBodies:
     """Return the bodies, hinges, loops and gear equations of a mechanism.
 
+    Programs such as MuJoCo describe a mechanism as a tree of bodies. Hinges join the bodies
+    of the tree, and constraints close its loops.
+
     Parameters
     ----------
     mechanism
@@ -138,8 +141,9 @@ def construct_rigid_bodies(
     values
         (variables,) a closed configuration.
     tree_pairs
-        Names of pairs that close no loop if that is possible, the most important first.
-        Inputs and pairs of links without mass go before all.
+        Names of pairs (joints) that should be hinges of the tree instead of closing a loop,
+        the most important first. Inputs and pairs of links without mass go before all
+        these.
 
     Raises
     ------

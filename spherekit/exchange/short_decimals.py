@@ -50,16 +50,17 @@ def round_to_short_degrees(angle: float) -> float:
 
 
 def round_relative_to_one(vector: Floats) -> list[float]:
-    """Return a vector without the digits that are only rounding errors of numbers near 1.
+    """Return the components of a vector, without digits that are only rounding errors.
 
-    The vector is a unit vector, or a point of a model (m).
+    Rounding errors are those of numbers near 1, even for small components. The vector is a
+    unit vector, or a point of a model (m).
     """
     return [round_to_short_decimal(component, 1.0) for component in vector]
 
 
 def round_components(vector: Floats) -> list[float]:
-    """Return a vector without the digits that are only rounding errors.
+    """Return the components of a vector, without digits that are only rounding errors.
 
-    What counts as a rounding error is relative to the largest component.
+    The largest component sets the size of the rounding errors of all components.
     """
     return [round_to_short_decimal(component, max_abs(vector)) for component in vector]

@@ -118,9 +118,10 @@ def check_sizes_change_no_constants(varied: VariedMechanism) -> None:
 def _profile_numbers(mechanism: Mechanism) -> Floats:
     """Return all numbers of the contact profiles of a mechanism as one array.
 
-    First come, for each profile, the numbers that define the curve: centre, radius, points
-    and coefficients of a series. Then comes, for each profile, the arc length of the
-    contact point at which the variable of the contact is zero.
+    If a size changes these numbers, it cannot be an argument of the formulas, in which they
+    are constants. First come, for each profile, the numbers that define the curve: centre,
+    radius, points and coefficients of a series. Then comes, for each profile, the arc
+    length of the contact point at which the variable of the contact is zero.
     """
     numbers = [profile_numbers(item.profile) for item in list_profiles(mechanism)]
     starts = [track.start for track in make_contact_profiles(mechanism)]
@@ -187,7 +188,7 @@ def idle_arguments(formula_sets: Iterable[Formulas]) -> Names:
     formula_sets
         One or more formulas with the same sizes.
     """
-    # Idle in all formulas, in the order of the sizes.
+    # A size is idle if it is idle in all formulas. The result has the order of the sizes.
     idle_by_formulas = [_idle_arguments(formulas) for formulas in formula_sets]
     common = set.intersection(*map(set, idle_by_formulas))
     return tuple(key for key in idle_by_formulas[0] if key in common)

@@ -34,6 +34,8 @@ WRITERS: Mapping[str, SourceWriter] = {
 def source(formulas: Formulas, language: str) -> str:
     """Return formulas as source code.
 
+    It is the text of functions that other programs can call.
+
     Parameters
     ----------
     formulas

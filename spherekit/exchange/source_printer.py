@@ -107,8 +107,8 @@ class FormulaSource:
         name
             Name of the function.
         outputs
-            The expressions. If they are the step of the formulas, the last one is the
-            closure residual.
+            The expressions. Those of a step of Newton's method end with the closure
+            residual, by how much the loops were open before the step.
         """
         language = self.language
         formulas = self.formulas
@@ -189,8 +189,9 @@ class FormulaSource:
     def smooth_modes(self) -> SmoothModes | None:
         """The mode values of modes that follow smooth curves through crossings.
 
-        Mode values are the numbers that select a mode in the formulas. None if each mode
-        keeps its values at crossings, or if the formulas need no such numbers.
+        Mode values are the numbers that select an assembly mode in the formulas. The result
+        is None if modes do not change their values at crossings, or the formulas need no
+        mode values.
         """
         return self.formulas.mode_table.smooth if self.formulas.mode_value_names else None
 

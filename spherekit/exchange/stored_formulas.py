@@ -35,8 +35,9 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
     model
         The reduced model, along one configuration curve.
     """
-    # Group 0 has the functions of the motion: their names and units in the heading, their
-    # series in the model. Further groups are of poles, which are not exported.
+    # The model stores its functions in groups. Group 0 has the functions of the motion.
+    # Their names and units are in the heading, their series in the model. Other groups are
+    # for poles (axes of relative rotations), which are not exported.
     heading = model.heading
     series: Any = model.groups[0]
     unit_by_result = {function.name: function.unit for function in heading.groups[0]}

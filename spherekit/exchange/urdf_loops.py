@@ -34,6 +34,9 @@ def add_loop_joint(
 ) -> dict[str, Floats]:
     """Add a loop joint of a URDF to a MuJoCo model, as a constraint.
 
+    URDF joints form a tree. A loop joint is an extension that closes a loop between two
+    links of the tree.
+
     A fixed joint becomes a weld of the two links. Any other joint holds one point of both
     links together.
 

@@ -77,7 +77,7 @@ class DrivenWheel:
 class TransmissionEnd:
     """An actuator or joint of a transmission, by its name, with its reduction.
 
-    The reduction multiplies the angle, see `_equations`.
+    The reduction is a ratio of angles, such as 50 for a gear unit; see `_equations`.
     """
 
     name: str

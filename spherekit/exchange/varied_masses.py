@@ -76,11 +76,11 @@ def _express_mass(
     pair_rotations: PairRotations,
     expression_by_path: Mapping[KeyPath, Expr],
 ) -> Mass:
-    """Return the mass of one link, unchanged if no element of it is an expression.
+    """Return the mass of one link with expressions in place of numbers that vary.
 
-    The elements are those of the inertia tensor, the amount (kg) and the centre of mass.
-    The inertia tensor about the centre of the sphere is computed from expressions as it is
-    from plain numbers.
+    The mass of a link includes its inertia tensor, amount (kg) and centre of mass. The
+    inertia tensor about the centre of the sphere is computed from expressions by the same
+    steps as from numbers. The mass is returned unchanged if none of its numbers varies.
 
     Parameters
     ----------

@@ -43,9 +43,9 @@ def to_radians(number: float, unit: AngleUnit) -> float:
     """Return an angle of a file in radians.
 
     Degrees with up to `MAX_PLAIN_DIGITS` digits are converted by `math.radians`, so that a
-    file and a program agree to the last bit. About one float in ten is the result of
-    `math.radians` for no number of degrees. For such an angle, `to_text` writes degrees
-    with more digits. They are converted with 60 digits and rounded once.
+    file and a program agree to the last bit. For about one angle in ten, no number of
+    degrees gives exactly this angle in `math.radians`. `to_text` writes such an angle with
+    more digits of degrees. Here they are converted with 60 digits and rounded once.
     """
     if unit == "rad":
         return float(number)

@@ -126,7 +126,7 @@ def find(name_or_path: AnyPath) -> Path:
 
 
 def named_in(name: str, folder: Path) -> str | Path:
-    """Return the shipped name, or the path of the mechanism that a study file names.
+    """Return the mechanism that a study file names: a shipped name or the path of a file.
 
     Parameters
     ----------

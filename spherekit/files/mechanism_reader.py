@@ -153,8 +153,8 @@ def read(document: Document) -> Mechanism:
     Raises
     ------
     FileError
-        If the document has faults. The message has one line for each fault. For data
-        without a text the error is a `ModelError`.
+        If the document has faults. The message has one line for each fault. If the document
+        was built from data in code, without a text, the error is a `ModelError`.
     """
     check(document)
     return mechanism_from_document(document)
@@ -205,7 +205,8 @@ def _split_key_message(message: str) -> tuple[KeyPath, str]:
 def replace_actions(mechanism: Mechanism, document: Document) -> Mechanism:
     """Return a mechanism with the masses, loads and joint limits of a document.
 
-    All else in the document has to agree with the mechanism, since it is not read again.
+    This is faster than reading the whole document again. Links, pairs and sizes in the
+    document must be those of the mechanism, which is not checked.
     """
     tables = {name: document.data[name] for name in _ACTION_TABLES if name in document.data}
     reader = _MechanismReader(document, convert_to_model(document, tables))
@@ -336,7 +337,7 @@ class _MechanismReader:
         )
 
     def load(self, name: str, item: Table) -> Load:
-        """Return a load from its table; without the key "kind" it is a torque at a pair.
+        """Return a load from its table in the file.
 
         Fields that the table lacks get the defaults of their kind.
         """
@@ -380,9 +381,10 @@ class _MechanismReader:
         centre = item.get("centre")
 
         def from_two_axes(key: str, function: Callable[..., Answer], *args: Any) -> Answer:
-            """Call a function with the axes of two R pairs, which a key of the table names.
+            """Call a function with the axes of the two R pairs that a key names.
 
-            The axes come first, then `args`. Errors name the key.
+            R pairs are revolute joints. The two axes, in the axes of the link, are the
+            first arguments, and `args` follow. Errors name the key.
             """
             path = ("mass", link, key)
             axes = []
@@ -514,10 +516,11 @@ class _MechanismReader:
         ]
 
     def axis(self, name: str, item: Table) -> Vector | None:
-        """Return the axis (unit vector) of a pair in the reference pose, None without one.
+        """Return the axis (unit vector) of a pair in the reference pose, or None.
 
-        The axis of a P pair, which slides along a great circle, is the pole of the circle
-        through the two points in its table.
+        The table of an R pair (revolute joint) states the axis itself. A P pair slides
+        along a great circle, and its table has two points of this circle. Its axis is the
+        pole of the circle.
         """
         for key in _ARC_PAIR_KEYS:
             if key in item:
@@ -644,8 +647,8 @@ class _MechanismReader:
         def find_centres() -> tuple[list[Vector], float]:
             """Return the axes of both cones in their links, and the angle between them.
 
-            The carrier is the link in which both axes are fixed. The angle (rad) between
-            them is the shaft angle.
+            The cones roll on each other as bevel gears. The carrier is the link in which
+            both axes are fixed. The angle (rad) between the axes is the shaft angle.
             """
             carrier = find_gear_carrier(self.joined_links, self.axes_in_links, links, axes)
             centres = [
@@ -758,9 +761,10 @@ class _MechanismReader:
 
 
 def _vector(item: Table, prefix: str = "") -> Vector | None:
-    """Return the unit vector under ``xyz`` or ``lonlat`` with a prefix, None without both.
+    """Return the unit vector that a table states under ``xyz`` or ``lonlat``, or None.
 
-    Both are unit vectors in converted data.
+    The name of the key can have a prefix. Longitudes and latitudes were converted to unit
+    vectors before.
     """
     vector: Vector | None = item.get(f"{prefix}xyz", item.get(f"{prefix}lonlat"))
     return vector

@@ -30,7 +30,7 @@ def dump(mechanism: AnyMechanism, path: AnyPath, angle_unit: AngleUnit = "deg") 
     Raises
     ------
     OutputError
-        If it cannot be written there, or the format cannot express the mechanism.
+        If the file cannot be written there, or the format cannot express the mechanism.
     """
     write_text(path, dumps(mechanism_of(mechanism), angle_unit))
 
@@ -81,7 +81,7 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
 def canonical_text(mechanism: Mechanism, angle_unit: AngleUnit) -> str:
     """Return the text of a mechanism file, without checking that it can be read back.
 
-    The text identifies a mechanism, see `mechanism_hash`.
+    Equal mechanisms have the same text, so `mechanism_hash` identifies a mechanism by it.
 
     Raises
     ------

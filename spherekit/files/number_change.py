@@ -213,12 +213,12 @@ def _explain_missing_number(
 
 @dataclass(frozen=True)
 class KeyProblem:
-    """Why a key names no number.
+    """Why a key that a user gave, such as ``links.2.arc``, names no number of the file.
 
     Attributes
     ----------
     text
-        The reason as a sentence, perhaps with a similar key as a question.
+        The reason as a sentence, perhaps with a proposal of a similar key.
     prefix
         Keys of numbers that begin with this text may be the ones that the user meant.
     """
@@ -328,12 +328,12 @@ def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPat
 
 
 def is_angle(document: Document, key: str) -> bool:
-    """Return whether a number of a mechanism file is an angle.
+    """Return whether a number of a mechanism file is an angle, so that it has a unit.
 
     Parameters
     ----------
     document, key
-        The file and the name of the number, as for `number_path`.
+        The file and the key of the number, such as ``links.2.arc``; see `number_path`.
     """
     path = number_path(document, key)
     # Angles of pairs that the file leaves out are 0, and have no entry.

@@ -265,7 +265,8 @@ class SchemaConversion:
     definitions
         The named definitions of the schema.
     converters
-        Converters by the name of a definition, see `convert_values`.
+        Functions that convert values, by the name of the schema's definition of such a
+        value; see `convert_values`.
     """
 
     definitions: Table
@@ -339,7 +340,8 @@ class SchemaConversion:
 def _is_met(condition: Table, table: Table) -> bool:
     """Return whether a table meets a condition of the schema: keys with constant values.
 
-    A key that the condition does not require may be missing.
+    The condition is the ``if`` part of a JSON Schema: each key has to have a constant
+    value. Keys that are not required may be missing.
     """
     required = condition.get("required", ())
     for key, rule in condition["properties"].items():

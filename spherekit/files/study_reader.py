@@ -85,7 +85,7 @@ def _mechanism_of(document: Document, folder: Path) -> Mechanism:
 
 @dataclass(frozen=True)
 class _StudyReader:
-    """Constructs a study from the data of a file.
+    """Constructs a study (a mechanism with the analyses to run) from the data of a file.
 
     Attributes
     ----------

@@ -149,7 +149,8 @@ class Document:
 def key_path_text(path: KeyPath) -> str:
     """Return a key path as users write it: ``pairs.21.links[0]``.
 
-    Parts that are no plain words are escaped and shortened.
+    A path is a tuple of the keys and indices that lead to a value. Parts with other
+    characters than letters, digits, ``_`` and ``-`` are escaped and shortened.
     """
     text = ""
     for part in path:

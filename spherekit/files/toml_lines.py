@@ -49,8 +49,8 @@ class _KeyScanner:
     key_path
         Path of the key whose value is read.
     brackets
-        The opened brackets of arrays ``[`` and inline tables ``{``. Each has the path of
-        its next item (array) or of itself (inline table).
+        The open brackets of arrays ``[`` and inline tables ``{``, each with a path. For an
+        array it is the path of the next item, for an inline table its own path.
     key_parts
         Parts of a dotted key, or of a header, read so far.
     is_value

@@ -142,7 +142,8 @@ def convert_to_model(
     ------
     FileError
         If an angle in rad looks like degrees, the unit of a text is wrong, or a direction
-        is not a unit vector. For data without a text it is a `ModelError`.
+        is not a unit vector. If the document was built from data in code, the error is a
+        `ModelError`.
     """
     unit: AngleUnit = document.data.get("angle_unit", angle_unit)
 
