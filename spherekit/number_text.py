@@ -36,7 +36,7 @@ def number_text(value: float, error: float = 0.0, digits: int = SCREEN_DIGITS) -
 
 
 def last_significant_digit(value: float, digits: int) -> float:
-    """Return the value of the last of some significant digits: 0.1 for 21.2 and 3 digits.
+    """Return the place value of the last significant digit: 0.1 for 21.2 with 3 digits.
 
     Zero has no significant digits; the result is then infinite.
     """

@@ -39,11 +39,13 @@ _POWER_DERIVATIVES = np.array(
 def quintic_panels(
     knots: Floats, points: Floats, closed: bool
 ) -> Callable[[Floats, int], Floats]:
-    """Return the quintic spline through points, real or complex.
+    """Return the quintic spline through points as a function; points may be complex.
 
-    It is the spline of `spherekit.geometry.parametric_curve.quintic`: a polynomial of
-    degree 5 on each panel, with derivatives up to order 4 that agree at the knots. An open
-    spline has no knots at the two points next to each end, so there the order 5 agrees too.
+    Complex points carry a derivative by a design variable (complex step), which SciPy's
+    splines cannot. The spline is that of `spherekit.geometry.parametric_curve.quintic`: a
+    polynomial of degree 5 on each panel between two knots. Derivatives up to order 4 agree
+    at the knots. An open spline has no knot at the points next to both ends, so there the
+    order 5 agrees too.
 
     Parameters
     ----------
@@ -351,7 +353,7 @@ class CurveDerivative:
     Attributes
     ----------
     variation
-        The path, with its derivative by the design variable.
+        The path by a parameter of its own, with its derivative by the design variable.
     backwards
         Whether the curve runs against the path.
     """

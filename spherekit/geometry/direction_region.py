@@ -31,13 +31,16 @@ EVALUATIONS_PER_SET = 100_000
 
 @dataclass(frozen=True)
 class BorderArc:
-    """A smooth arc of the border.
+    """A smooth arc of the border of a region on the unit sphere.
+
+    The region has the directions in which all margins (functions of the direction) are at
+    least 0.
 
     Attributes
     ----------
     margin
-        Number of the margin that is 0 on the arc, or -1 if a margin is undefined on the
-        other side.
+        Number of the margin that is 0 on the arc. It is -1 if the arc is the border of the
+        directions in which a margin is defined.
     points
         (m, 3) unit vectors along the arc, with the region to their left.
     """
@@ -122,12 +125,12 @@ class Region:
     area
         Area of the region (sr).
     error
-        Bound of the error of the area (sr). It is the change of the area if the order of
-        the border curves is halved, plus the area of every triangle about which too little
-        is known.
+        Bound of the error of the area (sr). It has two parts: the change of the area if the
+        order of the border curves is halved, and the area of all unresolved triangles.
     unresolved
-        Area of these triangles alone (sr). They contain tangent borders, corners sharper
-        than 0.25 rad, or the border of where a margin is defined.
+        Area (sr) of the triangles in which too little is known about the border. They
+        contain tangent borders, corners sharper than 0.25 rad, or the border of where a
+        margin is defined.
     components
         Connected parts, the largest first.
     gaps
@@ -319,13 +322,13 @@ def _find_parts(
     depth = smallest_margins(refinement.values)
     is_inside = depth >= 0.0
 
-    # Vertices belong to one part if edges connect them on the same side of the border.
+    # Vertices belong to one part if edges that the border does not cut connect them.
     edges, _ = list_edges(triangles)
     is_uncut = is_inside[edges[:, 0]] == is_inside[edges[:, 1]]
     part_of_vertex = label_components(len(is_inside), edges[is_uncut])
 
-    # The part inside and the part outside of each triangle, by one vertex of each. A
-    # triangle with equal vertices has the same part twice; one of its two areas is 0.
+    # For each triangle, one vertex inside and one outside stand for its two parts. In a
+    # triangle without a border both are the same vertex, and one of its two areas is 0.
     inside_corners = is_inside[triangles]
     corners = np.stack(
         [np.argmax(inside_corners, axis=1), np.argmin(inside_corners, axis=1)], axis=1
@@ -377,9 +380,11 @@ def _find_parts(
 
 
 def _split_into_arcs(segments: BorderSegments, loop: Indices) -> tuple[BorderArc, ...]:
-    """Return the smooth arcs of a closed chain of segments, given by their numbers (n,).
+    """Return the smooth arcs of a closed border curve.
 
-    An arc ends where another margin becomes the one that is 0 on the border.
+    The curve is a chain of segments, given by their numbers (n,). A region is bounded by
+    several margins (functions that are at least 0 inside). An arc ends where another margin
+    becomes 0 on the border.
     """
     margin = segments.margin[loop]
     # The loop is rotated so that it begins where the margin changes.

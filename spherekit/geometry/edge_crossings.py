@@ -75,7 +75,7 @@ class EdgeCrossings:
 
 
 def _edge_keys(inside: Indices, outside: Indices) -> Indices:
-    """Return an integer for each edge that identifies it.
+    """Return one integer for each mesh edge, by which a stored edge is found again.
 
     The vertex inside the region is in its upper 32 bits, the vertex outside in its lower
     ones.

@@ -31,11 +31,12 @@ def upward(normals: Floats) -> Floats:
 def mirror_angles(normals: Floats) -> tuple[Floats, Floats, Floats]:
     """Return phi, gamma and omega (n,), rad, of mirrors with unit normals (n, 3).
 
-    They are defined by n = (-sin(phi / 2), sin(gamma / 2), n_z) and tan omega = n_y / n_z,
-    for the normal n with n_z >= 0. phi and gamma are between -pi and pi, omega is between
-    -pi / 2 and pi / 2. The size of phi is the arc from the point Q = (1, 0, 0) to its
-    mirror image P. Its sign is negative if P is on the side z < 0. All three angles are
-    therefore smooth where P passes through Q. Chen et al. 2021 have phi >= 0 only.
+    A mirror with the unit normal n maps the point Q = (1, 0, 0) to P. The angles are
+    defined by n = (-sin(phi / 2), sin(gamma / 2), n_z) and tan omega = n_y / n_z, with n_z
+    >= 0. phi and gamma are between -pi and pi, omega is between -pi / 2 and pi / 2. The
+    absolute value of phi is the arc from Q to P, and phi is negative if P has z < 0. With
+    this sign, all three angles are smooth where P passes through Q. Chen et al. 2021 have
+    phi >= 0 only.
     """
     x, y, z = np.moveaxis(upward(normals), -1, 0)
     phi = -2.0 * np.arctan2(x, np.hypot(y, z))

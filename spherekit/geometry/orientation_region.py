@@ -118,7 +118,10 @@ class Orientations:
 
 
 def _interpolation_matrix(points: Floats) -> Floats:
-    """Return the matrix (m, 27) from the 27 samples of a cell to values at points.
+    """Return the matrix (m, 27) that interpolates margins in a cell from 27 samples.
+
+    A cell is a cube in the space of orientations, sampled at 3 x 3 x 3 points. The product
+    of the matrix and the samples gives the values at m points.
 
     Parameters
     ----------
@@ -175,9 +178,9 @@ def find_orientations(
     Parameters
     ----------
     margins
-        Function of unit quaternions (n, 4) xyzw that returns margins (n, k), the same for q
-        and -q. A margin may be NaN. The orientation then counts as outside: because another
-        margin is negative there, or else because it cannot be reached.
+        Function of unit quaternions (n, 4) with components x, y, z, w. It returns margins
+        (n, k), the same for q and -q. A margin may be NaN. Such an orientation counts as
+        outside of the set.
     tolerance
         Wanted error, relative to the volume.
     most
@@ -255,6 +258,8 @@ class _Boxes(ArrayRows):
 class _MarginRange:
     """Bounds of k margins in n cells of the space of orientations.
 
+    A margin is a function of the orientation that is at least 0 in the wanted set.
+
     Attributes
     ----------
     low, high
@@ -267,15 +272,15 @@ class _MarginRange:
 
 @dataclass(frozen=True)
 class _MeasuredVolumes:
-    """Volumes of the part of a set of orientations in each of n cells.
+    """For each of n cells, the volume of the part that belongs to a set of orientations.
 
     Attributes
     ----------
     volume
         (n,) volumes. All orientations together have the volume 8 pi^2.
     is_certain
-        (n,) whether the cell belongs to the set as a whole or not at all. Other volumes are
-        estimates.
+        (n,) whether the cell certainly belongs to the set as a whole, or certainly not at
+        all. All other volumes are estimates.
     """
 
     volume: Floats
@@ -317,9 +322,10 @@ def _make_first_boxes() -> _Boxes:
 
 
 def _halve_boxes(boxes: _Boxes) -> _Boxes:
-    """Return the eight halves (in all three directions) of each box, one box after another.
+    """Cut each box into eight by halving it in all three directions.
 
-    Widths are even: the width of the first boxes is a power of two.
+    The eight parts of a box follow one another. Coordinates are integers; the width of the
+    first boxes is a power of two, so widths are even.
     """
     whole = boxes.rows(np.repeat(np.arange(len(boxes.width)), 8))
     half_width = whole.width // 2
@@ -493,8 +499,9 @@ class _OrientationCells:
 def _sample_points(boxes: _Boxes) -> Indices:
     """Return the points (31, n, 3) of n boxes at which margins are evaluated.
 
-    Boxes are parts of a cube with integer coordinates. The points have such coordinates,
-    too.
+    A margin is a function of the orientation; its samples show whether it is 0 in a box.
+    Boxes are parts of a cube with integer coordinates. The 31 points of a box have integer
+    coordinates too.
     """
     quarter_width = boxes.width // 4
     offsets = _SAMPLE_QUARTERS[:, None, :] * quarter_width[:, None]  # (31, n, 3)

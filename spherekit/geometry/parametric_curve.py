@@ -98,7 +98,8 @@ class CirclePath:
 class FourierPath:
     """A path whose colatitude is a Fourier series of the azimuth, which is its parameter.
 
-    The colatitude is sum cosines[k] cos(k u) + sines[k] sin(k u), in rad.
+    The path is a curve on the unit sphere. Its colatitude (angle from an axis) at the
+    azimuth u is sum cosines[k] cos(k u) + sines[k] sin(k u), in rad.
 
     Attributes
     ----------
@@ -231,7 +232,7 @@ class FourierPath:
 
 @dataclass(frozen=True)
 class SplinePath:
-    """The radial projection p = x / |x| of a spline x(u) in space.
+    """A curve on the unit sphere: the radial projection p = x / |x| of a spline x(u).
 
     Attributes
     ----------
@@ -252,8 +253,9 @@ class SplinePath:
     def _differentiate(self, u: Floats, order: int) -> Floats:
         """Return a derivative (..., 3) of the spline at parameters u (...).
 
-        If u carries a derivative as a complex step, the result does too. Splines of SciPy
-        take real parameters only.
+        A complex u has a derivative in its imaginary part (complex step). SciPy's splines
+        take real parameters only, so the imaginary part of the result is added by the chain
+        rule.
         """
         derivative = self.spline(np.real(u), order)
         if np.iscomplexobj(u):
@@ -323,10 +325,10 @@ class SplinePath:
         return q**3 * determinant, k_rate * size**2 / normal_size
 
     def describe_position(self, u: float) -> str:
-        """Return the number of a given point, such as "point 3", for messages.
+        """Return the nearest given point to a position, such as "point 3", for messages.
 
-        The spline was laid through given points, which are counted from 1. Of these, the
-        nearest to the position with the parameter u is returned.
+        The spline was laid through given points, which are counted from 1. `u` is the
+        parameter of the position.
         """
         # The last knot of a closed path belongs to the first point, which is counted once.
         point_count = len(self.knots) - self.closed
@@ -416,14 +418,16 @@ def radial_directions(axes: Floats, azimuth: Floats) -> tuple[Floats, Floats]:
 
 
 def orthonormal_frame(point: Floats, tangent: Floats) -> Floats:
-    """Return the frames (n, 3, 3) of points and tangents that are nearly orthonormal.
+    """Return frames (n, 3, 3) with the columns t, p x t, p from points and tangents.
+
+    The vectors p and t are the unit vectors along point and tangent, at exact right angles.
 
     Parameters
     ----------
     point
         (n, 3) vectors of any length along the third columns.
     tangent
-        (n, 3) vectors of any length, along the first columns up to rounding.
+        (n, 3) vectors of any length, at right angles to the points up to rounding.
     """
     p = point / np.sqrt(dot(point, point))[:, None]
     t = tangent - dot(tangent, p)[:, None] * p

@@ -81,7 +81,9 @@ class Curve:
         Whether the curve is closed.
     backwards
         Whether the curve runs against its path. A closed curve then starts at the same
-        point, and an open one at the other end. t, n and k change sign, dk/ds does not.
+        point, and an open one at the other end. The tangent, the normal and the geodesic
+        curvature change their signs; the derivative of the curvature by the arc length does
+        not.
     """
 
     path: Path
@@ -232,9 +234,10 @@ def fourier(centre: ArrayLike, cosines: ArrayLike, sines: ArrayLike = ()) -> Cur
 def azimuth_panels(order_count: int) -> Floats:
     """Return azimuths (rad) that divide a turn into panels for an integral of the azimuth.
 
-    The integrand depends on a Fourier series of the azimuth with `order_count` orders, from
-    0 on. There are four panels for each order. In a panel even the highest order varies by
-    less than a quarter of its period, so the integrand is smooth enough for a short series.
+    The integrand, such as the speed along a curve, depends on a Fourier series of the
+    azimuth with `order_count` orders, from 0 on. There are four panels for each order. In a
+    panel even the highest order varies by less than a quarter of its period, so a short
+    series describes the integrand there.
     """
     return np.linspace(0.0, 2.0 * np.pi, 4 * order_count + 1)
 
@@ -269,10 +272,10 @@ def through(points: ArrayLike, closed: bool = True) -> Curve:
 
 
 def spline_through(points: ArrayLike, closed: bool) -> tuple[SplinePath, ArcLength]:
-    """Return the spline of the curve `through` points, and its arc length.
+    """Return the spline curve through points, and its arc length.
 
-    Unlike `through`, it does not refuse a closed curve that meets itself. All other errors
-    are the same.
+    A closed curve may meet itself, which the function `through` refuses. The errors are
+    otherwise those of `through`.
     """
     *_, last_fit = spline_fits(points, closed)
     return last_fit

@@ -43,7 +43,7 @@ PROFILE_SCALE_SAMPLES = 257
 
 @dataclass(frozen=True)
 class ProfileSeries:
-    """A profile as series in its arc length.
+    """A contact profile (curve on the unit sphere) as series in its arc length.
 
     The eight columns are the tangent t (3), the point p (3), the geodesic curvature k and
     dk/ds.
@@ -57,7 +57,7 @@ class ProfileSeries:
     closed
         Whether the profile is closed.
     max_curvature_second
-        Bound of |d2k/ds2|, as far as samples show it.
+        Bound of |d2k/ds2|, the second derivative of the curvature, estimated from samples.
     """
 
     series: PiecewiseChebyshev
@@ -122,6 +122,7 @@ class ProfileSeries:
         The rows are the derivatives of the tangent (3), of the point (3), of the geodesic
         curvature k and of dk/ds.
         """
+        # The arc length of a closed profile is reduced to one turn.
         return self.series.derivative.evaluate(
             np.mod(s, self.length) if self.closed else s
         ).T

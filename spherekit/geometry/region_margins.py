@@ -42,8 +42,8 @@ class MarginEvaluator:
     Attributes
     ----------
     rounding_errors
-        (k,) estimated rounding error of each margin, in its unit. A margin that is negative
-        by less is 0 up to rounding. Empty before the first call.
+        (k,) estimated rounding error of each margin, in its unit. A negative margin of
+        smaller size counts as 0. Empty before the first call.
     evaluations, calls
         Number of points at which the margins were evaluated, and of calls.
     """

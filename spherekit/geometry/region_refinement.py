@@ -66,8 +66,8 @@ class TriangleDivision:
       neighbouring nodes of the segment.
     - The extra triangle is A, B, start.
 
-    If the border has a corner in a triangle, it consists of two segments there. Both have
-    fans from the same apex, and the first one has the extra triangle.
+    At a corner of the border in a triangle, two segments meet. Both have fans from the same
+    apex, and the first one has the extra triangle.
 
     Attributes
     ----------
@@ -88,7 +88,11 @@ class TriangleDivision:
     has_extra_triangle: Bools
 
     def fan_triangles(self, node: Indices, segment: Indices) -> Indices:
-        """Return the triangles of the fans, as numbers of their three corners.
+        """Return the triangles of the fans as vertex numbers (n, 3).
+
+        A segment is the border of the region in one triangle of the mesh, a curve given by
+        nodes. Its fan joins the apex (a vertex of the mesh inside the region) to the curve.
+        The fans are needed for the area of the region.
 
         Parameters
         ----------
@@ -103,7 +107,11 @@ class TriangleDivision:
         return np.stack(corners, axis=1)[has_next_node]
 
     def extra_triangles(self, start_node: Indices) -> Indices:
-        """Return the extra triangles, as numbers of their three corners.
+        """Return the extra triangles as vertex numbers (n, 3).
+
+        If the border leaves two vertices of a mesh triangle inside the region, its fan does
+        not cover the part inside. An extra triangle between both vertices and the start of
+        the border covers the rest.
 
         Parameters
         ----------
@@ -138,8 +146,8 @@ class RegionRefinement:
     longest_edges
         (T,) longest edge (rad) of each classified triangle.
     has_several_uncertain
-        (T,) whether several margins may be positive or negative in a triangle. One of them
-        may then cut off a part of the region beyond the border of another one.
+        (T,) whether several margins may change their sign in a triangle. The border of one
+        margin may then not be the border of the region.
     crossings
         Points at which the border crosses edges of the mesh.
     segments
@@ -399,10 +407,12 @@ class RegionRefinement:
     def _odd_vertex_first(self, selected: Indices) -> Indices:
         """Return the vertices (3, n) of triangles that the border crosses.
 
-        The first vertex is inside the region while both others are outside, or the reverse.
-        The order around the triangle is unchanged.
+        The first ("odd") vertex is alone on its side of the border: it is inside the region
+        and both others are outside, or the reverse. The border thus crosses the two edges
+        at the first vertex. The order around the triangle is unchanged.
         """
-        # If one vertex is inside, the odd one is inside. If two are, it is outside.
+        # With one vertex inside, this vertex is odd. With two inside, the outside vertex is
+        # odd.
         vertices = self.triangles[selected]
         is_inside = self.is_inside[vertices]
         is_odd = is_inside == (is_inside.sum(axis=1) == 1)[:, None]
@@ -478,11 +488,12 @@ class RegionRefinement:
         """
         inside_count = self.is_inside[self.triangles].sum(axis=1)
         is_crossed = inside_count % 3 != 0
-        # The vertices of such a triangle do not show where its border is.
+        # In a broken triangle, some margins are undefined. If all its vertices are on one
+        # side, they do not show where the border is.
         is_broken = self.classes == TriangleClass.BROKEN
         self.classes[is_broken & ~is_crossed] = TriangleClass.OPEN
         is_crossed[self.segments.triangle] = False
-        # The vertices differ, although the class says that there is no border.
+        # Vertices are on both sides, although the class says that there is no border.
         self.classes[is_crossed & (self.classes < TriangleClass.SIMPLE)] = (
             TriangleClass.OPEN
         )
@@ -554,8 +565,9 @@ class RegionRefinement:
     def _reduce_error(self, tolerance: float) -> Bools:
         """Reduce the error of the area, and return which triangles (T,) have to be cut.
 
-        The error has two parts. Each may be up to half of the tolerance (sr). The border is
-        approximated by polynomials, and open triangles may hide parts of the region.
+        Two causes contribute to the error, each up to half of the tolerance (sr). The
+        border is approximated by polynomials, and open triangles may hide parts of the
+        region.
         """
         max_error = 0.5 * tolerance
         self._raise_orders(max_error)

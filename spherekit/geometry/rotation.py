@@ -266,7 +266,7 @@ def _square(vector: Floats) -> Floats:
 
 
 def _second_order_coefficients() -> list[float]:
-    """Return the first 32 coefficients of the factor c of `log_rate` as a power series.
+    """Return the first 32 power-series coefficients of the factor c in `log_rate`.
 
     The variable is the square of the angle. The coefficients are |B_2k| / (2k)! with the
     Bernoulli numbers B_2k, for k = 1, 2, ... Euler's recurrence for the zeta function of

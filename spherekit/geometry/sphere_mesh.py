@@ -85,10 +85,11 @@ def icosahedron(spacing: float) -> tuple[Floats, Indices]:
 
 @cache
 def hemisphere(spacing: float) -> tuple[Floats, Indices]:
-    """Return a mesh of the half of the sphere with z >= 0.
+    """Return a triangle mesh of the half of the unit sphere with z >= 0.
 
-    It is the upper half of a refined octahedron, so that edges run along the equator.
-    Parameter and results are as in `icosahedron`.
+    The mesh starts from the four upper faces of an octahedron, so edges run along the
+    equator. Faces are quartered until no edge is longer than `spacing` (rad). The results
+    are the vertices (V, 3) and the triangles (T, 3) as vertex numbers.
     """
     points = np.concatenate([np.eye(3), -np.eye(2, 3)])
     return quarter_until_short(
@@ -233,9 +234,9 @@ class BisectedMesh:
 def bisect_triangles(points: Floats, triangles: Indices, is_marked: Bools) -> BisectedMesh:
     """Return the mesh on the unit sphere in which marked triangles are cut into four.
 
-    Their neighbours are cut into two to four, so that no vertex is in the middle of an edge
-    (newest vertex bisection, W. F. Mitchell 1989, in the array form of S. Funken,
-    D. Praetorius and P. Wissgott, 2011).
+    Neighbours are cut into two to four, so that no vertex is in the middle of an edge. The
+    method is newest vertex bisection (W. F. Mitchell 1989), in the array form of S. Funken,
+    D. Praetorius and P. Wissgott, 2011.
 
     Parameters
     ----------

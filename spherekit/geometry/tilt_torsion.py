@@ -21,6 +21,9 @@ from spherekit.numerics.angles import wrap
 def azimuth_tilt(directions: Floats) -> Floats:
     """Return azimuth and tilt (n, 2), rad, of unit vectors (n, 3).
 
+    The tilt is the angle from the z axis, the azimuth the direction of the tilt, counted
+    about z from the x axis.
+
     The azimuth is in (-pi, pi], the tilt in [0, pi].
     """
     x, y, z = directions.T
@@ -39,8 +42,9 @@ def pointing(angles: Floats) -> Floats:
 def euler_zyz(rotations: Floats) -> Floats:
     """Return the angles (a, b, c) (n, 3), rad, of rotations (n, 3, 3) = Z(a) Y(b) Z(c).
 
-    The angle b is in [0, pi]. If it is 0 or pi, only the sum or the difference of the other
-    two is determined. Also then the three angles give the rotation back up to rounding.
+    Y and Z are rotations about the axes of the same name. The angle b is in [0, pi]. If b
+    is 0 or pi, only the sum or the difference of a and c is determined. The three angles
+    then still give the rotation up to rounding.
     """
     azimuth_and_tilt = azimuth_tilt(rotations[:, :, 2])
     c = np.cos(azimuth_and_tilt[:, 0])
@@ -60,8 +64,10 @@ def from_euler_zyz(angles: Floats) -> Floats:
 def tilt_torsion(rotations: Floats) -> Floats:
     """Return azimuth, tilt and torsion (n, 3), rad, of rotations (n, 3, 3).
 
-    Azimuth and torsion are in (-pi, pi], the tilt in [0, pi]. If the tilt is pi, only
-    2 azimuth - torsion is determined. If the tilt is 0, the azimuth is 0 or pi.
+    The z axis is tilted by the tilt in the direction of the azimuth, and the body is
+    rotated by the torsion about its tilted z axis. Azimuth and torsion are in (-pi, pi],
+    the tilt in [0, pi]. If the tilt is pi, only 2 azimuth - torsion is determined. If the
+    tilt is 0, the azimuth is 0 or pi.
     """
     angles = euler_zyz(rotations)
     angles[:, 2] = wrap(angles[:, 0] + angles[:, 2])

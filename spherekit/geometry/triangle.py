@@ -33,7 +33,7 @@ def frame_from(axis: Floats, tangent: Floats) -> Floats:
 
 
 def frame_toward(axis: Floats, target: Floats) -> Floats:
-    """Return frames (..., 3, 3) whose z axis is an axis and whose x axis points to another.
+    """Return frames (..., 3, 3) with z along an axis and x towards another axis.
 
     Parameters
     ----------
@@ -49,8 +49,8 @@ def frame_toward(axis: Floats, target: Floats) -> Floats:
 def perpendicular(axis: Floats) -> Floats:
     """Return a unit vector perpendicular to each unit vector (..., 3).
 
-    It is also perpendicular to the coordinate axis that is most nearly perpendicular to the
-    given vector, so no digits are lost.
+    Any direction at right angles would do. The cross product with the coordinate axis most
+    nearly at right angles to the vector is long, so no digits are lost.
     """
     return unit_rows(cross(axis, np.eye(3)[np.argmin(np.abs(axis), axis=-1)]))
 
@@ -211,7 +211,8 @@ def close_dyad(
         +1 or -1, or (n,) of these: the sign of middle . (first x second), which determines
         the assembly mode.
     slack
-        Error (rad) of the outer axes that is accepted, (n,) or the same for all.
+        Accepted error (rad) of the outer axes, (n,) or one number for all. A triangle that
+        misses closing by less counts as closed.
     """
     # This equals first x second, but its rounding error is small compared with itself even
     # if the axes nearly coincide.
@@ -224,8 +225,8 @@ def close_dyad(
     second_side = arc(*second_body)
     angles = vertex_angles(base, first_side, second_side, slack)
 
-    # If the outer axes lie on one line, the whole dyad can rotate about it. Any plane is
-    # chosen for it.
+    # Outer axes along one line have no normal. The dyad can then rotate about this line,
+    # and any plane is chosen.
     is_free = base_sine <= REACH_SLACK
     if np.any(is_free):
         normal[is_free] = perpendicular(first[is_free])

@@ -125,7 +125,11 @@ def _slope_matrix(bernstein: Floats) -> Floats:
 
 
 def _check_matrix(bernstein: Floats) -> Floats:
-    """Return the matrix (7, 6) from samples to values at the points `CHECK_TWELFTHS`.
+    """Return the matrix (7, 6) from six samples to interpolated values at seven points.
+
+    A margin is interpolated in a triangle by a polynomial of degree 2 through the samples.
+    Its values at the points `CHECK_TWELFTHS` are compared with the margin, to estimate the
+    error of the interpolation.
 
     Parameters
     ----------
@@ -157,7 +161,11 @@ def classify_triangles(
       axis of the cone. Its zeros are the graph of a function, so no curve closes in the
       triangle. The width of the cone leaves room for corners of `MIN_CORNER_RAD`.
     - Otherwise it is open: a part of the region, or a hole in it, may be hidden there.
-    - Margins may be NaN at some samples. If all their other samples have the same sign and
+    - Margins may be NaN at some samples. The sign of such a margin is certain if its other
+    samples have one sign and vary little (see `STEADY_RATIO`). A margin that is NaN at all
+    samples counts as positive. A sample counts as outside if some margins are NaN there and
+    no margin is negative. A triangle with such samples is outside if all samples are of
+    this kind. It is broken if no margin is negative at any sample, and otherwise open.
       vary by less than their smallest size (see `STEADY_RATIO`), this sign is certain. A
       margin that is NaN at all samples counts as positive. A sample with a NaN and without
       a negative margin is outside. A triangle with such samples is outside if all samples
@@ -294,14 +302,14 @@ def _gradients_lie_in_cone(
 ) -> Bools:
     """Return whether the gradients of the uncertain margins lie in a cone about their mean.
 
-    A margin, a function that is at least 0 inside a region, is uncertain in a triangle if
-    its zeros may cross it. If all gradients lie in a cone, all these margins increase along
-    the axis of the cone. On each line in this direction, the region then is the part beyond
-    one point. These points form a single curve, the border, so no part or hole of the
-    region is hidden.
+    A margin is a function that is at least 0 inside a region. It is uncertain in a triangle
+    if it may be 0 there. If all gradients lie in a cone, all these margins increase along
+    the axis of the cone. On each line along this axis, the region is then the part beyond
+    one point. These points form a single curve, so no separate part or hole of the region
+    is hidden in the triangle.
 
-    Margins are interpolated by polynomials of degree 2, whose gradient is linear in a
-    triangle. It therefore lies in a cone everywhere if it does at the three vertices.
+    Margins are interpolated by polynomials of degree 2, so gradients are linear in a
+    triangle. It is therefore enough to check the gradients at the three vertices.
 
     Parameters
     ----------

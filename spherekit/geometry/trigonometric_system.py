@@ -152,8 +152,8 @@ class FourierCoefficients:
     by_order
         (n, 2 * d + 1) coefficients of e^(ikx), in the order k = -d, ..., 0, ..., d.
     relative_errors
-        (n,) rounding error of the coefficients of each polynomial, relative to its largest
-        coefficient.
+        (n,) rounding error of the coefficients, relative to the largest coefficient of the
+        same polynomial.
     """
 
     by_order: Complexes
@@ -369,7 +369,11 @@ def _resultant_degree(incidence: Bools, angle: int) -> int:
 
 
 def find_near_real_angles(equations: Numbers, incidence: Bools) -> tuple[Complexes, str]:
-    """Return the solutions of one system whose first angle is near the real axis.
+    """Return the solutions of one system of equations with nearly real first angles.
+
+    Each equation is a polynomial in the cosines and sines of angles. Real solutions are the
+    configurations of a mechanism. Rounding can make them slightly complex, so nearly real
+    ones are returned too.
 
     Parameters
     ----------
@@ -378,8 +382,8 @@ def find_near_real_angles(equations: Numbers, incidence: Bools) -> tuple[Complex
         length 3 belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, the
         cosine and the sine.
     incidence
-        (t, t) whether an equation (row) contains an angle (column). The
-        `eliminant_degree` must not be 0.
+        (t, t) whether an equation (row) contains an angle (column). It must be possible to
+        eliminate all angles but the first (`eliminant_degree` is not 0).
 
     Returns
     -------
@@ -498,10 +502,11 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
 
 
 def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, Bools]:
-    """Return starting values of the real solutions of n systems.
+    """Return starting values for Newton's method of the real solutions of n systems.
 
-    This takes a third of the time of `find_all_angles`. It decides only about systems whose
-    roots are clearly separate, and clearly on or off the unit circle.
+    A system has as many trigonometric equations as angles. This function takes a third of
+    the time of `find_all_angles`. It decides only systems with clear roots e^(ix) of the
+    first angle x: separate, and clearly on or off the unit circle.
 
     Parameters
     ----------
@@ -510,14 +515,14 @@ def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, B
         axis of length 3 belongs to an angle: indices 0, 1 and 2 are the coefficients of 1,
         the cosine and the sine.
     incidence
-        (t, t) whether an equation (row) contains an angle (column). The
-        `eliminant_degree` must not be 0.
+        (t, t) whether an equation (row) contains an angle (column). It must be possible to
+        eliminate all angles but the first (`eliminant_degree` is not 0).
 
     Returns
     -------
     angles
-        (n, m, t) real angles (rad), NaN if a system has fewer than m. Newton's method has
-        to confirm them, as different solutions.
+        (n, m, t) real angles (rad), NaN if a system has fewer than m solutions. Newton's
+        method still has to confirm that they converge to different solutions.
     is_clear
         (n,) whether there is one start for each real solution.
     """
@@ -705,8 +710,8 @@ def _angles_from_factors(factors: Complexes) -> Complexes:
 
     The common factor k may be any complex number but 0. Angles may be complex, too.
 
-    An angle follows from e^(ix) or e^(-ix). The larger of the two is used, because the
-    other is a small difference of large numbers if the angle has a large imaginary part.
+    An angle follows from e^(ix) or from e^(-ix). The larger of both values is used. With a
+    large imaginary part, the smaller value would lose its digits by subtraction.
     """
     scale, scaled_cosine, scaled_sine = np.moveaxis(factors, -1, 0)
     forward = (scaled_cosine + 1j * scaled_sine) / scale
@@ -783,7 +788,9 @@ def _second_angle_forms(equations: Numbers, first_angles: Numbers) -> Complexes:
 
 
 def _select_second_angle_form(remaining: Complexes) -> Complexes:
-    """Return the first of three equations (n, r, 3), as a form in the second angle y.
+    """Return the first of three equations as an equation (n, r, 3) in the second angle y.
+
+    The result has the coefficients of 1, cos(y) and sin(y).
 
     Parameters
     ----------
@@ -793,7 +800,7 @@ def _select_second_angle_form(remaining: Complexes) -> Complexes:
         last axis to z: indices 0, 1 and 2 are the factors 1, cosine and sine.
     """
     first_equation = remaining[:, :, 0]
-    # It does not contain z, so only the factor 1 of z has coefficients.
+    # The first equation does not contain z, so its factors of cos(z) and sin(z) are 0.
     return first_equation[:, :, :, 0]
 
 
@@ -944,9 +951,10 @@ def _determines_second_angle(equations: Numbers, denominators: Complexes) -> Boo
 
 
 def _resultants(forms: Complexes) -> Complexes:
-    """Return the resultants (...,) of pairs of forms, zero if they have a common zero.
+    """Return the resultants (...,) of pairs of equations in one angle.
 
-    A form (c0, c1, c2) is an equation c0 + c1 cos + c2 sin = 0 in one angle.
+    A form (c0, c1, c2) is the equation c0 + c1 cos(x) + c2 sin(x) = 0. The resultant of two
+    forms is zero if they have a common solution.
 
     Parameters
     ----------
@@ -959,9 +967,10 @@ def _resultants(forms: Complexes) -> Complexes:
 
 
 def _squared_norms(forms: Complexes) -> Floats:
-    """Return the squared norms (...,) of forms (..., 3).
+    """Return the squared norms (...,) of equations (..., 3) in one angle.
 
-    The magnitude of a resultant is at most the product of those of its two forms.
+    They are the scale for resultants: the magnitude of a resultant is at most the product
+    of the norms of both equations.
     """
     return np.sum(np.abs(forms) ** 2, axis=-1)
 

@@ -27,7 +27,7 @@ half angle of a file is changed in its last digits.
 
 
 class GearShaft(NamedTuple):
-    """The R pair at the carrier, about which a gear rotates.
+    """The R pair (revolute joint) at the carrier, about which a gear rotates.
 
     In the axes of the carrier, the axis of the gear is `sense` (1 or -1) times the axis of
     `pair`.

@@ -58,6 +58,8 @@ def redescribe(
 ) -> dict[str, Any]:
     """Return the pairs, outputs, masses and loads of a mechanism in another description.
 
+    Locking a pair needs this, since the joined link has one name and one set of axes.
+
     Links can get other names and other axes, and names in the expressions of loads can be
     replaced. The caller changes the geometry (arcs of links or axes of pairs) itself.
 

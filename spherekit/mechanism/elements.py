@@ -166,8 +166,9 @@ class Pair:
     def rolls(self) -> bool:
         """Whether the pair is a rolling contact.
 
-        The constraints of a rolling contact may depend on those of other pairs. A mobility
-        computed from the number of constraints is then too small.
+        Rolling contacts need special care: their constraints may depend on those of other
+        pairs (joints). A mobility computed from the number of constraints is then too
+        small.
         """
         return not self.kind.has_axis and self.kind.variable_count == 1
 

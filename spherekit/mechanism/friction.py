@@ -32,9 +32,10 @@ Larger: wrong shares are accepted. Smaller: shares such as thirds need more digi
 class Bearings(BearingFriction):
     """The bearings of an R pair, with Coulomb friction that follows from its reaction.
 
-    The friction is -(coefficient radius F tanh(v' / speed)) at the rate v' of the pair. F
-    is the sum of the sizes of the forces on the bearings. If `axial` is stated, all forces
-    count. Otherwise only the forces that support the couple count.
+    The friction torque is -(coefficient radius F tanh(v' / speed)) at the rate v' of the
+    pair. F is the sum of the absolute forces on the bearings. If `axial` is stated, F has
+    the radial and axial forces. Otherwise F has only the forces that support the couple
+    (moment of the reaction).
 
     Attributes
     ----------
@@ -195,7 +196,7 @@ class Bearings(BearingFriction):
                 )
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """Return one load component of magnitude -tanh(v / speed).
+        """Return the friction as one load component of magnitude -tanh(v / speed).
 
         Here v is the rate of the pair. The friction moment (N m) is this magnitude times
         the coefficient, the radius and the sum of the forces on the bearings. Other code
@@ -267,7 +268,7 @@ class ContactFriction(BearingFriction):
         return push[..., None, :]
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """Return one load component of magnitude -tanh(v / speed).
+        """Return the friction as one load component of magnitude -tanh(v / speed).
 
         Here v is the sliding rate. The friction moment is this magnitude times the
         coefficient times the push, the moment (N m) of the normal force about the centre.

@@ -85,7 +85,7 @@ def component_labels(count: int, couples: Iterable[tuple[int, int]]) -> list[int
 def connected_components(count: int, couples: Iterable[tuple[int, int]]) -> list[list[int]]:
     """Return the nodes of each connected component, sorted by their smallest node.
 
-    The `count` nodes are numbered from 0, and `couples` are the two nodes of every edge.
+    The `count` nodes are numbered from 0. `couples` has the two nodes of every edge.
     """
     labels = component_labels(count, couples)
     return [

@@ -61,7 +61,7 @@ def point_mass_inertia(mass: float, point: Floats) -> Floats:
 
 
 def shift_to_sphere_centre(tensor: Floats, mass: float, centre: Floats) -> Floats:
-    """Return the inertia tensor (3, 3) about O, by Steiner's theorem.
+    """Return the inertia tensor (3, 3) about the sphere's centre O, by Steiner's theorem.
 
     Parameters
     ----------

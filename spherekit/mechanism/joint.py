@@ -109,7 +109,7 @@ class ContactProfile(NamedTuple):
 
 
 class Joint(ABC):
-    """A pair with its geometry, base class of all kinds of pairs.
+    """A pair (joint) with its geometry, base class of all kinds of pairs.
 
     With the frames A_first and A_second (3, 3) of the pair in its two links, which depend
     on its variables, the orientations of the links are related by
@@ -167,9 +167,11 @@ class Joint(ABC):
 
     @property
     def closed_lengths(self) -> Numbers:
-        """Lengths (rad) of the closed profiles of a rolling contact.
+        """Lengths (rad) of the closed profiles (contact curves) of a rolling contact.
 
-        If the variable grows by one of these lengths, this wheel has made one revolution.
+        The variable is the rolled arc length. If it grows by the length of a closed
+        profile, the wheel with this profile has rolled once around. Other joints have no
+        such lengths.
         """
         return ()
 
@@ -225,7 +227,7 @@ class Joint(ABC):
             (n, m, 3, 3) frames of the pairs in any common axes, such as ground axes. The
             vectors are in the same axes.
         curvatures
-            (n, m, 2) geodesic curvatures of the profiles of both links.
+            (n, m, 2) geodesic curvatures of the contact profiles (curves) of both links.
         """
 
     @staticmethod
@@ -325,10 +327,11 @@ class Revolute(Joint):
     def vector_rates(
         frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
     ) -> Floats:
-        """Return the time derivative (n, m, 1, 3) of the axis of each R pair.
+        """Return the time derivative (n, m, 1, 3) of the axis of m R pairs at n samples.
 
-        The axis is fixed in both links and turns with the first one, whose angular velocity
-        is `first_w` (n, m, 3).
+        The axis is the velocity vector of an R pair (hinge): the relative angular velocity
+        per unit rate. It turns with the first link, which has the angular velocity
+        `first_w` (n, m, 3).
         """
         return cross(first_w, frames[..., 2])[:, :, None]
 
@@ -377,9 +380,11 @@ class Sliding(Joint):
     def velocity_vectors(frames: Floats, curvatures: Floats) -> Floats:
         """Return the velocity vectors n + k1 p and -(n + k2 p) of both arc lengths.
 
-        A velocity vector is the angular velocity of the second link relative to the first
-        per unit rate of a variable. n is the normal and p the contact point, in the columns
-        1 and 2 of `frames`. k1 and k2 are the geodesic curvatures of the profiles.
+        Two profiles (curves on the sphere) slide on each other; the variables are the arc
+        lengths of the contact point along both. A velocity vector is the angular velocity
+        of the second link relative to the first per unit rate of a variable. n is the
+        normal and p the contact point, in the columns 1 and 2 of `frames`. k1 and k2 are
+        the geodesic curvatures of the profiles.
         """
         normal, point = frames[..., 1], frames[..., 2]
         k1, k2 = curvatures[..., :1], curvatures[..., 1:]
@@ -478,10 +483,10 @@ class Rolling(Joint):
 
     @property
     def periods(self) -> Numbers:
-        """The rolled length (rad) after which both wheels are back, or infinite.
+        """The rolled length (rad) after which both wheels are back, or infinity.
 
-        Both have then made whole numbers of revolutions. Such numbers exist if the ratio of
-        the circumferences is a ratio of numbers of teeth.
+        After this length, both wheels have made whole numbers of revolutions. Such a length
+        exists if the ratio of the circumferences is a ratio of numbers of teeth.
         """
         if len(self.closed_lengths) == 2:
             ratio = self.first.length / self.second.length
@@ -498,7 +503,7 @@ class Rolling(Joint):
 
     @staticmethod
     def velocity_vectors(frames: Floats, curvatures: Floats) -> Floats:
-        """Return the velocity vector (k1 - k2) p of the rolled length.
+        """Return the velocity vector (k1 - k2) p of m rolling contacts at n samples.
 
         It is the angular velocity of the second link relative to the first per unit rate of
         the rolled length. p is the contact point, and k1 and k2 are the geodesic curvatures
@@ -511,9 +516,11 @@ class Rolling(Joint):
     def vector_rates(
         frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
     ) -> Floats:
-        """Return the derivative of the sum of both vectors of a sliding contact.
+        """Return the time derivative of the velocity vector of a rolling contact.
 
-        Rolling is sliding in which both arc lengths grow at the same rate.
+        A velocity vector is the relative angular velocity of the links per unit rate of a
+        variable. In rolling, both arc lengths of a sliding contact grow at the same rate.
+        The velocity vector is therefore the sum of both vectors of sliding.
         """
         sliding_rates = Sliding.vector_rates(frames, states, first_w, second_w)
         return np.sum(sliding_rates, axis=2, keepdims=True)
@@ -524,8 +531,9 @@ class Rolling(Joint):
 def _stacked_frames(joints: tuple[Revolute, ...]) -> tuple[Floats, Floats]:
     """Return the constant frames of m R pairs as arrays.
 
-    The first array (3, m, 3) has the columns x, y, z of the frames in the first links. The
-    second one (m, 3, 3) has the frames in the second links.
+    A frame has the axis of the pair as z column. The first array (3, m, 3) has the columns
+    x, y, z of the frames in the axes of the first links. The second array (m, 3, 3) has the
+    frames in the axes of the second links.
     """
     first = np.array([joint.first for joint in joints])
     columns = np.ascontiguousarray(np.moveaxis(first, 2, 0))

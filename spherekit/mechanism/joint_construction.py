@@ -64,9 +64,8 @@ def make_joints_in_pose(
     mechanism
         The mechanism. Its geometry consists of sizes of links, or of a reference pose.
     profile_gap
-        Numbers in a file are rounded, so the frames of two profiles are nowhere quite
-        equal. Where the angle between them is smallest, the profiles count as touching if
-        it is at most `profile_gap` (rad).
+        Largest angle (rad) between the frames of two profiles that count as touching.
+        Numbers in a file are rounded, so the frames are nowhere exactly equal.
 
     Returns
     -------

@@ -83,8 +83,8 @@ class TorqueCallback:
     def names(self) -> frozenset[str]:
         """Names of the variables on which the torque depends, spelled as in expressions.
 
-        They are the time, the angle of the pair and its rate. An `Expression`, the other
-        kind of magnitude, has the same attribute.
+        They are the time, the angle of the pair (joint) and its rate. An `Expression`
+        (torque stated by a formula) has the same attribute, so both are used alike.
         """
         return frozenset({"t", f"theta_{self.pair}", f"dtheta_{self.pair}"})
 
@@ -205,8 +205,8 @@ class LoadedMechanism(Protocol):
 class Load(ABC):
     """Base class of everything that acts on a mechanism, except inertia and reactions.
 
-    The generalised force of a load is its power per unit rate of the coordinate (Di
-    Gregorio 2024, eq. (12)). Reactions of ideal pairs have no power.
+    A load enters the equation of motion by its generalised force: its power per unit rate
+    of the coordinate (Di Gregorio 2024, eq. (12)). Reactions of ideal joints have no power.
     """
 
     name: str
@@ -269,11 +269,11 @@ class Load(ABC):
                 check_field(field_kind, f"{key}.{name}", value, mechanism)
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """Return the components of the load.
+        """Return the components (magnitudes with their points of action) of the load.
 
-        This method is for loads that are one torque at a pair. The torque is the expression
-        `torque_template`, with the values of the fields put in. Other loads override the
-        method.
+        This method is for loads that are one torque at a pair (joint). The torque is the
+        expression `torque_template`, with the values of the fields inserted. Other loads
+        override the method.
         """
         fields = {
             name: value if isinstance(value, str) else format_number(value)
@@ -297,15 +297,16 @@ class BearingFriction(Load):
     def friction_coefficient(self) -> float:
         """The friction (N m) divided by the sum of the sizes of the `supported_loads`.
 
-        For bearings, which support forces (N), it is a length (m). For a contact, whose
-        push is a moment (N m), it has no unit.
+        For bearings, which support forces (N), the coefficient is a length (m). For a
+        contact, where the normal force is stated as a moment (N m), it has no unit.
         """
 
     @property
     def needs_forces(self) -> bool:
         """Whether the friction depends on the transmitted force as well as on the moment.
 
-        This force acts through the centre of the sphere. It is computed only if needed.
+        The transmitted force acts through the centre of the sphere and has no moment about
+        it. It takes extra work, so it is computed only if needed.
         """
         return False
 
@@ -385,10 +386,10 @@ class TorqueTable(Load):
         return np.asarray(np.interp(t, self.times, self.torques), dtype=np.float64)
 
     def knots(self, start: float, stop: float) -> Iterator[float]:
-        """Yield the times (s) at which the slope changes.
+        """Yield the times (s) at which the slope of the torque changes.
 
-        All such times from `start` to `stop` (s) are among them. There may be others, and
-        some may be repeated.
+        An integrator ends its steps there. All such times from `start` to `stop` (s) are
+        among the results; others and repetitions are harmless.
         """
         if not self.periodic:
             yield from self.times

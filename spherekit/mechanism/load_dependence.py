@@ -27,8 +27,8 @@ def used_pairs(mechanism: Mechanism) -> frozenset[str]:
 def acting_links(mechanism: Mechanism) -> frozenset[int]:
     """Return the numbers of the links that matter to the dynamics.
 
-    These links have mass, or loads depend on their orientation or angular velocity, or they
-    are links of the `used_pairs`.
+    These links have mass, or loads depend on their orientation or angular velocity. Links
+    of the `used_pairs` (joints whose variables or rates loads contain) matter too.
     """
     names = {mass.link for mass in mechanism.masses} | used_links(mechanism)
     names |= {link for pair in used_pairs(mechanism) for link in mechanism.pair(pair).links}
@@ -36,9 +36,10 @@ def acting_links(mechanism: Mechanism) -> frozenset[int]:
 
 
 def wound_pairs(mechanism: Mechanism) -> Names:
-    """Return the R pairs on whose variable loads depend, in the order of the pairs.
+    """Return the R pairs (revolute joints) whose angles appear in loads.
 
-    Such a load may also depend on the whole revolutions of the pair, as a spring does.
+    A load such as a spring differs after a whole revolution of the pair. The angles of
+    these pairs therefore must not be reduced to one turn.
     """
     used_names = _used_names(mechanism)
     return tuple(pair for pair in mechanism.angles if f"theta_{pair}" in used_names)
@@ -57,10 +58,10 @@ def has_smooth_loads(mechanism: Mechanism) -> bool:
 
 
 def find_steep_arguments(mechanism: Mechanism) -> tuple[Expression, ...]:
-    """Return the arguments at whose zeros and extrema the loads may change suddenly.
+    """Return the terms at whose zeros and extrema the loads may change suddenly.
 
-    They are the `Expression.steep_arguments` of all loads, each once. The knots of tables
-    are not among them.
+    An example is x in tanh(x / 0.001). They are the `Expression.steep_arguments` of all
+    loads, each once. Knots of torque tables are not included.
     """
     arguments = (
         argument

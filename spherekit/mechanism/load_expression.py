@@ -129,7 +129,7 @@ def fold(
 
 @dataclass(frozen=True)
 class Expression:
-    """A parsed expression.
+    """A parsed mathematical expression in the definition of a load.
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ class Expression:
     names
         Names of variables in the expression.
     root
-        Root of its tree.
+        Root of the tree of operations.
     """
 
     text: str
@@ -159,11 +159,12 @@ class Expression:
 
     @cached_property
     def steep_arguments(self) -> "tuple[Expression, ...]":
-        """Arguments at whose zeros and extrema the value may change suddenly.
+        """Subexpressions at whose zeros and extrema the value may change suddenly.
 
-        A power series need not show such a change. The steep arguments are the arguments of
-        all functions that are not among `ENTIRE_OPERATIONS`, the denominators, and the
-        bases of powers whose exponent is not a natural number.
+        An example is x in tanh(x / 0.001). Series fitted to samples could miss such a
+        change. The steep arguments are the arguments of all functions except
+        `ENTIRE_OPERATIONS` (smooth everywhere), the denominators, and the bases of powers
+        with other than natural exponents.
         """
         return self._find_steep_arguments(ignored_functions=())
 

@@ -101,11 +101,11 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
 
 
 def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
-    """Return the mechanism with one R pair locked, its two links being one.
+    """Return the mechanism with one R pair locked, so that its two links become one.
 
-    The kept link stays, and the removed link becomes a part of it. If the geometry is a
-    reference pose, it stays one only if the pair is locked at its value in this pose.
-    Otherwise it becomes sizes of links.
+    The removed link becomes a part of the kept link. A reference pose (axes of all pairs in
+    one configuration) remains only if the pair is locked at its value in this pose.
+    Otherwise the geometry becomes sizes of links.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
                 f"{message_start} joins the same two links as pair {parallel.name}; "
                 f"locking it would lock pair {parallel.name} too"
             )
-    # In a reference pose the axes of all links coincide.
+    # In a reference pose the coordinate axes of all links coincide.
     rotation = np.eye(3)
     if not is_at_reference:
         rotation = _relative_rotation(mechanism, pair, value, kept_link)
@@ -208,7 +208,7 @@ class _LinkMerge:
     message_start: str
 
     def rotate_frame(self, frame: Floats, link: str) -> Floats:
-        """Return the frame of a pair in a link, in the axes that the link has afterwards.
+        """Return the frame of a pair (joint) in the axes that its link has after the merge.
 
         Parameters
         ----------
@@ -490,7 +490,7 @@ def _merge_masses(masses: Iterable[Mass]) -> tuple[Mass, ...]:
 
 
 def _merge_two_masses(first: Mass, second: Mass) -> Mass:
-    """Return the inertia of two bodies of one link together.
+    """Return the joint inertia of two bodies that become one link.
 
     Tensors about the centre of the sphere add up. Mass and centre of mass of the result are
     known only if they are known for both bodies.

@@ -58,10 +58,11 @@ _FIELD_KINDS: Mapping[type, Mapping[str, str]] = {
 
 
 def field_kinds(part: Any) -> Mapping[str, str]:
-    """Return what the fields of a part of a mechanism contain, by the name of the field.
+    """Return what each field of a part of a mechanism contains, by the field's name.
 
-    `Load.field_kinds` describes the kinds, such as ``link`` or ``vector``. Fields that do
-    not depend on names or axes may be missing.
+    Code that renames links or changes axes needs to know which fields are affected.
+    `Load.field_kinds` describes the kinds, such as ``link`` or ``vector``. Fields without
+    names or axes may be missing.
 
     Parameters
     ----------
@@ -220,9 +221,10 @@ class Mechanism:
 
     @cached_property
     def pole_pairs(self) -> Mapping[tuple[int, int], int]:
-        """Numbers of the pairs whose axis or contact line is a pole axis.
+        """Numbers of the pairs (joints) whose axis or contact line is a pole axis.
 
-        The keys are the numbers of its two links, the smaller one first.
+        A pole axis is the axis of the relative rotation of two links, which such a pair
+        shows directly. The keys are the numbers of its two links, the smaller one first.
         """
         return {
             (min(ends), max(ends)): number
@@ -231,9 +233,9 @@ class Mechanism:
         }
 
     def angle_between(self, first_link: int, second_link: int) -> int | None:
-        """Return the number of the angle between two links, or None.
+        """Return the number of the variable for the angle between two links, or None.
 
-        It is the variable of the first R pair that joins the links with these numbers.
+        It is the variable of the first R pair (revolute joint) that joins both links.
         """
         for name, variable in self.angles.items():
             if set(self.ends[self.pair_number[name]]) == {first_link, second_link}:

@@ -176,6 +176,7 @@ def axis_in_link(axes: LinkAxes, link: str, pair: str) -> Vector:
     ModelError
         If the link has no R pair of this name.
     """
+    # `axes` has, for each link, the axes of its R pairs.
     if pair not in axes[link]:
         raise ModelError(
             f'link "{link}" has no R pair "{pair}"'

@@ -21,11 +21,11 @@ def sizes_from_frames(
     """Return the sizes with which R pairs have given frames in the axes of their links.
 
     Sizes are arcs from the first axis of a link to the others, and angles (azimuths) about
-    the first axis, counter-clockwise from the second one. By definition, the first axis of
-    a link is its z axis, and the second one is in the half-plane x = 0, y > 0. To keep the
-    coordinate axes of the given frames, each link gets two axes without a pair, z and y, in
-    front of the axes of its pairs. Each pair also has a zero: the angle in its first link
-    from which its variable counts.
+    the first axis, counter-clockwise from the second axis. The first axis of a link defines
+    its z axis, and the second one is in the half-plane x = 0, y > 0. Each link gets two
+    extra axes, z and y, in front of the axes of its pairs. The coordinate axes of the given
+    frames then stay the same. Each pair also has a zero: the angle in its first link from
+    which its variable counts.
 
     Parameters
     ----------

@@ -69,8 +69,8 @@ class Wheel(NamedTuple):
         """Return the arc length (rad) of the point of the circle nearest to a direction.
 
         `direction` is a vector (3,) in link axes. The length is measured along the circle
-        from the `zero_direction`, positive counter-clockwise and at most half a
-        circumference. `start` is subtracted from it.
+        from the point at the `zero_direction`, counter-clockwise and at most half a
+        circumference. The stated `start` of the wheel is then subtracted.
         """
         side = cross(self.centre, self.zero_direction)
         azimuth = np.arctan2(side @ direction, self.zero_direction @ direction)
@@ -105,7 +105,8 @@ def find_contact_start(mechanism: Mechanism, contact: Pair, phase: Angles) -> En
     Parameters
     ----------
     mechanism
-        Mechanism given by arcs and angles. A reference pose states the phase by itself.
+        Mechanism given by arcs and angles. A reference pose already shows how the wheels
+        mesh.
     contact
         A rolling contact of circles. Both its links rotate about R pairs of one carrier.
     phase

@@ -54,7 +54,8 @@ class ArrayRows:
     def concatenate(cls, parts: Sequence[Self]) -> Self:
         """Return a record with the rows of all parts in their order.
 
-        Fields that are not arrays are those of the first part.
+        A record has arrays with one row for each item. Fields that are not arrays are taken
+        from the first part.
         """
         joined = _transform_fields(
             [_field_values(part) for part in parts],

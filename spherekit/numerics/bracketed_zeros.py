@@ -41,7 +41,8 @@ def find_bracketed_zeros(
     Parameters
     ----------
     function
-        Values of some of the functions. They need not be continuous.
+        Function of positions (k,) and the numbers (k,) of the functions to evaluate there.
+        It returns the values (k,). The functions may jump.
     low, high
         (n,) ends of the brackets.
     values_at_low, values_at_high

@@ -51,8 +51,8 @@ class PiecewiseChebyshev:
     coefficients
         (cells, degree + 1, m) coefficients of T_0, T_1, ... for each function.
     error
-        Largest difference from the functions that was measured between the sampled
-        positions, relative to the scale of each function.
+        Largest measured difference from the approximated functions, relative to the scale
+        of each function.
     """
 
     edges: Floats
@@ -73,10 +73,10 @@ class PiecewiseChebyshev:
     ) -> "PiecewiseChebyshev":
         """Return the interpolant of m functions on [low, high].
 
-        A cell is halved until its error is small enough for every function. The error is
-        measured at the extrema of the Chebyshev polynomial of order degree + 1, which are
-        between its zeros, the sampled positions. The largest error of all cells is the
-        attribute `error` of the result.
+        The range is divided into cells, with one polynomial each. A cell is halved until
+        its error is small enough for every function. The polynomial agrees with the
+        function at the samples, so the error is measured about midway between them. The
+        largest error is the attribute `error` of the result.
 
         Parameters
         ----------
@@ -96,8 +96,8 @@ class PiecewiseChebyshev:
         max_cells
             If halving would lead to more cells, the cells stay as they are.
         rounding_tolerance
-            A cell is also not halved if its error is below this limit and the last halving
-            reduced the error to no less than half. Such an error is caused by rounding.
+            Limit of errors that may be due to rounding. A cell with a smaller error is not
+            halved again if the last halving reduced its error by less than half.
         """
         if isinstance(first_cells, int):
             edges = np.linspace(low, high, first_cells + 1)
@@ -162,10 +162,11 @@ class PiecewiseChebyshev:
         )
 
     def evaluate_pointwise(self, x: Floats) -> Floats:
-        """Return the functions (m, n) at positions (n,), each with its own coefficients.
+        """Return the functions (m, n) at positions (n,), in any cells.
 
-        Positions outside the range get the value at its nearest end. This method is faster
-        than `evaluate` for few functions at positions in many cells.
+        Positions outside the range count as the nearest end of the range. Each position
+        takes the coefficients of its own cell. This is faster than `evaluate` for few
+        functions at positions in many cells.
         """
         cell = self._find_cells(x)
         low = self.edges[cell]
@@ -262,10 +263,10 @@ def fit_cells(
 
 
 def _place_in_cells(reduced: Floats, bounds: Floats) -> Floats:
-    """Return the positions (cells, n, m) of reduced positions in each cell.
+    """Return positions (cells, n, m) at the same relative places in each cell.
 
-    The reduced positions (n, m) are from -1 to 1. `bounds` (cells, 2, m) are the lower and
-    the upper corner of each cell.
+    Cells are boxes in m variables. The relative ("reduced") positions (n, m) are from -1 to
+    1. `bounds` (cells, 2, m) are the lower and the upper corner of each cell.
     """
     low = bounds[:, 0]
     high = bounds[:, 1]
@@ -377,8 +378,8 @@ def group_by_cell(cell_of: Indices) -> CellGroups:
 def reduce_positions(x: Floats, bounds: Floats) -> Floats:
     """Return positions in their cells, scaled so that each cell reaches from -1 to 1.
 
-    The positions are (n, m). `bounds` (n, 2, m) are the lower and the upper corner of the
-    cell of each position.
+    The positions are (n, m), in m variables. `bounds` (n, 2, m) are the lower and the upper
+    corner of the cell of each position. Chebyshev series take such scaled positions.
     """
     low = bounds[:, 0]
     high = bounds[:, 1]
@@ -405,8 +406,8 @@ def grid_points(axes: Sequence[Floats]) -> Floats:
 def evaluate_polynomials(reduced: Floats, degree: int) -> Floats:
     """Return the Chebyshev polynomials T_0 ... T_degree at positions from -1 to 1.
 
-    The positions are (n, m), and the result is (n, m, degree + 1). Positions outside the
-    range get the values at its nearest end.
+    The positions are (n, m), and the result is (n, m, degree + 1). Positions beyond -1 or 1
+    count as -1 or 1.
     """
     return np.asarray(chebyshev.chebvander(np.clip(reduced, -1.0, 1.0), degree))
 

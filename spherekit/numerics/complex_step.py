@@ -21,9 +21,11 @@ COMPLEX_STEP = 2.0**-120
 
 
 def add_complex_step(values: ArrayLike, direction: ArrayLike) -> Floats:
-    """Return a + i h da for values a and directions da.
+    """Return a + i h da for values a, directions da and a tiny step h.
 
-    The result is complex. Its type says float, because code for real numbers takes it.
+    If a function is evaluated there, the imaginary part divided by h is the derivative
+    along da. The array is complex, but declared as float, since functions for real numbers
+    take it.
     """
     stepped = np.asarray(values, dtype=float) + 1j * COMPLEX_STEP * np.asarray(
         direction, dtype=float

@@ -101,8 +101,9 @@ class Interleaved:
 def remove_repetitions(column: Array | Interleaved) -> tuple[Array, int]:
     """Return a column without repeated rows, and how often each row is repeated.
 
-    Rows are repeated if all subjects of an interleaved column share one array, as the
-    sample number does. The repetition count is 1 otherwise.
+    A column is interleaved if the rows of several subjects alternate, such as the poles at
+    each sample. Rows are repeated if all subjects share one array, as with the sample
+    number. The repetition count is otherwise 1.
     """
     if isinstance(column, Interleaved) and len({id(part) for part in column.parts}) == 1:
         return np.asarray(column.parts[0]), len(column.parts)
@@ -220,10 +221,11 @@ def copy_columns(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span])
 
 
 def _divide_into_parts(column: Column, output: Array) -> list[_PartCopy]:
-    """Return the parts of a column, each with its rows of the output array.
+    """Return the parts of a column, each with the output rows that it fills.
 
-    With three parts, rows 0, 3, 6, ... of the output belong to the first part, rows 1, 4,
-    7, ... to the second, and rows 2, 5, 8, ... to the third.
+    A part has the rows of one subject, such as one of several poles. With three parts, rows
+    0, 3, 6, ... of the output belong to the first part, rows 1, 4, 7, ... to the second,
+    and rows 2, 5, 8, ... to the third.
     """
     if not isinstance(column, Interleaved):
         return [_PartCopy(column, output, subject_count=1)]
@@ -259,7 +261,8 @@ def _compute_and_copy(part_copies: Sequence[_PartCopy], spans: Sequence[Span]) -
     def copy_computed_rows(computed_rows: slice, values: Sequence[Array]) -> None:
         """Copy the values of all columns in the rows that the source has computed.
 
-        The source calls this function for each slice of rows.
+        The source (object that computes columns) calls this function after each slice of
+        rows. Only the rows that were asked for (spans) are copied to the output.
         """
         spans_in_values = {
             subject_count: _spans_of_values(part_spans, computed_rows)
@@ -281,9 +284,10 @@ def _copy_spans(values: Array, output: Array, spans: Sequence[Span]) -> None:
 
 
 def _count_in_part(spans: Sequence[Span], subject_count: int) -> list[Span]:
-    """Return spans of a column with the rows counted within one part.
+    """Return spans (ranges of rows) of a column, counted in the rows of one part.
 
-    The rows of the parts alternate, so each part has as many rows in a span as the others.
+    The rows of all parts alternate. Each part therefore has 1 / `subject_count` of the
+    rows.
     """
     return [
         Span(

@@ -44,7 +44,8 @@ def minimize_squares(
 ) -> tuple[Floats, Floats]:
     """Minimise sums of squared residuals by the Levenberg-Marquardt method.
 
-    The starts are independent, each with its own damping. They are evaluated together.
+    The variables are found from several independent starts, evaluated together. Each start
+    has its own damping (weight of short steps).
 
     Parameters
     ----------
@@ -55,7 +56,7 @@ def minimize_squares(
     low, high
         (variables,) limits of the variables.
     sufficient_root
-        A descent ends when the root of its sum of squares is smaller.
+        A descent ends when the root of its sum of squares is smaller than this.
     longest_step
         Largest change of a variable in one step.
 

@@ -110,10 +110,9 @@ def find_sign_changes(
     max_cells
         Approximate limit of the number of cells. A cell takes `SAMPLES_PER_CELL` values.
     smooth_width
-        Width of a cell whose samples resolve a smooth function. A cell is not cut again
-        after `MAX_FRUITLESS_HALVINGS` successive halvings that settle neither half. Only
-        halves of at most this width count for this, since the samples of wider ones may not
-        resolve the function.
+        Width of a cell in which samples resolve a smooth function. Narrower cells are not
+        cut again after `MAX_FRUITLESS_HALVINGS` successive halvings without a settled half.
+        Wider cells may be too wide for their samples, so they do not count.
 
     Returns
     -------
@@ -253,11 +252,12 @@ def _examine_cell(
     series
         (degree + 1,) Chebyshev coefficients of the polynomial in the cell.
     deviations
-        Differences between the polynomial and the function at the check positions.
+        Differences between the polynomial and the function at positions between the
+        samples.
     largest_value
         Largest absolute sample in the cell.
     inherited_error
-        Largest rounding error that was measured in the cells that contain this one.
+        Largest rounding error measured in the larger cells that contain this cell.
     """
     # The error of the polynomial, by comparison and by the size of its last coefficients.
     error = max(np.max(deviations), np.max(np.abs(series[-TAIL_LENGTH:])))
