@@ -178,9 +178,10 @@ def plot_series(
 
 
 def plots_by_mode(batch: Batch, plots: Sequence[Series]) -> tuple[Scene, ...]:
-    """Return a page for each assembly mode of a batch, with its part of every plot.
+    """Return a page of plots for each assembly mode (way to assemble the mechanism).
 
-    `plots` have one value for each row of the batch.
+    `plots` have one value for each row (sample of one mode) of the batch. Each page has the
+    values of its mode.
     """
     scenes = []
     for mode, rows in batch.assembly_mode_rows().items():
@@ -190,10 +191,10 @@ def plots_by_mode(batch: Batch, plots: Sequence[Series]) -> tuple[Scene, ...]:
 
 
 def describe_place(batch: Batch, row: int) -> str:
-    """Return where a row is: its time, or its inputs in degrees, and its assembly mode.
+    """Return words for the place of a row: its time or its inputs, and its assembly mode.
 
-    An example is ``21 = 30 deg, mode 0``. The time is used if the analysis reads it
-    (``Needs(time=True)``).
+    An example is ``21 = 30 deg, mode 0``. A row is one sample of one assembly mode. The
+    time is used if the analysis reads it (``Needs(time=True)``), otherwise the inputs.
     """
     mode = f"mode {batch.assembly_mode[row]}"
     if batch.timed and batch.needs.time:

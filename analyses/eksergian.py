@@ -308,7 +308,8 @@ class Eksergian(AbstractAnalysis):
     def _inverse_solution(self, batch: Batch) -> InverseSolution:
         """Return inertia, loads and driving torque of a batch, which are computed once.
 
-        Inverse dynamics computes the torque that a known motion needs.
+        Inverse dynamics computes the torque that a known motion needs. Several methods use
+        the result for the same batch (group of rows).
         """
         return batch.once("torque", lambda: _solve_torque(batch))
 

@@ -61,9 +61,10 @@ def chart_coordinates(directions: Floats) -> tuple[Floats, Floats]:
 
 
 def _choose_positive_directions(directions: Floats) -> Floats:
-    """Return for each axis that of its two directions whose first component is positive.
+    """Return for each axis the one of its two directions that counts as positive.
 
-    The first component that is not zero counts. `directions` and the result are (n, 3).
+    So both directions of an axis give the same result. In a positive direction the first
+    component that is not zero is positive. `directions` and the result are (n, 3).
     """
     x, y, z = directions.T
     is_reversed = (x < 0.0) | ((x == 0.0) & ((y < 0.0) | ((y == 0.0) & (z < 0.0))))
@@ -105,9 +106,10 @@ def circle_coordinates(normals: Floats) -> tuple[Floats, Floats]:
 
 
 def _orient_normals(normals: Floats) -> Floats:
-    """Return the components (3, n) of that normal of each plane for which c is positive.
+    """Return the components a, b, c (3, n) of the normal of each plane with positive c.
 
-    The slope arctan2(-b, c) is then between -pi/2 and pi/2. If c is zero, the normal with
+    A plane has two opposite normals. In the chart it is a line with the slope angle
+    arctan2(-b, c), which is then between -pi/2 and pi/2. If c is zero, the normal with
     negative b is returned, so that the slope is pi/2.
     """
     a, b, c = np.moveaxis(normals, 1, 0)

@@ -158,7 +158,7 @@ def _rotations_from_vectors(rotation_vectors: Floats) -> Floats:
     quaternion is (sin(a / 2) v / a, cos(a / 2)).
     """
     half_angle = 0.5 * np.linalg.norm(rotation_vectors, axis=1, keepdims=True)
-    # sinc(x / pi) = sin(x) / x, which is 1 for no rotation.
+    # `np.sinc(x / pi)` is sin(x) / x, and 1 at x = 0, so no division by 0 occurs.
     vector_part = 0.5 * np.sinc(half_angle / np.pi) * rotation_vectors
     return from_quaternion(np.hstack([vector_part, np.cos(half_angle)]))
 

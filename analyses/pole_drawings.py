@@ -199,6 +199,9 @@ def _is_axis_of_one_pair(
 ) -> TypeGuard[PrimaryPole]:
     """Return whether the pole of a step is the axis of the pair that joins its links.
 
+    A pole is the axis about which one link rotates relative to another. A step computes one
+    pole or several.
+
     In pass 0 a pair joins both links of a `PrimaryPole`. In later passes several coaxial
     pairs lead from one link to the other, and the pole is their common axis.
     """
@@ -207,6 +210,9 @@ def _is_axis_of_one_pair(
 
 def _list_block_steps(plan: Plan, block: BlockPoles) -> list[ConstructionStep]:
     """Return the steps of poles that are determined together by linear equations.
+
+    A pole is the axis about which one link rotates relative to another. A drawing shows the
+    construction of the poles step by step.
 
     The first step has the poles that only the equations determine. As soon as these are
     known, the others follow one by one as intersections of two great circles.

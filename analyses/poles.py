@@ -333,7 +333,8 @@ class Poles(AbstractAnalysis):
     def _draws_construction(self, mechanism: Mechanism) -> bool:
         """Return whether the construction of the poles is drawn step by step.
 
-        It is drawn for all poles of a mechanism with one input.
+        It is drawn if the mechanism has one input and all poles are wanted (`only` is
+        empty).
         """
         return not self.only and len(mechanism.inputs) == 1
 

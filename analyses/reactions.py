@@ -218,8 +218,8 @@ class ReactionAnalysis(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Declare that the analysis reads the motion in time, and variables of loads.
 
-        These are the variables of the pairs on which loads such as springs depend. They are
-        read with whole revolutions. `tracer` gives access to the configurations.
+        Variables of loads are those of the pairs on which loads such as springs depend.
+        They are read with whole revolutions. `tracer` gives access to the configurations.
 
         Raises
         ------
@@ -388,8 +388,8 @@ class ReactionAnalysis(AbstractAnalysis):
 def _loads_with_bearings(mechanism: Mechanism) -> list[Bearings]:
     """Return the loads of a mechanism that describe the bearings of R pairs.
 
-    They state the positions of the bearings and how these share the force along the axis.
-    Bearings are loads because they cause friction.
+    In a file, bearings are listed among the loads because they cause friction. They state
+    their positions and how they share the force along the axis.
     """
     return [load for load in mechanism.loads if isinstance(load, Bearings)]
 

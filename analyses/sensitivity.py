@@ -556,12 +556,12 @@ class SensitivityAnalysis(AbstractAnalysis):
 
     @property
     def _zero_spread(self) -> float:
-        """The spread up to which a quantity does not depend on the sizes.
+        """The spread (deviation) up to which a quantity counts as independent of the sizes.
 
-        It is proportional to the largest deviation, because rounding errors are, too.
-        `deviation` can be zero if single numbers have deviations of their own. The unit of
-        their file is not known here, so numbers without a unit are taken as degrees. This
-        limit is far below any spread of interest, with either unit.
+        Such a small spread is a rounding error. It is proportional to the largest
+        deviation. `deviation` can be zero if single numbers have deviations of their own.
+        The unit of their file is not known here, so numbers without a unit are taken as
+        degrees. This limit is far below any spread of interest, with either unit.
         """
         single_deviations = [
             read_quantity(text, ANGLE, "deg", "deg", is_limited=False)
@@ -647,6 +647,8 @@ class SensitivityAnalysis(AbstractAnalysis):
 def _find_largest_sizes(squares: Floats) -> list[int]:
     """Return the numbers of at most `MAX_LISTED` sizes with the largest variances, sorted.
 
+    These sizes contribute most to the deviations of a quantity.
+
     `squares` (sizes, n) are the variances that the sizes cause in n rows.
     """
     order = np.argsort(-np.nansum(squares, axis=1), kind="stable")
@@ -687,7 +689,7 @@ def _split_terms(text: str) -> tuple[str, ...]:
 
 
 def _input_samples(batch: Batch, sensitivity: Sensitivity) -> Floats:
-    """Return inputs, rates, accelerations and time of a batch, (n, 3 inputs + 1).
+    """Return inputs, rates, accelerations and time at n rows, (n, 3 inputs + 1).
 
     If there are several inputs and no quantity depends on the motion, rates, accelerations
     and time are those of inputs at rest.
@@ -722,10 +724,11 @@ def _variances_by_size(gradients: Floats, deviations: SizeDeviations) -> Floats:
 
 
 def _worst_case(gradients: Floats, deviations: SizeDeviations) -> Floats:
-    """Return the deviation (quantities, rows) if all sizes deviate most, to first order.
+    """Return the largest deviation (quantities, rows) of quantities, to first order.
 
-    It is the sum over the sizes of |derivative| times largest deviation. `gradients` are
-    the (sizes, quantities, rows) derivatives.
+    It occurs if all sizes have their largest deviations, with the worst signs. It is the
+    sum over the sizes of |derivative| times largest deviation. `gradients` are the (sizes,
+    quantities, rows) derivatives.
     """
     # s: size, c: quantity, n: row
     return np.einsum("scn,s->cn", np.abs(gradients), deviations.worst)

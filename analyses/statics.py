@@ -292,7 +292,7 @@ class Statics(AbstractAnalysis):
 
 
 def _make_findings(largest: Mapping[str, Any], has_loads: bool) -> Findings:
-    """Return the findings with their sentences.
+    """Return what the analysis reports: the largest holding torques, also as sentences.
 
     Parameters
     ----------

@@ -339,9 +339,9 @@ class WorkspaceAnalysis(AbstractAnalysis):
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return a page for each workspace.
 
-        For directions it has the border, the margin and the singularity measures. For
-        orientations it has the rotation that is possible about each direction, and the
-        margin.
+        For directions it has the border, the margin (angle to the limits) and the
+        singularity measures. For orientations it has the rotation that is possible about
+        each direction, and the margin.
         """
         return self._workspaces(batch).scenes()
 

@@ -85,7 +85,7 @@ class PoseSamples:
 
 @dataclass(frozen=True)
 class PoseFindings:
-    """Which poses are reached, for the summary and in words.
+    """Which of the user's poses are inside the workspace, for the summary and in words.
 
     Attributes
     ----------
@@ -174,7 +174,7 @@ class WorkspaceModes:
 
     @cached_property
     def samples(self) -> dict[tuple[int, ...], PoseSamples]:
-        """Samples of each workspace, by the signs of its mode.
+        """Sampled poses of each workspace, by the signs of its working mode.
 
         The samples of a set of directions are the vertices of its mesh. Those of a set of
         orientations are spread evenly over all orientations.

@@ -170,13 +170,14 @@ def _is_container(value: Any, origin: Any, item_types: tuple[Any, ...]) -> bool:
 
 
 def _may_implement(value: Any, protocol: Any) -> bool:
-    """Return whether a value has any public attribute of a protocol.
+    """Return whether a value has any public attribute of a protocol (`typing.Protocol`).
 
     A value counts as an implementation of the protocol even if it lacks some attributes,
     because an object that replaces it in tests need not have all of them.
     """
     attributes = {*dir(type(value)), *getattr(value, "__dict__", ())}
     protocol_names = {name for name in dir(protocol) if not name.startswith("_")}
+    # An object with `__getattr__` can have any attribute.
     return "__getattr__" in attributes or not attributes.isdisjoint(protocol_names)
 
 

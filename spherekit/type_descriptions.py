@@ -65,7 +65,8 @@ def _python_sequence(item: str) -> str:
 def _python_alternatives(alternatives: Iterable[str]) -> str:
     """Return words for a union of Python types, such as ``a number, a string or None``.
 
-    A comma precedes ``or`` if words of a member contain one themselves.
+    If a member is described by several words such as ``a mapping of ...``, a comma precedes
+    the last ``or`` for clarity.
     """
     *first_words, last_words = alternatives
     if not first_words:
@@ -205,7 +206,8 @@ def read_value(
 def union_members(members: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return the members of a union, with the members of `ArrayLike` as that one type.
 
-    `ArrayLike` is a union itself, and Python merges nested unions.
+    `ArrayLike` is a union itself, and Python merges nested unions. Messages should name it
+    as one type, not list its many members.
     """
     array_like_members = get_args(ArrayLike)
     if not set(array_like_members) <= set(members):

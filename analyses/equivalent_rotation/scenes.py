@@ -264,10 +264,11 @@ class RotationResult:
             yield self._mark_singularities(link, first_direction)
 
     def _mark_singularities(self, link: int, direction: Floats) -> SphereCurves:
-        """Return marks where a direction of a link is at the singularities of the rotation.
+        """Return marks on the sphere where a direction of a link is at the singularities.
 
-        They are singularities of type II: the output can move while the inputs rest. The
-        rotation crosses them at the angles `crossings`.
+        The `direction` is fixed in the link. The singularities are those of type II, where
+        the output can move while the inputs rest. The rotation crosses them at the angles
+        `crossings`.
         """
         samples = self.rotation.at(self.rotation.crossings)
         orientations = self.orient_links(samples.values)[:, link]

@@ -23,7 +23,9 @@ POSE_ANGLES = ("azimuth", "tilt", "torsion", "phi", "gamma")
 
 
 class ForwardSolutions:
-    """The poses at inputs, each with its working mode if that is known.
+    """The poses of the output at some inputs, each with its working mode if that is known.
+
+    A working mode is one of the ways to assemble the legs at a pose.
 
     Parameters
     ----------
@@ -117,7 +119,8 @@ class ForwardSolutions:
     def _describe_angle(self, name: str, row: int) -> str:
         """Return a text with an angle of the pose in a row of the table.
 
-        Its derivatives by the inputs follow in brackets, if the table has them.
+        `name` is that of the angle. Its derivatives by the inputs follow in brackets, if
+        the table has them.
         """
         text = f"{name} = {format_degrees(self.columns[name][row])} deg"
         derivatives = []

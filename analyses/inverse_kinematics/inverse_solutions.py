@@ -502,7 +502,8 @@ def _least_or_none(values: Floats) -> float | None:
 def _grid_triangles(grid_shape: tuple[int, ...] | None) -> NDArray[np.int64]:
     """Return the triangles (t, 3) between neighbours of a grid over two directions.
 
-    Other grids, and lists of poses without a grid (None), have no triangles.
+    `grid_shape` has the number of values along each axis. Grids that do not vary exactly
+    two numbers, and lists of poses without a grid (None), have no triangles.
     """
     counts = [count for count in grid_shape or () if count > 1]
     if len(counts) != 2:

@@ -399,10 +399,10 @@ def _read_rotation_matrices(rows: Floats) -> Floats:
 def _find_directions_at_mid_planes(solver: OutputKinematics, normals: Floats) -> Floats:
     """Return the directions (n, 3) of the output at mid-planes with normals (n, 3).
 
-    The mechanism has legs between the base and the output link, which are mirror images of
-    each other in the mid-plane. The axes of the normals are the mirror axes, which are
-    fixed in the base. The result is in the axes of the base. It is NaN for a normal that is
-    NaN.
+    The mechanism has legs between the base and the output link. Base and output link are
+    mirror images of each other in the mid-plane. The normals have components along the
+    mirror axes, which are fixed in the base. The result is in the axes of the base. It is
+    NaN for a normal that is NaN.
     """
     architecture = solver.form
     assert architecture is not None and solver.output.direction is not None

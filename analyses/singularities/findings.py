@@ -362,7 +362,7 @@ def warn_of_near_misses(
 
 
 def _modes_with_singularity(points: Mapping[str, Any], kind: str, output: str) -> set[int]:
-    """Return the assembly modes in which an output has a kind of singularity in the range.
+    """Return the modes in which an output has a kind of singularity in the input range.
 
     Parameters
     ----------

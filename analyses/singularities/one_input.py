@@ -499,9 +499,10 @@ class OneInput:
         return lines
 
     def _points_on_line(self, curve: int, output: int, s: Floats) -> Floats:
-        """Return the drawn points (k, 2) that are nearest to arc lengths s (k,).
+        """Return the drawn points (k, 2) of a curve that are nearest to arc lengths s (k,).
 
-        A point has the input and the output angle in rad.
+        The line shows the output angle over the input along a configuration curve. A point
+        has both angles in rad. Marks at drawn points lie exactly on the line.
         """
         parts = s / self.sampled.curves[curve].length
         numbers = np.rint(parts * (POINTS_PER_CURVE - 1)).astype(int)
@@ -584,7 +585,8 @@ class OneInput:
     def _link_rotations(self, points: Mapping[str, Any]) -> Floats:
         """Return the orientations (n, links, 3, 3) of all links at n singularities.
 
-        `points` are columns of the table of singularities.
+        `points` are columns of the table of singularities, with the number of a
+        configuration curve and the arc length on the curve.
         """
         return np.stack(
             [

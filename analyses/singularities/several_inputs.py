@@ -139,14 +139,16 @@ Locus = SingularCurves | SingularSurface
 
 @dataclass(frozen=True)
 class SearchResult:
-    """The results of all searches that share the time limit.
+    """The results of all searches for singularities that share the time limit.
 
     Attributes
     ----------
     loci
-        The loci of each output, by its name.
+        The loci (curves or surfaces of singular configurations) of each output, by its
+        name.
     aspects
-        The aspects, or None if they are not wanted.
+        The aspects (connected sets of configurations without singularities), or None if
+        they are not wanted.
     """
 
     loci: dict[str, list[Locus]]
@@ -396,6 +398,9 @@ class SeveralInputs:
     @cached_property
     def relation(self) -> Columns:
         """The table of relations c_i w_i = d_i q_i' and of the nearness of singularities.
+
+        q_i' is the rate of input i, which moves while the others are locked. w_i is the
+        angular velocity of the output about its pole axis.
 
         It has every row of the batch once for each output and input.
         """
@@ -1036,7 +1041,8 @@ def _singular_modes(batch: Batch, rows: OutputCoefficients) -> Mapping[str, list
 def name_output(mechanism: Mechanism, output: Output) -> str:
     """Return the links of an output, such as ``4/1``.
 
-    The name of the output is added if another output has the same links.
+    The first link is the output link, the second its reference link. The name of the output
+    is added if another output has the same links.
     """
     links = f"{output.link}/{output.relative_to}"
     links_of_outputs = [

@@ -354,7 +354,8 @@ class CurveMotion:
     curve
         One of its configuration curves.
     plan_poles
-        Function that returns the plan of some poles, or None if there is none.
+        Function that returns how some poles can be constructed from each other, or None if
+        they cannot.
 
     Attributes
     ----------
@@ -384,8 +385,8 @@ class CurveMotion:
     def _evaluate_links(self, s_bytes: bytes) -> LinkMotion:
         """Return the velocities of all links at arc lengths s (rad).
 
-        `s_bytes` are the bytes of the float64 array s. They are a key of the cache of this
-        method, which the array itself cannot be.
+        `s_bytes` are the bytes of the float64 array s. Results are cached by these bytes,
+        because an array cannot be the key of a cache.
         """
         points = self.curve.at(np.frombuffer(s_bytes))
         return LinkMotion(
@@ -432,7 +433,11 @@ class CurveMotion:
     def signed_rate(self, s: Floats, pole: Pole) -> tuple[Floats, Floats]:
         """Return the relative rate (n,) of a pole's links, and its derivative by s (n,).
 
-        The rate is smooth through its zeros, and not negative at the start of the curve.
+        The rate is the angular velocity of the second link relative to the first, along the
+        axis of the pole, per unit of the arc length s of the curve.
+
+        The axis does not jump to its opposite where the rate vanishes, so the rate changes
+        its sign smoothly there. It is not negative at the start of the curve.
         """
         w, dw = self.links_at(s).relative(*pole)
         direction = self._continuous_direction(s, pole)
@@ -532,7 +537,7 @@ class CurveMotion:
 
         Reversals are counted from the start of the curve to each arc length s (n,).
         """
-        # At a double zero the rate touches zero and does not reverse.
+        # A double zero is left out: there the rate only touches zero.
         reversals = rest_points.s[~rest_points.is_double]
         # On a closed curve s may be up to two laps long, and the zeros repeat.
         reversals = np.append(reversals, reversals + self.curve.length)
@@ -562,7 +567,8 @@ class CurveMotion:
 
             The velocity is that of the second link of `pole` relative to the first, at arc
             lengths s (n,) of the curve. The component (n,) is that along the constant
-            vector `PROJECTION`. The derivative is by s.
+            vector `PROJECTION`. Where the links rest, it is zero too, and a zero of one
+            number is easy to find. The derivative is by s.
             """
             w, dw = self.links_at(s).relative(*pole)
             return w @ PROJECTION, dw @ PROJECTION

@@ -211,7 +211,8 @@ def _axis_names(axes: Sequence[str], links: FourLinks, names: Sequence[str]) -> 
 def _sine_to_best_plane(vectors: Floats) -> Floats:
     """Return the largest sine (n,) of the angles of unit vectors (n, k, 3) to a plane.
 
-    The plane is the one with the least sum of squared distances.
+    The plane passes through the origin, with the least sum of squared distances of the k
+    vectors. Small sines show that axes are nearly coplanar.
     """
     normals = decompose(vectors).right[:, -1]
     return max_abs(np.einsum("nki,ni->nk", vectors, normals), axis=1)
@@ -399,6 +400,8 @@ def compare_with_rates(
 ) -> list[RelationAt]:
     """Return a relation c y' = d q' at n singularities, compared with the rates.
 
+    y' is the rate of the output and q' that of the input. c and d follow from pole axes.
+
     The type of a singularity can be decided in two ways. According to the relation, it is
     type I if d = 0, and type II if c = 0. According to the rates, it is type I if the
     output rests (y' = 0), and type II if the input rests (q' = 0). A note explains the
@@ -440,7 +443,7 @@ def compare_with_rates(
     for row, kind in enumerate(types_by_coefficients):
         type_by_rates = types_by_rates[row]
         if type_by_rates == Type.SELF_MOTION:
-            # Input and output rest, which is type III of the relation.
+            # If both rest, the relation has c = d = 0, which it calls type III.
             type_by_rates = Type.III
         note = ""
         if kind != type_by_rates:

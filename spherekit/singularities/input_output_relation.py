@@ -81,6 +81,7 @@ class FourLinks:
     def different(self) -> tuple[int, ...]:
         """The links of input and output (i, r, o, s), each listed once.
 
+        i is the input link, r its reference link, o the output link, s its reference link.
         They are two, three or four links, because input and output may share links.
         """
         return tuple(dict.fromkeys((self.i, self.r, self.o, self.s)))
@@ -219,12 +220,12 @@ class Relation:
     d: Floats
 
     def residual(self, output_rate: Floats, input_rate: Floats) -> Floats:
-        """Return by how much rates violate the relation, relative to their size.
+        """Return by how much rates violate c y' = d q', relative to their size.
 
         Parameters
         ----------
         output_rate, input_rate
-            (n,) y' and q', by any common parameter.
+            (n,) rates y' of the output and q' of the input, by any common parameter.
         """
         size = np.hypot(output_rate, input_rate)
         difference = np.abs(self.c * output_rate - self.d * input_rate)
@@ -297,8 +298,8 @@ def find_third_axis(form: Form, links: FourLinks) -> ThirdAxis:
 def _third_axis_seen_from_input_reference(links: FourLinks) -> ThirdAxis:
     """Return the third axis if output o and input i both rotate relative to r (form ii).
 
-    The difference of both rotations is that of o relative to i. If i is also s, the names
-    "os" and "io" mean the same axis.
+    The third axis belongs to the rotation of o relative to i, which is the difference of
+    both rotations. If i is also s, the names "os" and "io" mean the same axis.
     """
     name = "os" if links.s == links.i else "io"
     return ThirdAxis(name, SIGN_OF_D_FOR_DIFFERENCE, label_suffix="")
@@ -430,14 +431,14 @@ def _normal_to_third_axis(poles: SixPoles, output_name: str, third_name: str) ->
 
 
 def _with_continuous_signs(vectors: Floats) -> Floats:
-    """Return vectors (n, 3) with signs at which none is opposite to the row before.
+    """Return vectors (n, 3) with signs, so that none is opposite to the row before.
 
     Rows with NaN are skipped: the next row is compared with the last one without NaN.
     """
     rows = np.flatnonzero(all_finite(vectors, 1))
     cosines = np.vecdot(vectors[rows[1:]], vectors[rows[:-1]])
-    # The comparisons are those of the given vectors. A reversal therefore counts for all
-    # rows behind it, and the sign of a row is the product of all signs up to it.
+    # Neighbours are compared before any sign is changed. So a reversal changes all later
+    # rows, and the sign of a row is the product of all signs up to that row.
     signs = np.ones(len(rows))
     signs[1:] = np.where(cosines < 0.0, -1.0, 1.0)
     continuous = vectors.copy()

@@ -111,7 +111,8 @@ class SingularityMeasure:
         """
         matrix = self._square_matrix
         is_finite = all_finite(matrix, (1, 2))
-        # LAPACK reports an invalid value if a matrix contains NaN.
+        # NaN is replaced by 0, because LAPACK warns of an invalid value if a matrix
+        # contains NaN.
         determinant = np.linalg.det(np.where(is_finite[:, None, None], matrix, 0.0))
         return np.where(is_finite, determinant, np.nan)
 
@@ -143,8 +144,11 @@ class SingularityMeasure:
     def _constrained_rate_derivatives(self) -> Floats:
         """Return the derivatives (n, g, m, k) of `constrained_rates` along g changes.
 
-        Two things change with the configuration: the matrix E, and the motions, which have
-        to be corrected to continue to close the loops.
+        The changes of the configuration keep the loops closed. `constrained_rates` are the
+        m rates E x in each of k independent motions x.
+
+        Two things change with the configuration: the matrix E, and the motions, which are
+        corrected so that they still close the loops.
         """
         changes = self.space.closed_changes
         basis = self.motion_space.basis[:, None]
@@ -399,7 +403,8 @@ class SingularityLocus:
     ) -> TangentSpace:
         """Return the rates that close the loops at configurations (n, V).
 
-        Their basis is aligned to `reference_basis` (n, V, g), if it is given.
+        V is the number of variables and g the number of degrees of freedom. If there is a
+        `reference_basis` (n, V, g), the basis is rotated to be as near to it as possible.
         """
         linearisation = self.closure.linearise(values)
         return tangent_space(linearisation, self.degrees_of_freedom, reference_basis)
@@ -464,10 +469,11 @@ class SingularityLocus:
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def project(self, values: Floats) -> LocusPoints:
-        """Return the singular configurations that Newton's shortest steps reach.
+        """Return singular configurations near n configurations (n, V), by Newton's method.
 
-        Configurations (n, V) from which the method does not converge are left out, so that
-        there may be fewer points.
+        V is the number of variables (rad). Each Newton step is the shortest possible.
+        Configurations from which the method does not converge are left out, so there may be
+        fewer points.
         """
         motions = self.measure(self.tangent_space(values)).motion
         no_conditions = np.zeros((len(values), 0, values.shape[1]))

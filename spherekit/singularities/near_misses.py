@@ -160,14 +160,16 @@ def _near_misses_on_curve(
 
 @dataclass(frozen=True)
 class _SineLimits:
-    """Sines between which a local minimum is a near miss of a type of singularity.
+    """Limits between which a local minimum of a sine is a near miss of a singularity.
+
+    The sine is a measure of the distance from one type of singularity, and is zero there.
 
     Attributes
     ----------
     least
         Minima up to this sine are singularities.
     largest
-        Minima above this sine are not near.
+        Minima above this sine are too far from a singularity to be reported.
     """
 
     least: float
@@ -492,9 +494,10 @@ def _is_at_range_limit(
 
 
 def _is_at_curve_end(curve: ArcCurve, ends: _PieceEnds) -> Bools:
-    """Return whether (k,) ends of pieces are ends of the curve at which it truly ends.
+    """Return which of k ends of pieces (sections of a curve) are true ends of the curve.
 
-    A closed curve has no ends. An end at which other curves cross is no true end.
+    A closed curve has no ends. An end at a crossing with other curves is no true end,
+    because the motion can go on there.
     """
     is_at_end = np.zeros(len(ends.s), dtype=bool)
     if curve.closed:

@@ -150,9 +150,11 @@ def _have_same_turning_points(whole: PositionAnalysis, part: PositionAnalysis) -
 def _find_dead_centres(position_analysis: PositionAnalysis) -> InputTurningPoints:
     """Return the dead centres of a mechanism in one revolution of its input.
 
-    The search has two limits of time. It is not made if its functions take longer than
-    `RUN_COST_S` to evaluate once, and it ends after `RUN_TIME_S`. Intervals of the input in
-    which it cannot exclude dead centres are doubtful.
+    At a dead centre the input turns back while the mechanism moves on.
+
+    The search ends after `RUN_TIME_S`. There is no search if its functions take longer than
+    `RUN_COST_S` to evaluate once. Intervals of the input in which it cannot exclude dead
+    centres are doubtful.
     """
     return find_input_turning_points(
         position_analysis.solver, -np.pi, np.pi, RUN_COST_S, RUN_TIME_S

@@ -776,12 +776,12 @@ class SampledSingularities:
         return float(max(sines)) or 1.0
 
     def singular_values(self) -> Floats:
-        """Return two measures (2, n) of how firmly the locked input holds all links.
+        """Return two measures (2, n) of how firmly the locked input fixes all links.
 
         They are the smallest singular value of the loop equations with the input locked,
         and its ratio to the largest one; see
-        `spherekit.velocities.transmission_measure.input_authority`. Rows on no curve are
-        NaN.
+        `spherekit.velocities.transmission_measure.input_authority`. A row is one sample of
+        one assembly mode. Rows on no configuration curve are NaN.
         """
         solver = self.whole.solver
         values = np.where(self.curve[:, None] >= 0, self._values, np.nan)

@@ -526,8 +526,8 @@ def _find_single_input_motions(
 def _discard_ambiguous_motions(sizes: Floats) -> Floats:
     """Return the sizes (n, g) of motions with NaN for those that are not unique.
 
-    Each of the g motions moves one input while the others are locked. The size of a motion
-    is zero if the links can move in several ways.
+    Each of the g motions moves one input while the others are locked. A size is that of the
+    rates in the motion. It is zero, up to rounding, if the links can move in several ways.
     """
     largest_size = np.max(sizes, axis=1, keepdims=True)
     is_unique = sizes > SINGULAR_TRANSMISSION * largest_size
@@ -753,9 +753,10 @@ class _SingularityCause:
     Attributes
     ----------
     phrase
-        What is reported if the quantity vanishes.
+        Words that are reported in rows in which the quantity vanishes.
     sizes
-        (n,) the quantity at n rows, NaN if it is not to be reported.
+        (n,) the quantity at n rows (configurations), NaN in rows in which it must not be
+        reported.
     """
 
     phrase: str
@@ -968,7 +969,8 @@ def _causes_coplanar_with_direction(
 def _cross_products(axes: Floats) -> Floats:
     """Return the cross products (n, pairs, 3) of any two of g axes (n, g, 3).
 
-    The pairs are in the order of `itertools.combinations`.
+    Here pairs are any two axes, in the order of `itertools.combinations`. A product
+    vanishes if two axes coincide.
     """
     first, second = np.triu_indices(axes.shape[1], 1)
     return cross(axes[:, first], axes[:, second])
@@ -977,9 +979,11 @@ def _cross_products(axes: Floats) -> Floats:
 def _triple_products(axes: Floats) -> Floats:
     """Return the triple products (n, threes) of any three of g axes (n, g, 3).
 
-    The threes are in the order of `itertools.combinations`.
+    The threes are in the order of `itertools.combinations`. A product vanishes if three
+    axes are coplanar.
     """
     threes = np.array([*combinations(range(axes.shape[1]), 3)], dtype=int)
+    # Unknown axes are NaN, for which LAPACK would warn.
     with np.errstate(invalid="ignore"):
         return np.linalg.det(axes[:, threes.reshape(-1, 3)])
 

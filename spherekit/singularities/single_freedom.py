@@ -273,7 +273,9 @@ class SingleFreedomSingularities:
         return candidates[int(np.argmax(sum_of_sines))]
 
     def poles(self, output: int) -> list[Pole]:
-        """Return the poles of the relations of an output, each once.
+        """Return the poles that the input-output relations of an output use, each once.
+
+        A pole is the axis about which one link rotates relative to another.
 
         `output` is the position of the output in `outputs`.
         """
@@ -333,7 +335,10 @@ class SingleFreedomSingularities:
     def _points_and_resting_curves(self) -> list[SingularPoint]:
         """All singularities, in the order of output, curve and arc length.
 
-        The arc length is NaN if the input or an output rests on a whole curve.
+        If the input or an output rests on a whole curve, a single item stands for the
+        curve.
+
+        Its arc length is NaN.
         """
         points: list[SingularPoint] = []
         for output in range(len(self.outputs)):
@@ -348,7 +353,7 @@ class SingleFreedomSingularities:
 
     @property
     def resting_curves(self) -> list[SingularPoint]:
-        """Curves on which the input or an output rests everywhere.
+        """Curves on which the input or an output rests everywhere, one item for each.
 
         Their arc length is NaN, and `points` has no points of that output on them.
         """
@@ -648,9 +653,9 @@ def _note_single_curve(relation: RelationAt) -> RelationAt:
     """Return a relation at a crossing of curves, with a note if it is that of one curve.
 
     A relation c y' = d q' of the configuration alone has c = d = 0 at a crossing. If
-    neither vanishes (the type is None), they are those of the motion along one curve. The
-    relation then has a general note that its type differs from that of the crossing, which
-    is replaced by a note that gives this cause.
+    neither vanishes (the type is None), c and d belong to the motion along one curve. The
+    relation then has a general note that its type differs from that of the crossing. Here
+    this note is replaced by one that names the cause.
     """
     neither_vanishes = relation.type is None
     return replace(relation, note=ONE_CURVE_NOTE) if neither_vanishes else relation
@@ -659,9 +664,9 @@ def _note_single_curve(relation: RelationAt) -> RelationAt:
 def _vanishes_on_curve(relation: Relation) -> bool:
     """Return whether c and d of a relation c y' = d q' vanish on a whole curve.
 
-    The median over the nodes of the curve decides. A relation that vanishes can be far from
-    zero at nodes where a pole axis is not accurate. One that does not vanish can be zero at
-    single nodes. Unknown coefficients (NaN) count as zero.
+    y' and q' are the rates of output and input. The median over the computed points of the
+    curve decides, because single points mislead: a pole axis can be inaccurate, or the
+    relation can be zero at a singularity. Unknown coefficients (NaN) count as zero.
     """
     sizes = np.nan_to_num(np.hypot(relation.c, relation.d))
     return bool(np.median(sizes) < VANISHING_RELATION)

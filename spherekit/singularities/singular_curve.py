@@ -139,7 +139,11 @@ class SingularCurve:
     def _interpolate_motions(self, chord_numbers: Indices, parts: Floats) -> Floats:
         """Return rates (n, V) between the singular motions of the two nodes of a chord.
 
-        Chord k starts at node k. `parts` (n,) are 0 at its start and 1 at its end.
+        Nodes are computed points of the curve, and a chord joins two successive ones. The
+        rates of the V variables are interpolated linearly.
+
+        Chord k starts at node k. `parts` (n,) are positions on the chords, 0 at the start
+        and 1 at the end.
         """
         first_motions = self.nodes.motions[chord_numbers]
         motion_changes = self.nodes.motions[chord_numbers + 1] - first_motions
@@ -260,10 +264,10 @@ class SingularCurve:
 def cusp_determinants(points: LocusPoints) -> Floats:
     """Return how far the tangent of a curve is from parallel to the singular motion.
 
-    With two degrees of freedom, the rates that close the loops are a plane. Tangent and
-    singular motion are vectors in it, with two coordinates each. The result (n,) is the
-    determinant of these coordinates. It changes its sign at a cusp, where both vectors are
-    parallel.
+    The singular motion has the rates with which the inputs or the output rest. With two
+    degrees of freedom, the rates that close the loops are a plane. Tangent and singular
+    motion are vectors in it, with two coordinates each. The result (n,) is the determinant
+    of these coordinates. It changes its sign at a cusp, where both vectors are parallel.
     """
     # Axes of the arrays: point, variable, vector of the orthonormal basis of the plane.
     plane_basis = points.bases.motion

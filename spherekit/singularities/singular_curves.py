@@ -79,8 +79,8 @@ class CurveSeen:
     def cusps(self) -> SingularPoints:
         """Points at which the curve turns back in the plane of the inputs or of the output.
 
-        For type II it is the plane of the inputs, for type I that of the output. They are
-        not computed for curves in closed form.
+        Such points are cusps. For type II they are seen in the plane of the two inputs, for
+        type I in that of the output. They are not computed for curves in closed form.
         """
         if self.traced is None:
             return self.points.rows(slice(0))
@@ -88,16 +88,18 @@ class CurveSeen:
         return report.points(curve.cusps())
 
     def dense(self, parts: int) -> SingularPoints:
-        """Return points of the curve at `parts` positions between two successive nodes.
+        """Return points of the curve, `parts` for each chord between two successive nodes.
 
-        For a curve in closed form, the points of the curve are returned.
+        Nodes are the computed points of the curve. With more points the drawn curve is
+        smooth. For a curve in closed form, the points that it has are returned.
         """
         if self.traced is None:
             return self.points
         report, curve = self.traced
         chord_count = len(curve.nodes) - 1
         chord_numbers, part_numbers = np.divmod(np.arange(parts * chord_count), parts)
-        # The end of the last chord is added.
+        # The chords have points at their starts and within, so the end of the last chord is
+        # added.
         chord_numbers = np.append(chord_numbers, chord_numbers[-1])
         positions = np.append(part_numbers / parts, 1.0)
         return report.points(curve.points_on_chords(chord_numbers, positions))

@@ -126,7 +126,7 @@ class SingularSurface:
 
     @property
     def border(self) -> Indices:
-        """(k, 2) edges with one triangle.
+        """(k, 2) edges at the border of the mesh: those with one triangle.
 
         At these edges the surface leaves the ranges, comes near to a crossing of surfaces,
         or was not completed.
@@ -138,11 +138,13 @@ class SingularSurface:
     def split(self) -> Self:
         """Return the mesh with every edge halved, its middle moved onto the surface.
 
-        An edge for whose middle Newton's method fails is not halved.
+        Each triangle becomes four smaller ones. Newton's method moves the middles. If it
+        fails for an edge, this edge is not halved.
         """
         edges, _ = list_edges(self.triangles)
         middles = self._interpolate(edges, part=0.5)
-        # A middle moves at right angles to the tangent plane at the first end of its edge.
+        # Each middle moves at right angles to the tangent plane at the first end of its
+        # edge. So it does not slide along the surface.
         tangent_rows = np.swapaxes(self.nodes.tangents[edges[:, 0]], 1, 2)
         new_points = self._correct(middles, tangent_rows)
         all_vertices = np.ones(len(self.nodes), dtype=bool)
@@ -160,7 +162,8 @@ class SingularSurface:
             mesh = mesh._clip(input_position, limit=low, side=1.0)
             mesh = mesh._clip(input_position, limit=high, side=-1.0)
         is_of_type = self.view.has_type(self.view.types(mesh.nodes.values))
-        # A subdivision without new vertices removes those that are not of the type.
+        # `_subdivide` also removes vertices. Without edges to divide, it only removes those
+        # that are not of the type.
         no_edges = np.zeros(0, dtype=np.intp)
         return mesh._subdivide(no_edges, mesh.nodes.rows(no_edges), is_of_type)
 

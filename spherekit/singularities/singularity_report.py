@@ -88,6 +88,9 @@ class SingularPoints(ArrayRows):
 class SingularityReport:
     """Finds and describes the singular configurations of one type, for one output.
 
+    At type I the output rests while inputs move, at type II the output can move while the
+    inputs rest. In a self-motion other links move while both rest.
+
     Attributes
     ----------
     solver
@@ -173,7 +176,7 @@ class SingularityReport:
         return np.transpose([item.range for item in self.solver.mechanism.inputs])
 
     def inputs_in_range(self, values: Floats) -> Floats:
-        """Return the inputs (n, g), in rad, of configurations (n, V).
+        """Return the g inputs (n, g), in rad, of n configurations with V variables (n, V).
 
         Configurations repeat after whole periods of the inputs. Each input is shifted by
         whole periods into its declared range, or as near to it as possible.

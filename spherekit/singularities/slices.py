@@ -262,8 +262,9 @@ def cut(
 
 
 def _spread_order(count: int) -> list[int]:
-    """Return the numbers below `count` in an order whose beginnings are spread evenly.
+    """Return the numbers below `count` in an order that is spread evenly at any time.
 
+    If a search in this order is stopped early, its values still cover the whole range.
     Numbers are sorted by their binary digits in reverse order (van der Corput). For
     example, 8 numbers have the order 0, 4, 2, 6, 1, 5, 3, 7.
     """

@@ -48,7 +48,10 @@ class InputsLocked:
         return np.tile(input_rows, (len(linearisation), 1, 1))
 
     def equation_derivatives(self, changes: ConfigurationChanges) -> Floats:
-        """Return the derivatives (n, d, m, V) of E along d changes of the configuration.
+        """Return the derivatives (n, d, m, V) of E along d changes of n configurations.
+
+        E (m, V) is the matrix of the condition E x = 0 that the m inputs rest. x are the
+        rates of the V variables.
 
         They are zero. E selects the rates of the inputs, so it is the same in all
         configurations.
@@ -95,7 +98,9 @@ class OutputStationary:
     def equations(self, linearisation: Linearisation) -> Floats:
         """Return E (n, m, V): components of the output's angular velocity per unit rates.
 
-        Rows are the components along the directions of `_constrained_directions`.
+        The output rests if E x = 0 for the rates x of the V variables.
+
+        The m rows of E are components along the directions of `_constrained_directions`.
         """
         directions = self._constrained_directions(linearisation)
         angular_velocities = self._angular_velocities(linearisation)
@@ -124,8 +129,8 @@ class OutputStationary:
     def _constrained_direction_derivatives(self, changes: ConfigurationChanges) -> Floats:
         """Return the derivatives (n, d, m, 3) of `_constrained_directions` along d changes.
 
-        These m directions are fixed in the output link. If it rotates by w, a direction a
-        changes by w x a.
+        These m directions, about which the output may not turn, are fixed in the output
+        link. If the link rotates by the vector w, a direction a changes by w x a.
         """
         directions = self._constrained_directions(changes.linearisation)
         rotations = self._link_velocity(changes)
@@ -139,9 +144,10 @@ class OutputStationary:
     def _link_velocity(self, changes: ConfigurationChanges) -> Floats:
         """Return the rotation (n, d, 3) of the output link along d changes.
 
-        It is relative to the ground: the sum of sense times rate times velocity vector over
-        all variables. The sense is 1 or -1 on the path from the ground (body 0) to the
-        link, and 0 elsewhere.
+        Along each change the variables have certain rates. The rotation is relative to the
+        ground: the sum of sense times rate times velocity vector over all variables. The
+        velocity vector of a variable is the angular velocity of its pair at unit rate. The
+        sense is 1 or -1 on the path from the ground (body 0) to the link, and 0 elsewhere.
         """
         senses_from_ground = changes.linearisation.tree.paths[self.link]
         link_vectors = senses_from_ground[:, None] * changes.linearisation.vectors
@@ -151,8 +157,9 @@ class OutputStationary:
     def _path_senses(self, linearisation: Linearisation) -> Floats:
         """Return the sense (V,) in which each variable turns the output.
 
-        It is +1 or -1 on a path of pairs from the reference link to the output link, and 0
-        for other variables.
+        The output is the motion of the output link relative to its reference link. The
+        sense is +1 or -1 on a path of pairs from the reference link to the output link, and
+        0 for variables that are not on the path.
         """
         if self.variable_senses is not None:
             return np.array(self.variable_senses)
@@ -162,15 +169,17 @@ class OutputStationary:
     def _angular_velocities(self, linearisation: Linearisation) -> Floats:
         """Return the output's relative angular velocity (n, V, 3) per rate of a variable.
 
-        Vectors have components along the axes of body 0.
+        There is a vector for each of V variables, with components along the axes of body 0
+        (the ground).
         """
         return self._path_senses(linearisation)[:, None] * linearisation.vectors
 
     def _constrained_directions(self, linearisation: Linearisation) -> Floats:
-        """Return (n, m, 3) unit vectors about which the output may not turn.
+        """Return (n, m, 3) unit vectors about which the output may not turn if it rests.
 
-        They are fixed in the output link and given in the axes of body 0: the axes of the
-        link, or two directions at right angles to the pointing direction.
+        They are fixed in the output link, with components in the axes of body 0 (the
+        ground). If the output is an orientation, they are the three axes of the link. If it
+        is a pointing direction, they are two directions at right angles to it.
         """
         link_directions = np.eye(3)
         if self.pointing is not None:

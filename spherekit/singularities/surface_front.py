@@ -374,7 +374,8 @@ class SurfaceFront:
     def _ideal_apex(self, edge: Edge) -> complex:
         """Return the apex that makes the triangle on the open side of an edge equilateral.
 
-        It is a position in the tangent plane at the first vertex of the edge.
+        The apex is a position in the tangent plane at the first vertex of the edge, as a
+        complex number with this vertex at 0.
         """
         opposite = self.open_edges[edge]
         end, opposite_position = self._project(edge[0], [edge[1], opposite])

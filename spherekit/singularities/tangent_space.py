@@ -153,8 +153,9 @@ class ConfigurationChanges:
     def vector_derivatives(self) -> Floats:
         """(n, d, V, 3) derivatives of the velocity vectors along the d directions.
 
-        The velocity vector of a variable is the relative angular velocity of the two links
-        of its pair when the variable changes at unit rate.
+        There are n configurations. Along each direction all variables change together. The
+        velocity vector of a variable is the relative angular velocity of the two links of
+        its pair when the variable changes at unit rate.
         """
         derivatives = [
             self.linearisation.vector_rates(self.linearisation.body_rates(changes))
@@ -212,7 +213,8 @@ class TangentSpace:
     def closing_step(self) -> Floats:
         """(n, V) the shortest Newton step that closes loops which are slightly open (rad).
 
-        It is defined for a whole mechanism only.
+        It changes the V variables of n configurations (rad). It is defined for a whole
+        mechanism only.
         """
         residual = self.linearisation.residual
         return -np.einsum("nve,ne->nv", self.jacobian_inverse, residual)

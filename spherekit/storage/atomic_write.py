@@ -76,10 +76,11 @@ def check_folder(path: AnyPath) -> None:
     Raises
     ------
     OutputError
-        If it cannot be created, or cannot be changed.
+        If it cannot be created, or if no files can be written into it.
     """
     with _raise_output_error(path, "made"):
-        # The innermost part of the path that exists. The rest is created in it.
+        # Find the innermost folder of the path that exists. The rest is created in it
+        # later.
         folders = (Path(path), *Path(path).parents)
         existing = next(folder for folder in folders if folder.exists())
         is_target = existing == Path(path)
@@ -180,7 +181,7 @@ def write_text(path: AnyPath, text: str) -> None:
 
 
 def write_bytes(path: AnyPath, data: bytes) -> None:
-    """Write a file; an older file is replaced only when it is complete.
+    """Write a file; an older file is replaced only when the new one is complete.
 
     Raises
     ------

@@ -64,7 +64,8 @@ def acquire_lock(path: Path) -> BaseFileLock | str:
 def try_lock(descriptor: int) -> bool:
     """Lock an open file until it is closed; return whether that was possible.
 
-    It is not possible if another program has locked the file.
+    The lock keeps other programs from using the file at the same time. It is not possible
+    if another program has locked the file.
     """
     return lock_descriptor(descriptor, blocking=False)
 

@@ -6,7 +6,7 @@ from typing import Any
 
 
 def as_json(value: Any) -> Any:
-    """Return a value as JSON would give it back.
+    """Return a value as it would be after writing it to JSON and reading it again.
 
     Sets become sorted lists, and objects of other types become their `repr`.
     """

@@ -133,7 +133,8 @@ def array_function(
 def _write_maximum(a: Array, b: Array, result: Array) -> None:
     """Write the maximum of two arrays to a third one.
 
-    Unlike other ufuncs, `np.maximum` deprecates a positional output array.
+    `array_function` calls each NumPy function with the output array as last argument.
+    `np.maximum` deprecates this, so this function passes the array by name.
     """
     np.maximum(a, b, out=result)
 

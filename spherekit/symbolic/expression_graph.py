@@ -80,7 +80,7 @@ def divide(a: Expr, b: Expr) -> Expr:
 def _sort_arguments(a: Expr, b: Expr) -> list[Expr]:
     """Return the arguments of a sum or product in one order: numbers, then nodes by age.
 
-    So a + b and b + a are the same node.
+    So a + b and b + a are stored as the same node. Nodes are operations and variables.
     """
     return sorted(
         (a, b), key=lambda x: x.creation_index if isinstance(x, ExpressionNode) else -1

@@ -134,7 +134,9 @@ def _frame_in_pose(geometry: PoseGeometry, design: DesignGeometry, pair: str) ->
     """Return the frame (3, 3) of a pair in its first link in the reference pose.
 
     Its columns are the direction to the east, the direction to the north, and the axis of
-    the pair, in link axes. `design` may replace the longitude and the latitude of the axis.
+    the pair, in link axes. East and north are those on a globe at the point where the axis
+    meets the sphere. `design` may replace the longitude and the latitude of the axis by
+    expressions.
     """
     x, y, z = geometry.axes[pair]
     longitude = design.get(("longitudes", pair), float(np.arctan2(y, x)))

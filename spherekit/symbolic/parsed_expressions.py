@@ -68,7 +68,8 @@ def convert_to_graph(
     def form_maximum(a: Expr, b: Expr) -> Expr:
         """Return the maximum of two expressions.
 
-        If `sign` is given, the sign of their difference decides which of them is returned.
+        max(a, b) = (a + b + |a - b|) / 2. With a function `sign`, |a - b| is sign(a - b) (a
+        - b), so that an integrator can control when the sign changes.
         """
         if sign is None:
             return function("maximum", a, b)

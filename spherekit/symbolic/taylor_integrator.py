@@ -279,10 +279,11 @@ class Integrator:
         return "event", length
 
     def _note_ending_event(self, index: int) -> None:
-        """Append the event that ends the integration to `seen_events`, once.
+        """Append the event that ends the integration to `seen_events`, if necessary.
 
-        heyoka calls the callback of a switch within the step. This has appended the switch
-        already. Other events that end the integration have no callback.
+        heyoka (the integrator library) calls the callback of a switch within the step, and
+        the callback has appended the switch already. Other events that end the integration
+        have no callback.
         """
         if self.events[index].kind != "switch":
             self.seen_events.append((index, self.time))

@@ -51,9 +51,10 @@ def cross(a: Exprs, b: Exprs) -> Exprs:
 
 
 def constants(matrix: Floats | Exprs) -> Exprs:
-    """Return numbers as entries, with those close to 0, 1 or -1 made exact.
+    """Return a matrix in which numbers close to 0, 1 or -1 are replaced by these.
 
-    Exact entries let the products with 0 and 1 be dropped. Expressions are not changed.
+    This simplifies expressions, because products with exactly 0 and 1 are dropped.
+    Expressions are not changed.
     """
     entries: Exprs = np.array(matrix, dtype=object)
     for index, item in np.ndenumerate(entries):

@@ -116,7 +116,8 @@ def read_numbers(path: Path, names: Sequence[str]) -> FileNumbers:
 def _read_units_of_folder(path: Path) -> dict[str, str]:
     """Return the units that the folder of a run states for the columns of a CSV file.
 
-    The dictionary is empty if the folder has no such statement.
+    The units are in the file `COLUMNS` beside the tables. The dictionary is empty if there
+    is no such file, or if it does not have this table.
     """
     with suppress(FileError, KeyError):
         descriptions = _read_cells(path.with_name(COLUMNS)).set_index("table")

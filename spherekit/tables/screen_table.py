@@ -9,7 +9,7 @@ from spherekit.conventions import Names
 
 @dataclass(frozen=True)
 class ScreenColumn:
-    """A column of a `ScreenTable`.
+    """A column of a table that is printed on the screen (`ScreenTable`).
 
     Attributes
     ----------

@@ -101,8 +101,9 @@ class Column:
     def header(self, degrees: bool) -> str:
         """Return the header of the column in files.
 
-        It contains the unit if that is not the SI unit, as in ``q [deg]``. `degrees` says
-        whether angles of the table are in degrees.
+        The header is the name of the column. A unit that differs from the SI unit follows
+        in brackets, as in ``q [deg]``. `degrees` says whether angles of the table are in
+        degrees.
         """
         unit = self.unit_in(degrees)
         return self.name if unit == self.unit else f"{self.name} [{unit}]"
@@ -245,7 +246,8 @@ class Table:
     def with_names(self, mechanism: Mechanism) -> "Table":
         """Return the table with a column for the names of assembly modes.
 
-        Nothing is added if the mechanism names no modes or the table has no mode numbers.
+        An assembly mode is one way to assemble the mechanism. Nothing is added if the
+        mechanism names no modes or the table has no mode numbers.
         """
         if not mechanism.modes or ASSEMBLY_MODE not in self.columns:
             return self
@@ -324,8 +326,9 @@ Units = Mapping[str, str]
 def _name_pair(meaning: str, pair: str) -> str:
     """Return the meaning of a column that belongs to one pair, with the name of the pair.
 
-    The name follows the words "the driven pair" or "the passive pair". A meaning without
-    these words ends with the name. Without a name the meaning stays as it is.
+    The name follows the words "the driven pair" or "the passive pair". If the meaning does
+    not contain these words, the name is appended. If `pair` is empty, the meaning stays as
+    it is.
     """
     if not pair:
         return meaning
@@ -346,14 +349,14 @@ def arrays(data: TableData) -> dict[str, Array]:
 
 
 def input_columns(mechanism: Mechanism, values: Floats, name: str = "q") -> dict[str, Any]:
-    """Return the columns of a quantity that every input has.
+    """Return the columns of a quantity that every input (driven pair) has.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     values
-        (n, inputs) values of the quantity.
+        (n, inputs) values of the quantity in n rows.
     name
         Name of the column, to which the names of several inputs are appended.
     """

@@ -209,8 +209,9 @@ def write_table(
 ) -> list[str]:
     """Write a table as CSV and Parquet files; return the names of the files.
 
-    CSV has every number with the fewest digits that give it back, and empty cells for NaN.
-    Parquet has the units and notes. The memory does not grow with the number of rows.
+    In CSV files every number has the fewest digits from which the same number is read
+    again, and cells with NaN are empty. Parquet has the units and notes. The memory does
+    not grow with the number of rows.
 
     Parameters
     ----------

@@ -141,7 +141,9 @@ class JoinedBlocks(Mapping[str, Array]):
 
 @dataclass(frozen=True)
 class SortedBlock:
-    """Rows of a block, in which the rows of each assembly mode are together.
+    """Rows of a block of samples, in which the rows of each assembly mode are together.
+
+    An assembly mode is one of the ways to assemble the mechanism.
 
     Attributes
     ----------

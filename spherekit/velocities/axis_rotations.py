@@ -49,7 +49,8 @@ Entries = Floats | Exprs
 class AxisRotation:
     """A rotation about the z axis by the angle scale * variable + offset (rad).
 
-    `variable` is the number of the variable in the mechanism.
+    The chain of rotations from one link of a pair to the other consists of such rotations
+    and constant ones. `variable` is the number of the pair variable in the mechanism.
     """
 
     variable: int
@@ -78,7 +79,8 @@ class JointTransform:
     def axis_in_first_link(self) -> Entries:
         """The axis (3,) of the first rotation Z_1, in the axes of the first link.
 
-        The columns of C_0 are the axes x, y, z of the frame in which Z_1 rotates about z.
+        A pair is a chain C_0 Z_1 C_1 ... Z_k C_k of constant rotations C and rotations Z
+        about z. The columns of C_0 are the axes of the frame in which Z_1 rotates about z.
         """
         return self.constants[0][:, 2]
 
@@ -86,7 +88,8 @@ class JointTransform:
     def axis_in_second_link(self) -> Entries:
         """The axis (3,) of the last rotation Z_k, in the axes of the second link.
 
-        The rows of C_k are the axes x, y, z of the frame in which Z_k rotates about z.
+        A pair is a chain C_0 Z_1 C_1 ... Z_k C_k of constant rotations C and rotations Z
+        about z. The rows of C_k are the axes of the frame in which Z_k rotates about z.
         """
         return self.constants[-1][2]
 

@@ -92,6 +92,8 @@ class CarriedVector:
     def derivative(self, w: Exprs, rate: Expr) -> Exprs:
         """Return the time derivative (3,) of the vector in ground axes.
 
+        The vector turns with its link, and can slide on the link with the variable.
+
         Parameters
         ----------
         w
@@ -188,7 +190,8 @@ def absolute(item: Expr) -> Expr:
 def largest(items: Iterable[Expr]) -> Expr:
     """Return the largest of numbers and expressions, none of which is negative.
 
-    The numbers are compared at once. Equal expressions are compared only once.
+    Numbers are compared now. Expressions are compared when the result is evaluated, and
+    equal ones only once.
     """
     items = list(items)
     maximum: Expr = max(
@@ -259,6 +262,8 @@ def _contact_frame(
     side: ProfileSide, placed: LinkOrientation, variables: Sequence[Expr]
 ) -> Exprs:
     """Return the moving frame of a profile at the contact, in ground axes.
+
+    A profile is the curve on a link along which the contact point moves.
 
     The rows of the matrix (3, 3) are the tangent t of the profile, its normal n = p x t,
     and the contact point p.

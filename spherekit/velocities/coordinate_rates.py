@@ -49,7 +49,7 @@ class MotionRates:
 
 
 class CoordinateRates(VelocityEquations):
-    """Homogeneous rates of variables and links by each input.
+    """Homogeneous rates of variables and links (rates times a determinant) by each input.
 
     While input i moves at the rate 1 and the others rest, the rates of all variables are
     tau_i / D. The homogeneous rates tau_i are regular even if the scale D, the determinant
@@ -172,9 +172,10 @@ class CoordinateRates(VelocityEquations):
 
     @property
     def scale(self) -> Expr:
-        """The scale D, the determinant of the equations.
+        """The scale D, the determinant of the velocity equations.
 
-        Its sign changes where assembly modes meet. It is the same for all inputs.
+        Rates are homogeneous rates divided by D. D changes its sign where assembly modes
+        (ways to assemble the mechanism) meet. D is the same for all inputs.
         """
         _, scale = self._rates_and_scales[-1]
         return scale
@@ -301,6 +302,8 @@ class CoordinateRates(VelocityEquations):
     def bias_accelerations(self, rates: Sequence[Expr], w: Sequence[Exprs]) -> list[Exprs]:
         """Return the angular accelerations (3,) of links while no input accelerates.
 
+        They are the part of the accelerations that comes from the velocities alone.
+
         Parameters
         ----------
         rates
@@ -315,8 +318,9 @@ class CoordinateRates(VelocityEquations):
 def _frame_velocity(frame: Exprs, size: ExpressionNode) -> Exprs:
     """Return the angular velocity (3,) of a frame per unit rate of a size, in ground axes.
 
-    The columns b of the frame (3, 3) have the derivatives b' = w x b by the size. Half the
-    sum of b x b' over the three columns is w.
+    A size is an arc or an angle of the mechanism. If it changes, the frame turns. The
+    columns b of the frame (3, 3) have the derivatives b' = w x b by the size. Half the sum
+    of b x b' over the three columns is w.
     """
     entries = [*frame.ravel()]
     derivative = vector(differentiate(entries, {size: 1.0})).reshape(3, 3)

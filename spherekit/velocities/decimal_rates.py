@@ -132,6 +132,9 @@ class DecimalRates:
     def relative_error_bound(self) -> Floats:
         """(n,) the larger of the relative error bounds of `w` and `dw`.
 
+        These are the angular velocities of links and their derivatives by the input, at n
+        rows.
+
         Each bound is relative to the largest vector of any link, or to 1 if that is larger.
         """
         rate_size, derivative_size = (

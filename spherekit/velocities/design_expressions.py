@@ -201,7 +201,8 @@ class DesignExpressions:
     def coordinate_rates(self) -> CoordinateRates:
         """The homogeneous rates of all variables by each input.
 
-        These are the rates times the determinant of the velocity equations.
+        These are the rates times the determinant of the velocity equations. They are finite
+        even where the determinant vanishes.
         """
         return CoordinateRates(self.structure, self.variables, self._placed)
 
@@ -405,7 +406,8 @@ class DesignExpressions:
     def sample_variable(self, index: int) -> Expr:
         """Return the symbol of an angle, rate or acceleration of an input, or of the time.
 
-        `index` is the position in `sample_symbols`.
+        `index` is the position in `sample_symbols`: angles, rates and accelerations of all
+        inputs, then the time.
         """
         return self.sample_symbols[index]
 
@@ -432,7 +434,8 @@ class DesignExpressions:
     def determinant(self) -> Expr:
         """Return the determinant of the velocity equations.
 
-        It vanishes if the inputs do not determine the rates of all variables.
+        It vanishes in configurations in which the inputs do not determine the rates of all
+        variables.
         """
         return self.coordinate_rates.scale
 
@@ -487,7 +490,7 @@ class DesignExpressions:
     def direction(self, name: str) -> Exprs:
         """Return the direction (3,) of an output, in the axes of its reference link.
 
-        This is the link from which the output is seen.
+        The motion of the output is measured relative to this link.
         """
         _, base = self._output_links(name)
         # The rotation from axes of the reference link to ground axes.
@@ -511,11 +514,12 @@ class DesignExpressions:
     def condition_number(self, name: str) -> Expr:
         """Return the condition number of the Jacobian of an output.
 
-        It is the ratio of the largest to the smallest singular value.
+        It is the ratio of the largest to the smallest singular value of the matrix of
+        output velocities per unit rate of each input.
         """
         columns = self._output_jacobian(name)
         if len(columns) > 3:
-            # The singular values of three rows are those of three columns.
+            # The transposed matrix has the same singular values, and only three columns.
             columns = [*np.transpose(columns)]
         largest, *_, least = singular_values(columns)
         return largest / least
@@ -544,8 +548,9 @@ class DesignExpressions:
     def inertia_rate(self) -> Expr:
         """Return the derivative dB/dq (kg m2/rad) of the inertia B of a single input q.
 
-        The moment of the inertia forces is B ddq + (dB/dq) dq^2 / 2. At the rate dq = 1 and
-        without acceleration it is half of dB/dq, so the result is twice this moment.
+        The inertia forces need the torque B ddq + (dB/dq) dq^2 / 2 at the input. At the
+        rate dq = 1 and without acceleration this is half of dB/dq, so the result is twice
+        this torque.
         """
         return 2.0 * self._moments.inertia_torque(0, [1.0], [0.0])
 
@@ -698,7 +703,8 @@ class DesignExpressions:
     def _relative_direction(self, link_name: str, other_name: str, moving: int) -> Exprs:
         """Return the axis (3,) of the pair of two links, or the direction of their motion.
 
-        The parameters are those of `pole`.
+        The direction of the motion is that of the relative angular velocity while one input
+        (`moving`) has the rate 1 and the others rest.
         """
         link = self.mechanism.link(link_name)
         other = self.mechanism.link(other_name)
@@ -712,9 +718,9 @@ class DesignExpressions:
     def _rest_together(self, link_name: str, other_name: str, moving: int) -> bool:
         """Return whether two links rest relative to each other at all configurations.
 
-        This is the case if the inputs that do not move lock them to each other. The
-        difference of their angular velocities is then zero as an expression. The parameters
-        are those of `pole`.
+        One input (`moving`) moves while the others rest. Links rest together if the resting
+        inputs lock them to each other. The difference of their angular velocities is then
+        zero as an expression.
         """
         w = self._link_velocities[moving]
         relative_velocity = (

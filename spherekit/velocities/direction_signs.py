@@ -293,6 +293,8 @@ def signs_by_axis_sums(axis_sums: Floats) -> SignFunction:
     def find_signs(directions: Floats, rows: Any, modes: Any) -> Floats:
         """Return the signs (poles, k) of directions (3, poles, k) at k rows.
 
+        Each direction is turned to the side of the axis sum of its mode.
+
         `modes` is the index of the assembly mode, one for all rows or (k,). `rows` is not
         used; other functions of the type `SignFunction` need it.
         """
@@ -341,8 +343,9 @@ def _first_axis_sum(
 ) -> Floats:
     """Return the vector (3,) that decides the signs of directions at the start of a mode.
 
-    It is the sum of the axes and contact points of all pairs at the first row of the mode,
-    which may be in an earlier block of rows.
+    A direction along a pole has an arbitrary sign, and is turned to the side of this
+    vector. It is the sum of the axes and contact points of all pairs at the first row of
+    the assembly mode. This row may be in an earlier block, so the sum is stored.
     """
     if mode not in sign_continuation.first_axis_sums:
         (frames,) = motion.rows(np.array([first_row])).frames

@@ -230,8 +230,8 @@ def _close_dyad(
 def _axis_frame(a: Exprs, b: Exprs) -> Exprs:
     """Return the columns a + b, a - b and a x b (3, 3) of two unit vectors.
 
-    They are perpendicular to each other. Unlike a and b themselves, they keep their digits
-    if a and b nearly coincide.
+    They are perpendicular to each other and serve as a frame of a and b. If a and b nearly
+    coincide, few digits are lost, unlike with a, b and a x b.
     """
     return np.stack([a + b, a - b, cross(a, b)], axis=1)
 

@@ -361,7 +361,8 @@ def _elimination_cost(
 def inverse_sizes(matrices: Floats) -> Floats:
     """Return the Frobenius norms (n,) of the smallest left inverses of matrices (n, m, k).
 
-    The norm is infinite if a matrix is singular, or if m < k.
+    A left inverse L of a matrix A satisfies L A = 1. Its norm shows how badly conditioned A
+    is. The norm is infinite if a matrix is singular, or if m < k.
     """
     n, rows, columns = matrices.shape
     if rows < columns:

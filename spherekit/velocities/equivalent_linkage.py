@@ -83,7 +83,8 @@ class EquivalentLinkage:
     def numbers(self) -> list[float]:
         """The Euler angles (rad) of all constant rotations, then the numbers of the train.
 
-        They determine the linkage among all linkages with the same `form`.
+        The numbers of the train are the ratios of wheels. All these numbers determine the
+        linkage among all linkages with the same `form`.
         """
         rotations = np.concatenate(self.constant_rotations)
         euler_angles = euler_zyz(rotations).ravel().tolist()

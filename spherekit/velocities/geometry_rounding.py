@@ -129,8 +129,9 @@ class GeometryRounding:
     def relative_error_bound(self) -> Floats:
         """(n,) the larger of the relative error bounds of `w` and `dw`.
 
-        Each bound is the largest of any link, relative to the largest vector of any link,
-        or to 1 if that is larger.
+        `w` are the angular velocities of links, `dw` their derivatives by the input. The
+        largest error of any link is divided by the largest vector of any link, or by 1 if
+        that is larger.
         """
         relative_errors = (
             np.max(error, axis=0) / np.max(norm_columns(rate_bound), axis=0, initial=1.0)

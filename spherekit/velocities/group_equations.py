@@ -103,7 +103,9 @@ class LoopVectorEquation:
     def normal_to_private(self) -> Exprs:
         """Return the direction perpendicular to the vectors of both private variables.
 
-        The component of the equation along it does not contain the private variables.
+        The equation is the vector equation of a loop. Private variables are two that are
+        eliminated from it. Its component along the returned direction does not contain
+        them.
         """
         first, second = self.private
         return cross(self.vectors[first], self.vectors[second])
@@ -196,7 +198,7 @@ class GroupEquations:
         self.loops = find_group_loops(mechanism, group, closed_pairs)
 
         loop_counts = Counter(pair for loop in self.loops for pair, _ in loop)
-        # For each loop its variables that occur in no other loop.
+        # For each loop the variables that occur in no other loop.
         exclusive_variables: list[list[int]] = []
         for loop in self.loops:
             variables: list[int] = []

@@ -68,9 +68,10 @@ class ColumnList:
     _indices: dict[Expr, int] = field(default_factory=dict)
 
     def add_shared(self, items: Iterable[Expr]) -> list[int]:
-        """Return the index of the column of each expression, which is added if it is new.
+        """Return the index of the column of each expression; a new one gets a new column.
 
-        Equal expressions share one column.
+        Columns are the numbers that a compiled function computes for each row. Equal
+        expressions share one column, so that they are computed once.
         """
         indices: list[int] = []
         for item in items:
@@ -537,8 +538,9 @@ class InputColumns:
     def has_uncertain_poles(self) -> bool:
         """Whether poles are undefined for every configuration, or axes nearly coincide.
 
-        This is the case if links that no pair joins rest relative to each other, or if
-        axes are equal but for rounding.
+        A pole is the axis about which one link rotates relative to another. It is undefined
+        if links that no pair joins rest relative to each other. Axes nearly coincide if
+        they differ by rounding only.
         """
         for i, j in self.reversible_poles:
             v = self._w[j] - self._w[i]

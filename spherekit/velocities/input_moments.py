@@ -53,12 +53,17 @@ class MovingLink:
     def momentum(self, scaled_speeds: Sequence[Expr]) -> Exprs:
         """Return the angular momentum h = sum of s_k I y_k while all inputs move.
 
+        I is the inertia matrix of the link. y_k is its angular velocity while only input k
+        moves at unit rate, times the determinant D of the velocity equations.
         `scaled_speeds` are s_k, the rates of the inputs divided by D.
         """
         return np.asarray(dot(self.momenta, scaled_speeds))
 
     def acceleration_moment(self, i: int, acceleration: Exprs) -> Expr:
         """Return y_i . I b, the moment at input i, times D, of an angular acceleration b.
+
+        I is the inertia matrix of the link. y_i is its angular velocity while only input i
+        moves, per unit rate and times the determinant D of the velocity equations.
 
         `acceleration` are the components (3,) of b along the basis of the link.
         """
@@ -67,7 +72,9 @@ class MovingLink:
     def gyroscopic_product(self, i: int, k: int, momentum: Exprs) -> Expr:
         """Return h . (y_i x y_k), with the angular momentum h (3,) of the link.
 
-        It changes its sign if the inputs i and k are exchanged.
+        y_k is the angular velocity of the link while only input k moves, per unit rate and
+        times a determinant. The product is part of the gyroscopic moment at input i. It
+        changes its sign if the inputs i and k are exchanged.
         """
         return dot(cross(self.velocities[i], self.velocities[k]), momentum)
 

@@ -199,6 +199,8 @@ class KinematicStructure:
     def _have_coincident_axes(self, first_variable: int, second_variable: int) -> bool:
         """Return whether two variables turn about the same axis of a common link.
 
+        Such variables cannot be eliminated from the equations together.
+
         Axes that contain symbols for sizes of the mechanism count as different.
         """
         first_axes = self.fixed_vectors(first_variable)
@@ -276,7 +278,8 @@ def _vector_about_circle(side: ProfileSide, link: int, sign: float) -> dict[int,
 def _compute_vectors(mechanism: Mechanism, values: Floats) -> Floats:
     """Return the vectors (variables, 3) of all variables, in ground axes.
 
-    `values` are the variables (variables,) in rad of a configuration.
+    The vector of a variable is the relative angular velocity of the two links of its pair,
+    per unit rate. `values` are the variables (variables,) in rad of a configuration.
     """
     closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
     return closure.linearise(values[None]).vectors[0]

@@ -94,7 +94,7 @@ class LoadState:
 
 
 def generalised_forces(load: Load, load_state: LoadState) -> list[Expr]:
-    """Return the generalised forces of a load, multiplied by a determinant.
+    """Return the generalised forces of a load at the inputs, multiplied by a determinant.
 
     There is one for each coordinate, an input of the mechanism: the power of the load while
     this input moves at the rate 1 and the others rest, times the determinant of the
@@ -210,7 +210,7 @@ def _ground_moment(
 
 
 def expression_value(law: Expression, load_state: LoadState) -> Expr:
-    """Return the value of the expression of a load.
+    """Return the expression of a load, such as a torque, as a function of the motion.
 
     Parameters
     ----------

@@ -82,7 +82,8 @@ class PoleQuantity:
     def error_column(self) -> str:
         """The name of the error bound of this quantity in tables and in `Batch`.
 
-        For the direction, the main quantity of a pole, it is just "error_bound".
+        A pole is the axis of relative rotation of two links. For its direction, the main
+        quantity, the name is just "error_bound".
         """
         return "error_bound" if self.name == "direction" else f"{self.name}_error_bound"
 
@@ -144,7 +145,9 @@ direction."""
 
 
 def axis_pairs(plan: Plan) -> dict[Pole, int]:
-    """Return the poles of bodies that are the axis or contact line of a pair.
+    """Return the poles of bodies that are the axis or contact line of a pair (joint).
+
+    A pole is the axis about which one body rotates relative to another.
 
     The values are the numbers of these pairs.
     """

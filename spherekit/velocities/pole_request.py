@@ -92,6 +92,9 @@ def request(
 ) -> Request:
     """Return the request for some poles, velocity coefficients and angular velocities.
 
+    A pole is the axis about which one link rotates relative to another. Its velocity
+    coefficient is the relative angular velocity along the pole, per unit rate of the input.
+
     Parameters
     ----------
     mechanism

@@ -121,7 +121,7 @@ class PlannedPoles:
                     self._solve_block(step)
 
     def _add_pair_axis(self, step: PrimaryPole, separation: Floats) -> None:
-        """Add a pole that is the axis of a pair, with its error.
+        """Add a pole (axis of relative rotation of two bodies) that is the axis of a pair.
 
         Parameters
         ----------

@@ -118,9 +118,10 @@ def _rotation_cos_sin(
 ) -> tuple[Expr, Expr]:
     """Return the cosine and the sine of the angle of a rotation, as expressions.
 
-    The angle is scale * variable + offset. If a path goes through a pair in the opposite
-    direction, the angle is the opposite one. Both directions share their expressions, since
-    cos(-x) = cos(x) and sin(-x) = -sin(x): those of the angle with the positive scale.
+    The angle is scale * variable + offset. If a path of links goes through a pair in the
+    opposite direction, the angle has the opposite sign. Both directions share their
+    expressions, since cos(-x) = cos(x) and sin(-x) = -sin(x): those of the angle with the
+    positive scale.
     """
     sense = 1.0 if rotation.scale > 0.0 else -1.0
     angle = abs(rotation.scale) * variables[rotation.variable] + sense * rotation.offset

@@ -155,7 +155,7 @@ class RowExpressions(VelocityEquations):
         self.closure_rounding_rad = np.sqrt(2.0) * (
             rounding + profile_count * PROFILE_ROUNDING_RAD
         )
-        # Every loop may be open by this much about each of the three axes.
+        # Every loop may be open by `component_opening` about each of the three axes.
         self.opening_rad = component_opening * float(np.sqrt(3.0 * len(tree.chords)))
         # The rounding of sizes tilts an axis: each pair on the longest path from the ground
         # to a link adds its part.
@@ -223,8 +223,9 @@ class RowExpressions(VelocityEquations):
     def turns_along_paths(self, variable_changes: Sequence[Expr]) -> list[Expr]:
         """Return a bound of the rotation of each link, given changes of the variables.
 
-        Each variable on the path from the ground to a link turns the link by the length of
-        the variable's vector times its change.
+        The vector of a variable is the angular velocity of its pair at unit rate. Each
+        variable on the path from the ground to a link turns the link by the length of this
+        vector times the change of the variable.
         """
         return self.sum_along_paths(
             [

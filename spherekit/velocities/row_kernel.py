@@ -211,7 +211,7 @@ class EvaluatedRow:
 
 
 class RowKernel:
-    """The functions that evaluate the rows of a run. Each is made when it is first used.
+    """The functions that evaluate the rows of a run. Each is built when it is first used.
 
     A row is one configuration. The columns are the velocities, poles and error bounds that
     are computed for each row. A row is certified if its loops are closed up to rounding and
@@ -503,7 +503,8 @@ class RowKernel:
     def newton_step(self) -> ColumnFunction:
         """The function that makes a step of Newton's method, which closes the loops.
 
-        It returns the new passive variables, from all variables.
+        Passive variables are those that no input sets. The function returns their new
+        values from the values of all variables.
         """
         return self._make_function({"passive_variables": self._rows.newton_step})
 

@@ -154,7 +154,7 @@ class QuantityTable(dict[str, RowQuantity]):
     def add_vector(
         self, name: str, unit: str, method: str, *arguments: Any, ending: str = ""
     ) -> None:
-        """Add the components x, y and z of a vector as three quantities.
+        """Add the components x, y and z of a vector to the table, as three quantities.
 
         Their names are `name`, then ``_x``, ``_y`` or ``_z``, then `ending`. The other
         parameters are those of `add`.
@@ -370,11 +370,14 @@ def middle_pairs(mechanism: Mechanism) -> Names:
 
 
 def _plan_groups(mechanism: Mechanism) -> Assembly:
-    """Return the groups of a mechanism from its graph alone.
+    """Return the groups of a mechanism from its graph of links and pairs alone.
 
-    Names of quantities do not depend on sizes. If counting gives too few degrees of
-    freedom, the rank of the equations is trusted without searching configurations. So a
-    file has the same quantities as its designs, even if its own sizes do not close.
+    A group is a set of links that are closed together, such as a dyad.
+
+    Names of quantities do not depend on sizes. If counting links and pairs gives too few
+    degrees of freedom, the groups are planned as if the rank of the equations had shown
+    enough. No configuration is searched for this. So a file has the same quantities as its
+    designs, even if its own sizes do not close.
     """
     try:
         return plan_assembly(mechanism)

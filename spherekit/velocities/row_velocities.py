@@ -218,7 +218,8 @@ class RowVelocities:
     def _has_rates(self) -> bool:
         """Whether the velocity equations can be solved for the rates at any row.
 
-        If they are singular at all rows, no quantity is computed.
+        A row is one configuration. If the equations are singular at all rows, no quantity
+        is computed and there are no columns.
         """
         return bool(self._column_indices)
 
@@ -351,8 +352,10 @@ class RowVelocities:
     def _least_condition_numbers(self, rows: Indices) -> Floats:
         """Return the least condition numbers that any elimination order can give.
 
-        They are those of the exact inverse of the loop equations of the passive variables,
-        for rows (k,). At a singular configuration they are infinite, and no order helps.
+        An elimination order is the order in which variables are eliminated from the loop
+        equations. The least condition numbers (k,) are those of the exact inverse of the
+        equations of the passive variables (which no input sets), for k rows. At a singular
+        configuration they are infinite, and no order helps.
         """
         jacobians = self.motion.linearisation.jacobian[rows]
         passive_equations = jacobians[:, :, list(self.motion.passive_variables)]
@@ -576,8 +579,9 @@ class RowVelocities:
         def put_columns(name: str, key: Any, values: Floats) -> None:
             """Write the components of a quantity of a pole or link to the columns.
 
-            `values` (components, k) are given for all k rows. Only rows that have rates are
-            written. `_column_indices` has the column of each component.
+            `key` is the pole or the link. `values` (components, k) has all k rows. Only
+            rows that have rates are written. `_column_indices` has the column of each
+            component.
             """
             indices = self._column_indices[name][key]
             for index, column in zip(indices, values, strict=True):
@@ -628,7 +632,7 @@ class RowVelocities:
         }
 
     def _separation_of_axes(self, links: Pole) -> Floats:
-        """Return the angle (n,) by which a pole can differ from its exact direction.
+        """Return the angle (n,) in rad by which a pole can differ from its exact direction.
 
         The pole is the common axis of several pairs, whose rounded axes differ. It has the
         direction of the relative angular velocity v of its links. A change of v turns it by

@@ -111,7 +111,7 @@ def _acute_angle_of_components(sine: Expr, cosine: Expr) -> Expr:
 def _acute_angle_in_print(sine: Expr, cosine: Expr) -> Expr:
     """Return the printed formula of the angle in [0, pi/2] of the tangent |sine / cosine|.
 
-    The sine is a length, so it is not negative.
+    Both numbers may have a common factor. The sine is a length, so it is not negative.
     """
     # Printed expressions have no operation for an absolute value. The operation "norm"
     # prints the bars of a length, and the length of a number is its absolute value.

@@ -91,7 +91,7 @@ class Transmission:
         """Return the measure of an output while all inputs of a mechanism are locked.
 
         If there are two inputs and the output declares a direction, only the motion of this
-        direction counts.
+        direction counts, because two inputs cannot control the whole orientation.
         """
         driven = [mechanism.variables_of(pair)[0] for pair in driven_pairs(mechanism)]
         return Transmission(
@@ -117,7 +117,7 @@ class Transmission:
         return self.measure(linearisation.vectors, directions)
 
     def output_directions(self, rotations: Floats) -> Floats | None:
-        """Return the directions (n, 3) of the output; None if its whole orientation counts.
+        """Return the pointing direction (n, 3) of the output; None for a whole orientation.
 
         Parameters
         ----------

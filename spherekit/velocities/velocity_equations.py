@@ -34,7 +34,9 @@ from spherekit.velocities.pose_expressions import LinkOrientation, place_link
 
 @dataclass(frozen=True)
 class ClosingFrames:
-    """The frame of a pair that closes a loop, reached along both sides of the loop.
+    """The frame of a pair that closes a loop, computed along both sides of the loop.
+
+    The difference of both results shows by how much the loop is open.
 
     Attributes
     ----------
@@ -160,8 +162,8 @@ class VelocityEquations(ABC):
         """(3,) rotation vector (rad, to first order) by which each loop is open.
 
         A loop is closed by a pair, whose frame is reached along both sides of the loop: in
-        its second link, and from its first link by the rotation of the pair. By this pair,
-        the residual is the rotation from the latter frame to the former.
+        its second link, and from its first link by the rotation of the pair. The dictionary
+        has by this pair the rotation between both frames. It is zero if the loop is closed.
         """
         return {
             pair: rotation_between(frames.by_pair, frames.by_second_link)
@@ -172,8 +174,8 @@ class VelocityEquations(ABC):
     def closure_residual_square(self) -> Expr:
         """Sum of the squares of the angles by which loops are open, rad2.
 
-        An angle x counts as 2 sin(x / 2), which unlike the `closure_residuals` is not zero
-        for half a turn.
+        An angle x counts as 2 sin(x / 2). Even half a turn is then seen, for which the
+        `closure_residuals` would be zero.
         """
         differences = (
             (frames.by_second_link - frames.by_pair).ravel()
