@@ -3,7 +3,7 @@
 import math
 import shlex
 from argparse import ArgumentParser, Namespace
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -293,6 +293,28 @@ def _describe_evaluations(plan: Facts) -> str:
     return f"  {sentence}"
 
 
+def _size_table(sizes_by_table: Mapping[str, Facts]) -> ScreenTable:
+    """Return a table with the predicted sizes of the result tables of a run.
+
+    `sizes_by_table` has, for each name of a result table, the numbers of its rows and
+    columns, and of the bytes of its file in the formats CSV and Parquet.
+    """
+    columns = [ScreenColumn("table", "left")]
+    for heading in ("rows", "columns", "CSV", "Parquet"):
+        columns.append(ScreenColumn(heading, "right"))
+    rows = []
+    for name, table in sizes_by_table.items():
+        row = (
+            name,
+            str(table["rows"]),
+            str(table["columns"]),
+            size_text(table["csv_bytes"]),
+            size_text(table["parquet_bytes"]),
+        )
+        rows.append(row)
+    return ScreenTable(tuple(columns), tuple(rows))
+
+
 def _predicted_sizes(sizes: Facts, with_recording: bool) -> list[str | ScreenTable]:
     """Return the predicted sizes of a run as lines of text and a table.
 
@@ -324,22 +346,7 @@ def _predicted_sizes(sizes: Facts, with_recording: bool) -> list[str | ScreenTab
             f"velocity equations solved about {solves} times, once for each input"
         )
     if sizes["tables"]:
-        headings = ("table", "rows", "columns", "CSV", "Parquet")
-        columns = tuple(
-            ScreenColumn(heading, "left" if heading == "table" else "right")
-            for heading in headings
-        )
-        rows = tuple(
-            (
-                name,
-                str(table["rows"]),
-                str(table["columns"]),
-                size_text(table["csv_bytes"]),
-                size_text(table["parquet_bytes"]),
-            )
-            for name, table in sizes["tables"].items()
-        )
-        results.append(ScreenTable(columns, rows))
+        results.append(_size_table(sizes["tables"]))
     if recording := sizes.get("recording"):
         results.append(
             f"recording: {recording['entities']} entities, "

@@ -407,6 +407,7 @@ def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
     row_count = sum(len(entry["outputs"]) for entry in overview["modes"].values())
     if len(table.rows) == MAX_TABLE_ROWS and row_count > MAX_TABLE_ROWS:
         notes.append(f"Further rows are in summary.json: {row_count} modes and outputs.")
+    # The step between samples as a text, which is empty if the step is small.
     if step_text := PlaceText(overview).coarse_step_text:
         notes.append(
             f"Samples are {step_text} apart, so extremes and places of rest between "

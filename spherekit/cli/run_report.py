@@ -520,6 +520,7 @@ def _describe_events(event_count: int, events: Sequence[Any]) -> Lines:
         if is_small_stop:
             small_stop_count += 1
             continue
+        # The text may contain "{pair}", for the name of the pair of the event.
         text = EVENT_TEXTS.get(event["kind"], event["kind"])
         text = text.format(pair=event["pair"] or "the input")
         times_by_event.setdefault(text, []).append(number_text(event["t"], digits=4))
@@ -935,8 +936,9 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
     # The same run again, with all its options.
     same_run = shlex.join(["spherekit", *output.words]) if output.words else command
     outputs = summary["overview"]["outputs"] if summary["assembly_modes"] else []
+    is_simulation = "simulation" in summary
     steps = []
-    if "simulation" in summary:
+    if is_simulation:
         if output.folder is None:
             steps.append((f"{same_run} -o DIR --figures", "tables and figures over time"))
         if output.recording is None:
@@ -944,7 +946,7 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
     elif not summary["assembly_modes"]:
         # The analyses of this run needed no motion, so none was computed.
         steps.append((command, "motion: ranges of outputs and velocity ratios"))
-    if outputs and "singularities" not in names and "simulation" not in summary:
+    if outputs and "singularities" not in names and not is_simulation:
         # With several inputs, singular configurations form curves or surfaces.
         places = "exact places of singularities"
         if len(summary["inputs"]) > 1:
@@ -956,7 +958,7 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
     if summary["has_masses"] and not has_torques:
         name = "eksergian" if len(summary["inputs"]) == 1 else "dynamics"
         steps.append((f"{command} -a {name}", "driving torques"))
-    if output.folder is None and "simulation" not in summary:
+    if output.folder is None and not is_simulation:
         steps.append((f"{same_run} -o DIR --figures", "tables and figures of this run"))
     steps.append(
         (f"spherekit page {same_mechanism}", "a page on which the mechanism moves")

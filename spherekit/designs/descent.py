@@ -285,15 +285,16 @@ class Descent:
         """
         # Values of the design variables in the units of the mechanism file.
         values = self.file_values(x)
+        # The figures of merit, and their derivatives by the design variables.
         figure_values = self._figure_gradients.evaluate(values, mode)
         # The expressions are texts of the user, with angles in the unit of the file.
         # `figure_values` has them in rad, so they are divided by the unit (in rad).
         figures = figure_values.figures / self._figure_units
         # A coordinate of x goes from 0 to 1, and its variable over the width of its range.
         # So a derivative by x is that by the variable, times the width.
-        # (variables, variables) derivatives of the variables.
+        # Derivatives of the variables by x, (variables, variables).
         variable_slopes = np.diag(self._width)
-        # (figures, variables) derivatives of the figures.
+        # Derivatives of the figures, (figures, variables): by the variables, then by x.
         slopes_by_variables = figure_values.gradients
         figure_slopes = slopes_by_variables * self._width / self._figure_units[:, None]
         # NaN is replaced by 0. Otherwise 0 * NaN would spread to expressions that do not

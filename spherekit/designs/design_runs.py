@@ -450,9 +450,7 @@ class DesignRuns:
         # which an assembly mode has a number. So each row of this table gets the number,
         # too. A working mode has none.
         if self.tables:
-            merits[ASSEMBLY] = np.array(
-                [float(mode.label) if mode.column == ASSEMBLY else NAN for mode in modes]
-            )
+            merits[ASSEMBLY] = np.array([_assembly_number(mode) for mode in modes])
         return replace(rows, merits=merits)
 
     def _find_kernel_row(
@@ -624,6 +622,13 @@ def _has_overflow(values: Floats, rows: "pd.DataFrame") -> bool:
         return False
     overflows = rows["status"] == Status.OVERFLOW.name
     return bool(np.any(np.isnan(values) & overflows))
+
+
+def _assembly_number(mode: TableMode) -> float:
+    """Return the number of an assembly mode in a run, or NaN for another kind of mode."""
+    if mode.column != ASSEMBLY:
+        return NAN
+    return float(mode.label)
 
 
 def _label_beside_kernel(mode: TableMode) -> str:

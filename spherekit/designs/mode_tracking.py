@@ -356,6 +356,7 @@ class _SolutionTracker:
                 inputs=(start_inputs, end_inputs),
                 detour_ratio=detour_ratio,
             )
+            # Imaginary parts that are rounding errors become exactly 0.
             cleaned = _remove_imaginary_rounding(self.path_kernel, ends, sizes)
             solutions[:, columns] = cleaned.values
             # Solutions that are neither clearly real nor clearly complex make a design

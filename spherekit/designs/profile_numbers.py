@@ -517,7 +517,7 @@ def differentiate_profile(
         )
     # All other curves are Fourier series: the angle from the centre as a function of the
     # azimuth. Each argument is a value and its derivative.
-    centre = np.array(profile.centre), slopes[:3]
+    centre = (np.array(profile.centre), slopes[:3])
     # `round_axis` is the axis of a circle. Other curves have none.
     is_circle = profile.round_axis is not None
     if is_circle:

@@ -488,9 +488,10 @@ class Sweep:
         grashof_classes = self.evaluator.grashof_classes(row_designs)
         columns = {"design": numbers[design], **self._variable_columns(row_designs)}
         columns["mode"] = design_table.mode
-        # `mode` is a label with the same meaning in all designs, for example signs of
-        # dyads. If the user wants the tables of each run, too, they are in other files.
-        # Those name a mode by its number in the run. So the number is added here.
+        # `mode` is a label with the same meaning in all designs, for example the signs of
+        # dyads (groups of two links). If the user wants the tables of each run, too, they
+        # are in other files. Those name a mode by its number in the run. So the number is
+        # added here.
         if self.tables:
             columns[ASSEMBLY] = design_table.merits[ASSEMBLY]
         columns["status"] = design_table.status

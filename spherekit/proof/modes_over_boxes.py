@@ -267,15 +267,17 @@ class EquationSystem:
         -------
         (equations,) bounds of the errors of all coefficients and derivatives.
         """
-        # Each coefficient is a sum of rounded terms. `_bound_sum_rounding` estimates how
-        # large the terms are from the largest sum.
+        # Each coefficient is a sum of rounded terms. `_bound_sum_rounding` finds a bound of
+        # the terms, and so of their rounding errors, from the largest sum.
         rounding_errors = []
         for equation_coefficients, equation_derivatives in zip(
             coefficients, derivatives, strict=True
         ):
             sums = np.append(equation_coefficients, equation_derivatives)
             rounding_errors.append(_bound_sum_rounding(sums))
-        return self._bound_stored_errors() + rounding_errors
+        # (equations,) bounds of the errors of the stored Fourier sums.
+        stored_errors = self._bound_stored_errors()
+        return stored_errors + rounding_errors
 
     def _bound_stored_errors(self) -> Floats:
         """Return error bounds (equations,) of the stored sums and of their derivatives.

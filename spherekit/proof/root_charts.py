@@ -208,7 +208,8 @@ class ChartRoots:
     def first_derivatives(self, polynomials: Sequence[Complexes]) -> Complexes:
         """Return the first derivatives of polynomials by the stored z, at n points.
 
-        An unknown e^(i angle) is stored as z: the number itself, or its inverse.
+        `z` (n, k) has the k unknowns e^(i angle) at each point: either the number itself,
+        or its inverse.
 
         Parameters
         ----------
@@ -226,6 +227,7 @@ class ChartRoots:
         unknowns = range(self.z.shape[1])
         arrays = []
         for polynomial in polynomials:
+            # The derivative by each unknown u, (n, ...).
             gradient = [self._differentiate(polynomial, (u,)) for u in unknowns]
             arrays.append(np.stack(gradient, axis=1))
         return np.stack(arrays, axis=1)
@@ -233,7 +235,8 @@ class ChartRoots:
     def second_derivatives(self, polynomials: Sequence[Complexes]) -> Complexes:
         """Return the second derivatives of polynomials by the stored z, at n points.
 
-        An unknown e^(i angle) is stored as z: the number itself, or its inverse.
+        `z` (n, k) has the k unknowns e^(i angle) at each point: either the number itself,
+        or its inverse.
 
         Parameters
         ----------
@@ -253,6 +256,7 @@ class ChartRoots:
         for polynomial in polynomials:
             rows = []
             for first in unknowns:
+                # The derivatives by `first` and by each unknown u, (n, ...).
                 row = [self._differentiate(polynomial, (first, u)) for u in unknowns]
                 rows.append(np.stack(row, axis=1))
             arrays.append(np.stack(rows, axis=1))

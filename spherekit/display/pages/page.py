@@ -168,9 +168,7 @@ class PageMaker:
         if shown_patterns is None:
             shown_patterns = self._page_quantities.default_names(with_torques=True)
         shown_names = [
-            name
-            for name in row_formulas.results
-            if any(fnmatchcase(name, pattern) for pattern in shown_patterns)
+            name for name in row_formulas.results if _matches_any(name, shown_patterns)
         ]
         # The quantities that are needed to draw links, pairs (joints) and poles (axes of
         # the relative rotation of two links).
@@ -600,6 +598,11 @@ class PageMaker:
             kernels=kernels,
             scripts="\n".join(map(_read_part, SCRIPTS)),
         )
+
+
+def _matches_any(name: str, patterns: Iterable[str]) -> bool:
+    """Return whether a name matches one of several patterns, such as ``omega_*``."""
+    return any(fnmatchcase(name, pattern) for pattern in patterns)
 
 
 def _read_part(name: str) -> str:

@@ -98,6 +98,8 @@ def _mark_number(document: Document, text: str, path: KeyPath, mark: str) -> str
     start = sum(len(line) + len("\n") for line in lines_before)
     for match in islice(_TOML_NUMBER.finditer(text, start), _MAX_TRIED_NUMBERS):
         marked_text = text[: match.start()] + mark + text[match.end() :]
+        # A mark in another place may make the text invalid. The trial then raises an error,
+        # and the next number is tried.
         with suppress(FileError, KeyError, IndexError, TypeError, ValueError):
             if number_at(parse(marked_text, document.name), path) == float(mark):
                 return marked_text
