@@ -61,8 +61,9 @@ SINGULARITIES = Table(
         Column(
             "signs",
             "",
-            "one sign for each group of links in this configuration; 0 for a group "
-            "that is singular, * for a group that does not affect the output",
+            "one sign for each group of links, which tells the two assemblies of a dyad "
+            "apart; 0 for a group that is singular here, * for a group that does not "
+            "affect the output",
             "text",
         ),
         Column(

@@ -84,8 +84,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--at",
         metavar="ANGLE[,ANGLE...]",
         help=(
-            "prove which assembly modes exist at these values of the inputs, such as 40, "
-            f"0.7rad or 10,20,30 (default: over the range of the inputs); {UNIT_RULE}"
+            "prove which assembly modes exist at this value of the input, such as 40 or "
+            "0.7rad, or at one value of each input, such as 10,20,30 (default: over the "
+            f"range of the inputs); {UNIT_RULE}"
         ),
     )
     parser.add_argument(

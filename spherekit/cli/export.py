@@ -108,8 +108,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         choices=("end", "pass"),
         help=(
             "what an assembly mode does in source code where two curves of configurations "
-            "cross: end = it ends there, since the signs of its dyads must not change "
-            "(default); pass = it continues along its smooth curve"
+            "cross: end = the mode ends there (default); pass = it continues along its "
+            "smooth curve, on which a dyad changes its sign"
         ),
     )
     parser.add_argument(

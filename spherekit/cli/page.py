@@ -69,8 +69,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         choices=("end", "pass"),
         help=(
             "what an assembly mode does where two curves of configurations cross: end = "
-            "it ends there, since the signs of its dyads must not change (default); "
-            "pass = it continues along its smooth curve"
+            "the mode ends there (default); pass = it continues along its smooth curve, on "
+            "which a dyad changes its sign"
         ),
     )
 

@@ -134,8 +134,8 @@ def add_time_arguments(parser: ArgumentParser) -> None:
         choices=("end", "pass"),
         help=(
             "what an assembly mode does where two curves of configurations cross: end = "
-            "it ends there, since the signs of its dyads must not change, and a simulation "
-            "stops (default); pass = it continues along its smooth curve"
+            "the mode ends there, and so does a simulation (default); pass = it continues "
+            "along its smooth curve, on which a dyad changes its sign"
         ),
     )
     parser.add_argument(

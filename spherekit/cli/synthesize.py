@@ -47,7 +47,10 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="N",
         type=whole_number,
         default=16384,
-        help="number of designs that are evaluated first (default: 16384)",
+        help=(
+            "number of designs that are evaluated before the best ones are optimised "
+            "(default: 16384)"
+        ),
     )
     parser.add_argument(
         "--starts",
