@@ -45,9 +45,10 @@ class TensorChebyshev:
     low, high
         (m,) lower and upper corner of the box.
     splits
-        (splits, 4) inner nodes of the tree, the root first: axis of the split, its
-        position, and the links to the lower and the upper half. A positive link is the row
-        of another split. A link of -1 - k is cell k. A link of 0 leads outside the domain.
+        (splits, 4) halvings of cells, that of the whole box first. A row has the number of
+        the halved axis, the position of the cut, and the links to the lower and the upper
+        half. A positive link is the row of another halving. A link of -1 - k is the
+        finished cell k. A link of 0 leads outside the domain.
     bounds
         (cells, 2, m) lower and upper corner of each cell.
     coefficients
@@ -72,9 +73,8 @@ class TensorChebyshev:
     ) -> "TensorChebyshev":
         """Return the interpolant of F functions on a box.
 
-        A cell whose error is too large is halved. If this is not possible, because the cell
-        is narrow, there are too many cells, or no sample is finite, it is left out of the
-        domain.
+        A cell whose error is too large is halved. A cell is left out of the domain if it is
+        too narrow to be halved, if there are too many cells, or if no sample is finite.
 
         Parameters
         ----------
@@ -190,8 +190,9 @@ class TensorChebyshev:
     def _python_splits(self) -> list[tuple[int, float, int, int]]:
         """The rows of `splits` as Python numbers, which are faster to read one by one.
 
-        A row is a halving of a cell: the axis along which it is halved, the coordinate at
-        which it is halved, and the links to the lower and to the upper half.
+        A search for the cell of a position follows these rows. A row is a halving of a
+        cell: the axis and the coordinate at which it is cut, and the links to the lower and
+        the upper half.
         """
         return [
             (int(axis), middle, int(lower_link), int(upper_link))
@@ -225,10 +226,11 @@ class _PendingCell:
     link_index: int
 
     def set_link(self, link: int) -> None:
-        """Set the link that leads from the parent split to this cell.
+        """Set the link (a number) that leads from the halved larger cell to this cell.
 
-        The link is the number of a split if this cell is halved, -1 - k if it is the
-        finished cell k, and 0 if it is not part of the domain.
+        Cells form a binary tree of halvings ("splits"). The link is the number of a split
+        if this cell is halved, -1 - k if it is the finished cell k, and 0 if it is not part
+        of the domain.
         """
         self.parent_split[self.link_index] = link
 

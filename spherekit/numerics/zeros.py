@@ -132,8 +132,9 @@ def find_zeros(function: DifferentiableFunction, grid: Floats) -> Zeros:
 
     Returns
     -------
-    The zeros in rising order. Two zeros are reported as one double zero if the function
-    between them is smaller than `DOUBLE_ZERO_RATIO` times its largest value on the grid.
+    The zeros in rising order. Two close zeros count as one double zero if the function
+    between them is nearly 0: smaller than `DOUBLE_ZERO_RATIO` times its largest value on
+    the grid.
     """
     values, slopes = function(grid)
     tiny = np.finfo(float).tiny
@@ -328,17 +329,21 @@ class EndParabola:
     def has_double_zero(self, floor: float) -> bool:
         """Return whether the parabola only touches zero near the end.
 
-        Its value at the extremum differs from that at the end by slope^2 / (2 curvature).
-        If this difference is at most `floor`, both values count as zero.
+        A parabola approximates a function near the end of its range.
+
+        Its values at the extremum and at the end differ by slope^2 / (2 curvature). If this
+        difference is at most `floor` (values below it count as zero), both count as one
+        zero.
         """
         return bool(self.slope * self.slope <= 2.0 * floor * self.curvature)
 
     def max_distance_of_spurious_zeros(self, floor: float) -> float:
         """Return the distance from the end within which values can count as zero.
 
-        The parabola is c t^2 / 2 - s t at the distance t, with the curvature c and the
-        slope s. This is the case with the largest distance: the parabola first falls and
-        then rises. It rises to `floor` at t = (s + sqrt(s^2 + 2 floor c)) / c.
+        Zeros found at smaller distances may be caused by rounding. Values up to `floor`
+        count as zero. At the distance t the parabola is c t^2 / 2 - s t, with the curvature
+        c and the slope s. It falls first and then rises to `floor` at t = (s + sqrt(s^2 + 2
+        floor c)) / c.
         """
         root = np.sqrt(self.slope * self.slope + 2.0 * floor * self.curvature)
         # The smallest positive number avoids a division by 0 for a straight line.

@@ -121,14 +121,15 @@ class TurnBrackets:
 class DyadsWithClosingLink:
     """A pointing mechanism that consists of dyads and a closing link.
 
-    The output points in a direction and can turn about it. With direction and turn held,
-    all links are placed as dyads, except one with two pairs, the closing link. Its arc is
-    the equation for the turn.
+    The output link points in a direction and can turn about this direction. If direction
+    and turn are fixed, all links but one follow as dyads (two links each, closed by known
+    axes). The remaining link, the closing link, has two pairs (joints). The angle between
+    their axes must be the arc of the link, which is the equation for the turn.
 
     Attributes
     ----------
     chain
-        The dyads, which are joined to the base, to the output link or to dyads before them.
+        The dyads. Each is joined to the base, to the output link or to earlier dyads.
     assembly
         The groups of links of the mechanism without the closing link.
     link
@@ -282,10 +283,11 @@ class DyadsWithClosingLink:
         return first, second
 
     def residual(self, mode: WorkingMode) -> Floats:
-        """Return the residual f = p . q - cos(arc) (n,) of the closing link.
+        """Return the closure error f = p . q - cos(arc) (n,) of the closing link.
 
-        The axes p and q of its pairs are those that its neighbours carry. f is 0 where the
-        link closes, and NaN where a dyad does not reach.
+        The closing link has two pairs (joints), with the axes p and q. Its neighbours
+        determine these axes. f is 0 where the arc of the link fits between them, and NaN
+        where a dyad (two links) does not reach.
         """
         p, q = self._end_axes(mode)
         return dot_columns(p, q) - self.arc_cosine
@@ -293,7 +295,9 @@ class DyadsWithClosingLink:
     def residual_rate(self, mode: WorkingMode) -> RateFraction:
         """Return the rate of the residual f per unit angular velocity of the output.
 
-        f = p . q - cos(arc), with the axes p and q of the pairs of the closing link.
+        The closure error of the closing link is f = p . q - cos(arc), with the axes p and q
+        of its two pairs (joints). The rate is a fraction: a numerator (3, n), multiplied by
+        the angular velocity, and a denominator (n,).
         """
         p, q = self._end_axes(mode)
         # f' = (p x q) . (w_p - w_q) with the angular velocities of both neighbours. The
@@ -305,9 +309,11 @@ class DyadsWithClosingLink:
         return first_rate - second_rate
 
     def slope(self, mode: WorkingMode, directions: Floats) -> Floats:
-        """Return the derivative (n,) of the residual f by the turn about directions (3, n).
+        """Return the derivative (n,) of the closure error f by the turn of the output.
 
-        It is the rate of f if the output turns about its direction with the speed 1.
+        The turn is the rotation of the output link about its direction (3, n). The
+        derivative is the rate of f at the angular speed 1 about this direction. Newton's
+        method needs it.
         """
         rate = self.residual_rate(mode)
         return dot_columns(rate.numerator, directions) / rate.denominator
@@ -336,10 +342,11 @@ class DyadsWithClosingLink:
         """
 
         def newton_step(turns: Floats, rows: Indices) -> Floats:
-            """Return Newton's steps (k, 1) (rad) for the equation f = 0.
+            """Return Newton's steps (k, 1), rad, for the closure equation f = 0.
 
-            `turns` (k, 1) are the present turns (rad), and `rows` (k,) are the indices of
-            their directions in `directions`.
+            The turn is the unknown angle of the output link about its direction. `turns`
+            (k, 1) are the present values (rad). `rows` (k,) are the indices of their
+            directions.
             """
             row_directions = directions[:, rows]
             mode = self.place_dyads(row_directions, turns[:, 0], signs)
@@ -427,7 +434,7 @@ class DyadsWithClosingLink:
         return turn, np.abs(residual) < CLOSING_RESIDUAL
 
     def _bracket_roots(self, directions: Floats, signs: Signs) -> TurnBrackets:
-        """Return intervals of the turn in which the residual f changes its sign.
+        """Return intervals of the turn in which the closure error f changes its sign.
 
         The turn, the angle of the output link about its direction, is sampled in equal
         steps. A cell is the interval between two samples. Usually a root is seen by samples
@@ -471,10 +478,12 @@ class DyadsWithClosingLink:
         start_slope = np.where(has_extremum, slope[:-1], np.nan)[cell]
 
         def is_beyond(turns: Floats, which: Indices) -> Floats:
-            """Return -1.0 before the searched turn and 1.0 beyond it (k,).
+            """Return -1.0 before a special turn of the output and 1.0 beyond it (k,).
 
-            Beyond it a dyad is out of reach, or the slope of f has another sign than at the
-            start. `turns` (k,) belong to the cells with the positions `which` (k,).
+            The special turn is an extremum of the closure error f, or a limit of the reach,
+            and is found by bisection. Beyond it the slope of f has another sign than at the
+            start, or a dyad (two links) is out of reach. `turns` (k,) are turns in the
+            cells with the indices `which` (k,).
             """
             mode = self.place_dyads(cell_directions[:, which], turns, signs)
             slopes = self.slope(mode, cell_directions[:, which])
@@ -515,11 +524,11 @@ def find_closing_link(
 ) -> DyadsWithClosingLink | None:
     """Return the dyads and the closing link of a pointing output, None if it has none.
 
-    A closing link has two pairs. If it is taken out, and the output is held in a direction
-    and at a turn about it, the rest of the mechanism consists of dyads that can be placed
-    one after another. The arc of the closing link then determines the turn. Every link is
-    tried. If several links fit, the choice is the link for which the fewest outer pairs of
-    dyads join a dyad to another dyad.
+    A closing link has two pairs (joints). Suppose it is removed, and the output is fixed in
+    a direction and at a turn about it. The other links must then be dyads (two links each)
+    that can be placed one after another. The arc of the closing link determines the turn.
+    Every link is tried. If several links fit, that with the fewest joints between dyads is
+    chosen.
 
     Parameters
     ----------
@@ -618,9 +627,9 @@ def _count_dependences(candidate: DyadsWithClosingLink) -> int:
 def _axes_around(directions: Floats) -> tuple[Floats, Floats]:
     """Return unit vectors x and y (3, n) that form right-handed frames with z (3, n).
 
-    Here z are directions at which the output points. The turn of the output link about z is
-    counted from x: it is the angle from x to a fixed axis of the output link, the first row
-    of `DyadsWithClosingLink.pointer_frame`. x can be any perpendicular of z, but equal
+    The output points in the directions z. Its turn about z is counted from x: the angle
+    from x to a fixed axis of the output link, the first row of
+    `DyadsWithClosingLink.pointer_frame`. Any x at right angles would do, but equal
     directions z must have the same x.
     """
     x_axis = perpendicular(directions.T).T

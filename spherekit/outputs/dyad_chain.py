@@ -45,10 +45,9 @@ class ChainDyad:
     near_support, far_support
         Numbers of the links that the outer pairs connect the dyad to.
     positive_mode_side
-        1 or -1. A mode chooses the side of the plane through the outer axes on which the
-        middle axis is. This is the side for a dyad with the sign 1 in the mode. With the
-        sign -1, the middle axis is on the other side. Side 1 means that b . (a x c) is
-        positive, with the axes a, b and c of the near, middle and far pair.
+        1 or -1. The middle axis b can lie on two sides of the plane through the outer axes
+        a (near) and c (far). Side 1 means that b . (a x c) is positive. This attribute is
+        the side if the mode has the sign 1 for this dyad.
     arcs
         Angles (rad) between the axes of the near link and between those of the far link.
     """
@@ -80,8 +79,9 @@ class ChainDyad:
     def longest(self) -> float:
         """The largest angle (rad) between the outer axes at which the dyad closes.
 
-        The dyad is stretched at this angle. If the arcs exceed pi together, the outer axes
-        come nearer to each other again on the other side of the sphere.
+        A dyad is two links; its outer axes are those at both ends. At this angle both links
+        lie on one great circle, stretched. If the arcs of the links exceed pi together, the
+        outer axes approach each other again on the other side of the sphere.
         """
         return min(sum(self.arcs), 2.0 * np.pi - sum(self.arcs))
 
@@ -147,10 +147,11 @@ class DyadChain:
     dyad_of_link, dyad_of_pair
         Numbers of the dyads to which links and pairs belong.
     sign_dependencies
-        For each quantity, the numbers of the dyads whose signs it depends on. The sign of a
-        dyad says which of its two possible positions it has. A quantity is the name of a
-        method of `spherekit.outputs.working_mode.WorkingMode`, with its arguments. It is
-        entered when it is computed for the first time.
+        For each quantity, the numbers of the dyads that it depends on by their signs. The
+        sign of a dyad says which of its two possible positions it has. A quantity is the
+        name of a method of `spherekit.outputs.working_mode.WorkingMode`, with its
+        arguments. The entry is written when the quantity is first computed. Modes with
+        equal signs of these dyads share the result.
     """
 
     def __init__(
@@ -218,10 +219,11 @@ class DyadChain:
 
     @staticmethod
     def can_place(assembly: Assembly, base: int) -> bool:
-        """Return whether all groups are dyads that can be placed from the base.
+        """Return whether all groups of links are dyads that can be placed from the base.
 
-        Body 0 of each group, to which the group is joined, must contain the base. The two
-        other bodies must be single links.
+        A dyad is two links, joined to placed links by outer pairs. Body 0 of a group has
+        the links placed before and must contain the base. The two other bodies must be
+        single links.
         """
         return all(
             group.is_dyad
@@ -395,6 +397,8 @@ class InputRates:
     @property
     def type_1(self) -> Floats:
         """(n, inputs) distance of each input from a singularity of type I.
+
+        There are n poses of the output.
 
         It is the least angular speed that the output can have while this input has the rate
         1 and the others have any rates. At the singularity it is 0: the input can move

@@ -37,12 +37,13 @@ of the chosen inputs need not be the smallest.
 
 
 class DyadKinematics(ClosedKinematics):
-    """An output whose mechanism consists of dyads when it is held.
+    """An output of a mechanism that consists of dyads while the output is fixed.
 
     Parameters
     ----------
     kinematics
-        Inverse kinematics of the output, with a closed form.
+        Inverse kinematics of the output in closed form. A dyad is two links that two known
+        axes determine up to a sign.
     """
 
     solved_by = "dyads"
@@ -163,10 +164,11 @@ class EntryAngle:
 class GearedKinematics(ClosedKinematics):
     """An output of a mechanism in which wheels drive the links that carry the output.
 
-    The inverse kinematics has two steps. The mechanism without wheels, which consists of
-    dyads if the output is held, gives the angles of all its pairs. Some of these pairs, the
-    entry pairs, are driven by the wheels or are inputs themselves. Their angles are linear
-    functions of the inputs, so the inputs follow from them.
+    The inverse kinematics has two steps. First the wheels are left out. The other links
+    consist of dyads (two links each) if the output is fixed, which gives the angles of all
+    their pairs (joints). Some of these pairs, the entry pairs, are driven by wheels or are
+    inputs themselves. Their angles are linear functions of the inputs, so the inputs follow
+    from them.
 
     Parameters
     ----------
@@ -283,8 +285,8 @@ class _GearedMode:
     def cosine(self, first_pair: int, second_pair: int) -> Floats:
         """Return the cosine (n,) of the angle between the axes of two pairs.
 
-        The numbers of the pairs are those in the mechanism without its wheels, which is
-        another mechanism with fewer pairs (`GearedKinematics.carrying`).
+        The pairs (joints) are numbered as in the mechanism without its wheels
+        (`GearedKinematics.carrying`), which has fewer pairs.
         """
         return self.wheelless_mode.cosine(first_pair, second_pair)
 
@@ -346,9 +348,9 @@ class _GearedMode:
     def rates(self) -> Floats:
         """(n, inputs, 3) rates of the inputs per unit angular velocity of the output.
 
-        Entry pairs are the pairs of the mechanism without wheels that are inputs, or that
-        inputs drive through the wheels. Their rates are multiplied by the derivatives of
-        the inputs by the angles of the entry pairs.
+        Entry pairs are the joints through which inputs act on the mechanism without wheels.
+        The rates of the entry pairs are multiplied by the derivatives of the inputs by
+        their angles.
         """
         return self.kinematics.inverse_ratios @ self.wheelless_mode.rates
 
@@ -366,8 +368,8 @@ class _GearedMode:
         """(n, inputs) squares of `type_1`, continued out of reach.
 
         The border of a workspace, at which the square is zero, is searched from both sides.
-        Out of reach, where `type_1` is NaN, the result is therefore negative, or 0 if the
-        excess is unknown.
+        A pose out of reach has no `type_1`. The square is continued there with negative
+        values, or with 0 if the distance from the reach is unknown.
         """
         square = self.type_1**2
         is_out_of_reach = np.isnan(square)

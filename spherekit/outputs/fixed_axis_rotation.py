@@ -158,7 +158,8 @@ class FollowedRotation(RotationPath):
     exact
         Whether the output link turns exactly about the axis, up to the angle `reached`.
     nodes
-        The configurations that were tracked step by step, in the order of theta.
+        The configurations computed during tracking, in the order of the angle theta of
+        rotation.
     end
         Status beyond `reached`: OUT_OF_REACH if the output link cannot turn further,
         AT_SINGULARITY if the loops stop determining the links, MODE_LOST otherwise.
@@ -217,7 +218,8 @@ class FollowedRotation(RotationPath):
     def _measure_transmission(self, theta: Floats) -> Floats:
         """Return the transmission measure (n,) at angles (n,) rad up to `reached`.
 
-        It is 0 where the output can move although the inputs are locked (type II).
+        The measure tells how surely the locked inputs hold the output link. It is 0 where
+        the output can move although the inputs are locked (type II singularity).
         """
         guess, _ = self.nodes.interpolate(theta)
         deviation, _ = self.find_nearest(theta, guess)
@@ -228,9 +230,10 @@ class FollowedRotation(RotationPath):
     def at(self, theta: ArrayLike) -> RotationSamples:
         """Return samples of the rotation at some angles.
 
-        The configurations are interpolated between the nodes of the tracked path and
-        corrected by Newton's method. If the correction is too large for the distance of the
-        nodes, the sample may be in another assembly mode, and its status is MODE_LOST.
+        The configurations are interpolated between computed configurations (nodes) of the
+        tracked path, and corrected by Newton's method. A correction that is large compared
+        with the distance of the nodes may lead to another assembly mode. The sample then
+        has the status MODE_LOST.
 
         Parameters
         ----------
@@ -477,9 +480,9 @@ def follow_rotation(
     output
         Name of the output; may be left out if there is one.
     lead
-        If this angle (in `angle_unit`) is above 0, the given configuration belongs to
-        theta = -lead and not to theta = 0. A path cannot begin at a singular configuration,
-        where the loops do not determine the links, but it can pass through one.
+        If this angle (in `angle_unit`) is above 0, the given configuration lies before the
+        rotation, at theta = -lead. A path can pass through a singular configuration (the
+        loops do not determine the links there) but cannot begin at one.
     angle_unit
         Unit of `angle` and `lead`, ``"rad"`` or ``"deg"``. The result is in rad.
 
@@ -609,8 +612,8 @@ def _close_start(
 ) -> TargetDeviation:
     """Return the configuration from which a rotation starts, closed to rounding.
 
-    The loops are closed by Newton's method, so that the output link keeps its orientation
-    as far as possible. The result has one row.
+    The given variables may be rounded. Newton's method closes the loops again, and the
+    output link keeps its orientation if possible. The result has one configuration.
 
     Parameters
     ----------

@@ -89,9 +89,10 @@ def output_orientations(mechanism: Mechanism, output: Output, rotations: Floats)
 
 
 def output_directions(output: Output, orientations: Floats) -> Floats | None:
-    """Return the directions (..., 3) at which an output of orientations (..., 3, 3) points.
+    """Return the directions (..., 3) in which an output points, from its orientations.
 
-    None if the output declares no direction.
+    The orientations are rotation matrices (..., 3, 3) from axes of the output link. None is
+    returned if the output has no direction.
     """
     if output.direction is None:
         return None
@@ -106,8 +107,8 @@ def find_configurations(
 ) -> PoseSolutions:
     """Return every configuration of a mechanism at some inputs, row by row.
 
-    The function also serves for inverse kinematics. Virtual links are then added that hold
-    the output, and the inputs of this held mechanism are the coordinates of the pose.
+    The function also serves for inverse kinematics. Extra "virtual" links then fix the
+    output in a pose. The coordinates of the pose are the inputs of this extended mechanism.
 
     Parameters
     ----------
@@ -118,8 +119,9 @@ def find_configurations(
     inputs
         (n, inputs) inputs of `solver` (rad). Rows that are not finite are left out.
     released
-        If `solver` holds the output, the solver of the mechanism itself. Its variables are
-        the first ones of `solver`, and only they and its inputs are returned.
+        If `solver` belongs to the mechanism with a fixed output, the solver of the
+        mechanism itself. Its variables are the first ones of `solver`. Only these and its
+        inputs are returned.
 
     Returns
     -------
@@ -290,7 +292,8 @@ class ForwardKinematics:
     def _evaluate(self, q: Floats, modes: Sequence[tuple[int, ...]]) -> DyadConfigurations:
         """Return the configurations at inputs (n, inputs) rad in some modes of dyads.
 
-        Each mode is the signs of the dyads.
+        A dyad is two links that can be assembled in two ways; its sign is one of these
+        ways. A mode consists of the signs of all dyads.
         """
         results = [
             self.solver.evaluate(AssemblyMode(number=0, signs=signs), q) for signs in modes

@@ -127,10 +127,11 @@ class Inverse:
 
     @cached_property
     def type_2(self) -> Floats:
-        """(m, n) transmission measure of the inputs, 0 at a type II singularity.
+        """(m, n) transmission measure of m modes at n poses, 0 at a type II singularity.
 
-        See `spherekit.velocities.transmission_measure`. It is computed when it is first
-        read, which takes several times as long as all other results.
+        At such a singularity the output can move although the inputs are locked. See
+        `spherekit.velocities.transmission_measure`. The measure is computed when it is
+        first read, since this takes several times as long as all other results.
         """
         return self.measure()
 
@@ -171,7 +172,7 @@ class Inverse:
 
 
 class InverseKinematics:
-    """The inverse kinematics of one declared output.
+    """The inverse kinematics of an output: the inputs at given poses of the output link.
 
     Parameters
     ----------
@@ -279,10 +280,10 @@ class InverseKinematics:
 
     @property
     def legs(self) -> Names:
-        """The groups of links in solving order, as text: the kind and names of the pairs.
+        """The groups of links that are solved together, as text: the kind and its pairs.
 
-        A bar, the closing link whose arc determines the turn of a pointing output about its
-        direction, comes last.
+        The groups are in solving order. A pointing output can turn about its direction. If
+        the arc of a link determines this turn, this link (the bar) comes last.
         """
         parts = [(group.kind, group.pairs) for group in self._assembly.groups]
         if self._closing_link is not None:
@@ -294,12 +295,13 @@ class InverseKinematics:
 
     @property
     def modes(self) -> tuple[Signs, ...]:
-        """The signs of all working modes, in the order of `legs`.
+        """The signs of all working modes (ways to assemble the links at a pose).
 
-        A dyad has the sign 1 or -1 for its two positions; a group without a closed form has
-        the sign 0. A bar, the closing link whose arc determines the turn of the output
-        about its direction, has the sign of the derivative of the cosine between its axes
-        by this turn. A direction may have several solutions with the same sign.
+        The order of the signs is that of `legs`. A dyad (two links) has the sign 1 or -1
+        for its two positions; a group without a closed form has the sign 0. A bar is a link
+        with an arc that determines the turn of the output about its direction. Its sign is
+        that of the derivative of the cosine between its axes by the turn. A direction may
+        have several solutions with the same sign.
         """
         choices = [(1, -1) if group.is_dyad else (0,) for group in self._assembly.groups]
         if self._closing_link is not None:
@@ -329,9 +331,9 @@ class InverseKinematics:
             input is at right angles to all angular velocities of the output that are
             possible with this input locked.
         near
-            (n, 3, 3) orientations of the output link. Newton's method starts from their
-            turns about the direction of the output. They are needed only if the arc of a
-            closing link (bar) determines this turn.
+            (n, 3, 3) orientations of the output link from which Newton's method starts.
+            They are needed only if a closing link (bar) determines the turn of the output
+            about its direction.
 
         Raises
         ------
@@ -454,11 +456,11 @@ class InverseKinematics:
     ) -> Iterator[WorkingMode]:
         """Yield the links in each working mode at some poses.
 
-        An orientation places the output link. A direction of a pointing output leaves its
-        turn about this direction open. There are two cases. Either all other links are
-        dyads that can be placed from the pose alone. Or a closing link joins two of the
-        dyads. The arc of this link determines the turn: an equation that Newton's method
-        solves.
+        An orientation places the output link. A direction of a pointing output leaves the
+        turn about this direction open. Two kinds of mechanisms are solved. In the first,
+        all other links are dyads (two links each) that follow from the pose alone. In the
+        second, a closing link joins two of the dyads. The arc of this link gives an
+        equation for the turn, which Newton's method solves.
 
         Results that the modes share are computed once.
 
@@ -613,8 +615,9 @@ class InverseKinematics:
     ) -> PoseSolutions:
         """Return the configurations of all working modes at directions.
 
-        The output link can turn about its direction. Its turn is searched so that the arc
-        of the closing link fits between the links that are placed as dyads.
+        The output link can turn about its direction. The turn is searched at which the arc
+        of the closing link (a link with two joints) fits between its neighbours. Dyads (two
+        links each) place all other links.
 
         Parameters
         ----------
@@ -625,7 +628,8 @@ class InverseKinematics:
 
         Returns
         -------
-        The configurations in the order of the directions. They are not known to be all.
+        The configurations in the order of the directions. Some configurations may be
+        missing.
         """
         ends = self.own.ends
         link_count = len(self.own.links)

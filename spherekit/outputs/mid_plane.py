@@ -199,9 +199,10 @@ class MidPlane:
             )
 
     def readings(self, elbows: Floats) -> Floats:
-        """Return the variables (n, legs) rad of the pairs at the base.
+        """Return the variables (n, legs), rad, of the pairs (joints) at the base.
 
-        Each follows from the azimuth of the elbow about the base axis of its leg.
+        The elbow is the middle axis of a leg of two links. The variable follows from the
+        azimuth of the elbow about the base axis of the leg.
 
         Parameters
         ----------
@@ -238,9 +239,11 @@ class MidPlane:
         return upward(normals)
 
     def _driven_elbows(self, inputs: Floats) -> Floats:
-        """Return the elbows (n, 2, 3) of the driven legs at input values (n, 2) rad.
+        """Return the elbows (n, 2, 3) of both driven legs at input values (n, 2), rad.
 
-        An elbow is at the angle `arcs` from its base axis, at the azimuth of the input.
+        An elbow is the unit vector of the axis between the two links of a leg. It is at the
+        angle `arcs` from the base axis of the leg, at the azimuth that follows from the
+        input.
         """
         azimuth = self.senses[self.driven] * inputs + self.phases[self.driven]
         x_axis, y_axis, z_axis = np.moveaxis(self.dials[self.driven], -1, 0)
@@ -251,7 +254,9 @@ class MidPlane:
     def modes(self, inputs: Floats) -> Floats:
         """Return the signs (n, 2) of the driven legs at input values (n, 2) rad.
 
-        The sign is that of n . (base axis x elbow), with the normal n of the mid-plane.
+        A leg has two links; its elbow is the axis between them. The mid-plane contains all
+        elbows and has the normal n. The sign of a leg is that of n . (base axis x elbow).
+        It tells which of two possible elbows the leg has.
         """
         products = cross(self.axes[self.driven], self._driven_elbows(inputs))
         return np.sign(np.vecdot(self.normals(inputs)[:, None], products))

@@ -133,7 +133,7 @@ class MidPlaneArchitecture:
     legs
         Numbers of the three pairs of each leg: at the base, elbow, and end effector.
     along
-        For each pair the direction of its axis: the axis of a leg or the normal n.
+        For each pair (joint) what its axis is: an axis of a leg or the normal n.
     output
         The output whose link is the end effector.
     """
@@ -175,8 +175,8 @@ class MidPlaneArchitecture:
     def home(self) -> Floats:
         """(3,) direction m in mirror axes whose mirror image is the output's direction.
 
-        If the mid-plane has the normal n, the output points at mirror(n) m. The output has
-        to declare a direction.
+        The mid-plane mirrors the base to the end effector. If it has the normal n, the
+        output points at mirror(n) m. Only an output with a declared direction has m.
         """
         return self.image @ np.array(self.output.direction)
 

@@ -147,7 +147,7 @@ class _MidPlaneCurveSearch:
     Attributes
     ----------
     report
-        Describes singular configurations of this type.
+        Object that describes the singular configurations of this type.
     locus
         The equations of this type.
     passive
@@ -221,12 +221,12 @@ class _MidPlaneCurveSearch:
     def _limit_circle_centres(self, leg: int) -> tuple[Floats, Floats]:
         """Return the centres (3,) of the circles on which a leg is at its limit.
 
-        The circles consist of unit normals n of the mid-plane. The elbow of the leg is in
-        this plane, at the angle a (the arc of the link) from the base axis b of the leg. At
-        the limit of the reach, a or pi - a is the angle between b and the plane, and so
-        ``|n . b| = sin a``. These are two circles, with the centres b and -b. The search
-        uses one normal for each plane, those of a hemisphere. It can have parts of both
-        circles.
+        The circles consist of unit normals n of the mid-plane. The elbow of the leg (axis
+        between its two links) is in this plane, at the angle a (arc of the link) from the
+        base axis b of the leg. At the limit of the reach, ``|n . b| = sin a``. This gives
+        two circles, with the centres b and -b. The normals n and -n belong to the same
+        plane, so only a hemisphere of normals is searched. The hemisphere can contain parts
+        of both circles.
         """
         axis = self.form.plane.axes[leg]
         return axis, -axis

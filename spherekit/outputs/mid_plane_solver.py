@@ -46,11 +46,11 @@ class InputMidPlanes:
 class MidPlaneKinematics(ClosedKinematics):
     """A pointing output of a mechanism in its mid-plane symmetric architecture.
 
-    Base and output link mirror each other in the mid-plane, so the direction p of the
-    output is the mirror image of a constant direction m of the base, the home direction.
-    The normal n of the mid-plane points from m to p. The mode of a leg is the sign of
-    n . (base axis x elbow), where the elbow is the axis between its two links. If p is m
-    itself, every plane through m is possible, and nothing is determined.
+    Base and output link mirror each other in the mid-plane. The direction p of the output
+    is therefore the mirror image of a constant direction m of the base, the home direction.
+    The normal n of the mid-plane points from m to p. A leg has two links, and its elbow is
+    the axis between them. The mode of a leg is the sign of n . (base axis x elbow). If p
+    equals m, every plane through m is possible, so the pose does not determine the links.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ class _MidPlaneMode:
     directions
         (n, 3) directions of the output in mirror axes.
     signs
-        The sign of each leg.
+        The sign of each leg, 1 or -1, for its two possible positions.
     """
 
     def __init__(
@@ -296,9 +296,10 @@ class _MidPlaneMode:
 
     @cached_property
     def _elbows(self) -> tuple[Floats, Floats]:
-        """Elbows (n, legs, 3), and n . (base axis x elbow) (n, legs).
+        """Elbows (n, legs, 3), and the products n . (base axis x elbow) (n, legs).
 
-        An elbow is the axis between the two links of a leg, as a unit vector, and n is the
-        normal of the mid-plane.
+        An elbow is the axis between the two links of a leg, as a unit vector. n is the
+        normal of the mid-plane, in which all elbows lie. The product is 0 where the leg is
+        at the limit of its reach.
         """
         return self.form.plane.elbows(self.normals, self.signs)

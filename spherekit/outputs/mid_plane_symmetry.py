@@ -227,10 +227,10 @@ def _find_elbow_carriers(
     """Return the kind of every pair axis, and the links that hold the elbows in a plane.
 
     A leg has an axis at the base, one at the end effector (tip), and the elbow between its
-    two links. Every other pair belongs to a carrier: a link that is neither part of a leg
-    nor base nor end effector. The axis of such a pair is an elbow axis if the pair hinges
-    the carrier to a leg, otherwise the normal of the mid-plane, about which all carriers
-    turn. Here this is assumed; the proof of the architecture shows whether it is true.
+    two links. Every other pair (joint) belongs to a carrier, a link outside of legs, base
+    and end effector. A pair between a carrier and a leg is assumed to be on the axis of the
+    elbow. All other pairs of carriers are assumed to be on the normal of the mid-plane. A
+    later proof shows whether these assumptions are true.
 
     Parameters
     ----------
@@ -299,7 +299,7 @@ def _make_architecture(
     legs: Mapping[Leg, LegLinks],
     pair_axes: Mapping[int, PairAxis],
 ) -> MidPlaneArchitecture:
-    """Return the architecture of a mechanism whose structure is known, without proof.
+    """Return the mid-plane architecture from its legs and pair axes, without a proof.
 
     Parameters
     ----------
@@ -310,7 +310,8 @@ def _make_architecture(
     legs
         The legs with their links.
     pair_axes
-        What the axis of each pair is.
+        What the axis of each pair (joint) is: an axis of a leg or the normal of the
+        mid-plane.
 
     Raises
     ------

@@ -151,8 +151,9 @@ class NormalCoordinates:
     def angle_per_arc(self) -> float:
         """Angle between two poses divided by the arc between their points on the sphere.
 
-        It is 1 for directions. It is 2 for orientations, because two unit quaternions at an
-        arc s differ by a rotation through 2 s.
+        Poses are directions, or orientations as unit quaternions. The ratio is 1 for
+        directions. It is 2 for orientations, because two unit quaternions at an arc s
+        differ by a rotation through 2 s.
         """
         return 2.0 if self.dimension == 3 else 1.0
 
@@ -165,7 +166,9 @@ class NormalCoordinates:
     def coordinates(self, poses: Floats) -> Floats:
         """Return the coordinates v (n, d) (rad) of points (n, d + 1) of the sphere.
 
-        |v| is the arc from the centre. For quaternions it is at most pi / 2.
+        The points are poses: directions (d = 2) or unit quaternions (d = 3). |v| is the arc
+        from the centre of the coordinates, and v shows the direction in which the point
+        lies. For quaternions |v| is at most pi / 2.
         """
         cosine = poses @ self.centre
         # A quaternion and its negative are one orientation. The nearer one is taken.
@@ -183,12 +186,12 @@ class NearestPoseSearch:
     Attributes
     ----------
     margins
-        Function that returns the margins of poses: one for each limit of the mechanism,
-        negative beyond the limit. It is smooth across the border of the workspace, if it
-        has a value beyond the border.
+        Function that returns margins of poses, one for each limit of the mechanism. A
+        margin is negative beyond the limit. Margins guide the search. They are smooth
+        across the border of the workspace, or NaN outside.
     is_inside
         Function that takes poses (n, 3 or 4) and returns which are reachable (n,). It is
-        the exact test of the result, whereas `margins` guides the search.
+        the exact test that the result must pass.
     """
 
     margins: Margins
@@ -415,7 +418,7 @@ class NearestPoseSearch:
         return centre[:, 0], np.swapaxes(np.nan_to_num(gradients), 1, 2)
 
     def _evaluate_margins(self, chart: NormalCoordinates, v: Floats) -> Floats:
-        """Return the margins (k, m, bounds) at coordinates v (k, m, d).
+        """Return the margins (k, m, limits) of poses with the coordinates v (k, m, d).
 
         A margin is how much is left to one limit of the mechanism, negative beyond it.
         """

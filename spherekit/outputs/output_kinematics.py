@@ -60,8 +60,8 @@ class InverseRows(ArrayRows):
     pose
         (k,) number of the pose, ascending.
     mode
-        (k,) label of the working mode, such as ``+-``, with ``~`` for each group of links
-        that has no sign; empty for a pose without a configuration.
+        (k,) label of the working mode (way to assemble the legs), such as ``+-``. A group
+        of links without a sign has ``~``. Empty for a pose without a configuration.
     inputs
         (k, inputs) rad in (-pi, pi].
     status
@@ -250,7 +250,7 @@ class OutputKinematics:
         return self._forward.solutions(inputs)
 
     def turns(self, values: Floats) -> Floats:
-        """Return the output's angular velocity (n, 3, inputs) per unit rate of each input.
+        """Return the output's angular velocity (n, 3, inputs) per unit rate of an input.
 
         One input moves while the others are locked. The result is in the axes of the link
         that the output is seen from; NaN where the inputs do not determine the motion.
@@ -290,10 +290,10 @@ class ClosedKinematics(OutputKinematics, ABC):
 
     @property
     def carrying(self) -> Mechanism:
-        """The part of the mechanism that carries the output, without driving wheels.
+        """The mechanism without the wheels that drive it.
 
-        The pairs in `spans` have their numbers in this mechanism. Without wheels it is the
-        whole mechanism.
+        Pose calculations need only these links. The pairs (joints) in `spans` have their
+        numbers in this mechanism. If no wheels drive the output, it is the whole mechanism.
         """
         return self.mechanism
 

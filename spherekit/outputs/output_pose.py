@@ -476,10 +476,10 @@ class PoseFinder:
             The pose at the end.
         mode
             The configuration to choose at the end: its signs such as ``+-+``, or its
-            number. If it is empty, the nearest configuration in the mode of the start is
-            chosen. A mode is the signs of the dyads, pairs of links that can be placed in
-            two ways. If no configuration has this mode, the nearest of all is chosen.
-            `EndOrientation.has_start_mode` distinguishes both cases.
+            number. A mode is the signs of the dyads (two links each, with two possible
+            positions). If `mode` is empty, the nearest configuration in the mode of the
+            start is chosen, or the nearest of all if this mode does not exist.
+            `EndOrientation.has_start_mode` tells which case applies.
 
         Raises
         ------
@@ -716,8 +716,9 @@ def _rotate_to_mirror_image(
 def _list_modes(architecture: MidPlaneArchitecture) -> list[Floats]:
     """Return the signs (legs,) of all modes of a mid-plane architecture.
 
-    The modes of the driven legs are in the order of `MidPlane.solutions`: first those with
-    the sign -1 of the first leg, and among them those with the sign 1 of the second one.
+    A mode has a sign for each leg, 1.0 or -1.0, for its two possible positions. The order
+    is that of `MidPlane.solutions`: first the modes in which the first driven leg has -1,
+    and among these first those in which the second driven leg has 1.
     """
     first, second = architecture.plane.driven
     modes = [

@@ -31,18 +31,17 @@ class ModeAtPoses(Protocol):
     type I an input moves while the output rests; at one of type II the output can move
     although the inputs are locked.
 
-    Quantities are NaN at poses at which they are not determined. Two of them are also
-    determined at poses that a leg cannot reach: see `cosine` and `type_1_square`. The
-    border of a workspace is the limit of this reach, and its search needs values on both
-    sides.
+    Quantities are NaN at poses at which they are not determined. The limit of the reach is
+    the border of the workspace, and its search needs values on both sides. Therefore
+    `cosine` and `type_1_square` have values also beyond the reach.
     """
 
     def cosine(self, first_pair: int, second_pair: int) -> Floats:
         """Return the cosine (n,) of the angle between the axes of two pairs.
 
-        The cosine between the first and the last axis of a leg is also known where the leg
-        is too short or too long for the pose. The pairs are numbered as in the mechanism
-        without wheels.
+        The reach of a leg limits the angle between its first and last axis. This cosine is
+        therefore also known where the leg is too short or too long for the pose. The pairs
+        (joints) are numbered as in the mechanism without wheels.
         """
 
     def angle(self, pair: int) -> Floats:
@@ -85,9 +84,9 @@ class ModeAtPoses(Protocol):
         """(n, inputs, 3) rates of the inputs per unit angular velocity of the output.
 
         The components are along the axes of the link relative to which the pose is given.
-        The rate of an input is the scalar product of its three numbers and the angular
-        velocity. If the output is a direction, only the angular velocity at right angles to
-        it counts.
+        The rate of an input is the scalar product of its vector (3,) and the angular
+        velocity. If the output is a direction, a rotation about this direction does not
+        count.
         """
 
 
@@ -148,9 +147,9 @@ class AngleLimit:
     def column(self, rows: ModeAtPoses) -> Floats:
         """Return the margin (n,) as a difference of cosines, negative beyond the limit.
 
-        The border of a workspace is computed from it. Unlike the angle it is a smooth
-        function of the pose, also at the angles 0 and pi. It is one column of a table of
-        margins, which has a column for each limit.
+        The border of a workspace is where the margin is 0. Unlike a difference of angles, a
+        difference of cosines is a smooth function of the pose, also at the angles 0 and pi.
+        Each limit gives one column of a table of margins.
         """
         # The cosine falls as the angle grows. So this difference is positive if the angle
         # is larger than the limit.
@@ -217,9 +216,10 @@ class LimitedOutput(Protocol):
 
     @property
     def carrying(self) -> Mechanism:
-        """The mechanism without wheels, in which the pairs in `spans` have their numbers.
+        """The mechanism without the wheels that drive it.
 
-        The wheels are left out because the legs can be placed at a pose without them.
+        The legs can be placed at a pose without the wheels. The pairs (joints) in `spans`
+        have their numbers in this mechanism.
         """
 
     @property
@@ -229,8 +229,8 @@ class LimitedOutput(Protocol):
     def name_of(self, pair: int) -> str:
         """Return the name of a pair.
 
-        A pair number may be that of a virtual pair, which is added to the mechanism in
-        order to hold the output in a pose. Its name is then that of the output.
+        Virtual pairs are added to the mechanism to fix the output in a pose. The name of a
+        virtual pair is that of the output.
         """
 
 
@@ -301,8 +301,9 @@ def find_least_margin(
 
 
 def _select_least(angle_margins: Floats) -> tuple[Floats, Indices]:
-    """Return the least margin (n,) of each row of margins (n, limits), and its column (n,).
+    """Return the least margin (n,) of each pose, and the column (n,) in which it is.
 
+    A margin is what is left to a limit; each row of `angle_margins` (n, limits) is a pose.
     NaN is ignored. If several columns have the least margin, the first one is returned.
     """
     least_margin = np.fmin.reduce(angle_margins, axis=1)
@@ -313,7 +314,7 @@ def _select_least(angle_margins: Floats) -> tuple[Floats, Indices]:
 def _find_least_cosine_margin(bounds: Sequence[AngleLimit], rows: ModeAtPoses) -> Floats:
     """Return the least margin (n,) of all limits, as a difference of cosines.
 
-    It is negative if the pose is beyond a limit. NaN is ignored.
+    A pose is within all limits of angles if the least margin is at least 0. NaN is ignored.
     """
     cosine_margins = np.stack([bound.column(rows) for bound in bounds], axis=1)
     return np.fmin.reduce(cosine_margins, axis=1)
@@ -431,10 +432,8 @@ def _limit_axis_angles(
         strictest_high = min(ranges, key=lambda angle_range: angle_range.high)
         low = strictest_low.low
         high = strictest_high.high
-        # A workspace is an area of poses. Only a curve of it is left if the range of an
-        # angle is nearly a point. COLLINEAR_SINE is a sine below which two axes count as
-        # one line. Such an angle equals its sine, so the constant is used as an angle (rad)
-        # here.
+        # A range of nearly a single angle would leave only a curve of poses, and no area.
+        # COLLINEAR_SINE is a small sine, which equals its angle (rad).
         if high - low < COLLINEAR_SINE:
             raise _error(
                 kinematics.carrying,
@@ -543,7 +542,7 @@ def _find_least_link_angle(mechanism: Mechanism, constraints: Constraints) -> fl
 def _limit_pairs(
     kinematics: LimitedOutput, limits: Sequence[JointLimit]
 ) -> tuple[AngleLimit, ...]:
-    """Return the limits of pair angles.
+    """Return the limits of the angles of R pairs (revolute joints).
 
     A range of a pair angle is expressed as one limit: the angle from the middle of the
     range is at most half its width.
@@ -653,14 +652,15 @@ def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]
     for number, name in enumerate(mechanism.input_pairs):
 
         def type_1_cosine(rows: ModeAtPoses, number: int = number) -> Floats:
-            """Return cos 2 b (n,) of the distance b to type I of an input at n poses.
+            """Return cos 2 b (n,) of the distance b to a singularity of type I at n poses.
 
-            At type I the input moves while the output rests. The sine of b is the angular
-            speed of the output per unit rate of the input, but at most 1.
+            At type I an input moves while the output rests. The sine of b is the angular
+            speed of the output per unit rate of the input, but at most 1. Unlike b, cos 2 b
+            is smooth at b = 0.
             """
-            # The speed is infinite if the input rests for every motion of the output. This
-            # is farthest from type I. Out of reach the square is negative, and cos 2 b
-            # above 1, so that the margin passes smoothly through the limit of the reach.
+            # An infinite speed means that the input rests, which is farthest from type I.
+            # Out of reach the square is negative and cos 2 b above 1. The margin thus
+            # passes smoothly through the limit of the reach.
             return 1.0 - 2.0 * np.minimum(rows.type_1_square[:, number], 1.0)
 
         # The limited angle is 2 b, and b is reported (unit 0.5).

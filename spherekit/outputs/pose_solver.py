@@ -132,8 +132,9 @@ def _find_special_form(inverse: InverseKinematics) -> ClosedKinematics:
 class GraphKinematics(OutputKinematics):
     """An output whose poses are solved row by row, by the position solver.
 
-    The output is held in a pose. The links are then placed group by group, as they follow
-    from the graph of all links and pairs.
+    This works for mechanisms without a closed form. The output is fixed in a pose, and the
+    links are placed group by group, in the order that the graph of links and pairs (joints)
+    gives.
 
     Parameters
     ----------
@@ -155,9 +156,10 @@ class GraphKinematics(OutputKinematics):
     def inverse(
         self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
     ) -> InverseRows:
-        """Return a row for each configuration of some poses.
+        """Return the inputs and measures of every configuration at some poses, in rows.
 
-        A pose without a configuration has one row with the status OUT_OF_REACH.
+        A row is one configuration at one pose. A pose without a configuration has one row
+        with the status OUT_OF_REACH.
 
         Parameters
         ----------

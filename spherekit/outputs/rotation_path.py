@@ -166,12 +166,13 @@ class PathNodes(ArrayRows):
         closure equations by the variables. The last three rows are the angular velocities
         of the output link per unit rate of each variable.
     condition
-        (n,) reciprocal condition number of `system` in the Frobenius norm.
+        (n,) reciprocal condition number of `system` in the Frobenius norm; 0 if the
+        equations do not determine the motion.
     stability
-        (n,) smaller one of two numbers: the least second derivative of half the squared
-        angle to the target along the configurations (least eigenvalue of the stiffness),
-        and the reciprocal condition number of the loops. Positive if the nearest
-        configuration is isolated.
+        (n,) positive if no other configuration nearby is as near the target. It is the
+        smaller one of two numbers. One is the least second derivative of half the squared
+        angle to the target along the configurations. The other is the reciprocal condition
+        number of the loops.
     reach
         (n,) smallest angular velocity of the output link for rates of unit length; 0 at a
         limit of its reach.
@@ -189,11 +190,12 @@ class PathNodes(ArrayRows):
     reach: Floats
 
     def extrapolate(self, distance: Floats) -> Floats:
-        """Return the variables (n, variables) at distances (n,) from a single node.
+        """Return predicted variables (n, variables) at n distances from one configuration.
 
-        This object must have only one node. The variables follow from its first and second
-        derivatives by theta (Taylor series), with an error of third order. The distances
-        are in rad of theta. A second derivative that is NaN counts as 0.
+        This object must have only this configuration (node) of the path. The distances are
+        differences of the angle theta of the target (rad). The prediction is a Taylor
+        series with the first and second derivatives by theta. A second derivative that is
+        NaN counts as 0.
         """
         distance = distance[:, None]
         bend = 0.5 * distance**2 * np.nan_to_num(self.second)
@@ -257,7 +259,7 @@ class TrackedPath:
 
 
 def _measure_conditioning(deviation: TargetDeviation) -> Floats:
-    """Return how well each configuration is determined by the orientation of its link.
+    """Return how well the loops and the output orientation determine each configuration.
 
     Returns
     -------
@@ -271,11 +273,12 @@ def _measure_conditioning(deviation: TargetDeviation) -> Floats:
 
 
 def _measure_isolation(deviation: TargetDeviation) -> Floats:
-    """Return numbers (n,), positive if no other configuration nearby is as near the target.
+    """Return numbers (n,), positive if no configuration nearby is as near the target.
 
-    Two numbers must be positive for this: the least second derivative of the squared angle
-    to the target over all motions, and the reciprocal condition number of the loops. Only
-    the signs matter, so the result is the smaller one of them.
+    The target is an orientation of the output link. Two numbers must be positive: the least
+    second derivative of half the squared angle to the target over all motions, and the
+    reciprocal condition number of the loops. Only the signs matter, so the smaller number
+    is returned.
     """
     return np.minimum(deviation.least_eigenvalue, deviation.loop_conditioning)
 
@@ -289,10 +292,11 @@ class RotationPath:
     output_link
         The output link and the closure of its mechanism.
     axis
-        (3,) unit vector of the axis, in the axes of body 0.
+        (3,) unit vector of the axis, in the axes of the link that the output is relative
+        to.
     start
-        (3, 3) target orientation at theta = 0, from the axes of the output link to those of
-        body 0, the link that the output is relative to.
+        (3, 3) target orientation at the angle theta = 0 of rotation. It leads from the axes
+        of the output link to those of the link that the output is relative to.
     exact
         Whether the output link can follow the target exactly. Otherwise the path has the
         configurations nearest to the target.
@@ -462,9 +466,10 @@ class RotationPath:
     def leap(self, node: PathNodes, end: float) -> tuple[PathNodes, float] | None:
         """Step over a singular configuration shortly ahead of a node.
 
-        A step over a singular configuration is called a leap. Several lengths are tried. A
-        leap is accepted if the node behind it is regular, if the configurations within it
-        are on a smooth curve through both ends, and if one of them is singular.
+        Ordinary steps fail near a singular configuration, where the equations do not
+        determine the links. A step over it is called a leap. Several lengths are tried. A
+        leap is accepted if the configuration behind it is regular, if the configurations
+        within it lie on a smooth curve through both ends, and if one of them is singular.
 
         Parameters
         ----------
@@ -580,12 +585,12 @@ class RotationPath:
 
 
 def _longest_step(node: PathNodes) -> float:
-    """Return the longest step (rad of theta) that the curvature of the path allows.
+    """Return the longest step (rad of the rotation) that the curvature of the path allows.
 
-    With the largest second derivative b of a variable, the second-order part of its change,
-    b step^2 / 2, may be at most `CURVED_PART_RAD`. Near a limit of the reach the second
-    derivative exceeds the first one f. The step is then also limited to a part of f / b,
-    which is proportional to the distance from the limit.
+    The path is followed by straight and quadratic predictions. Let f and b be the largest
+    first and second derivatives of a variable. The quadratic part b step^2 / 2 may be at
+    most `CURVED_PART_RAD`. Near a limit of the reach b is much larger than f. The step is
+    then also limited to a part of f / b, which shrinks with the distance from the limit.
     """
     # `bend` is b. The tiny summand prevents a division by zero on a straight path.
     bend: float = max_abs(np.nan_to_num(node.second)) + 1e-300
@@ -595,11 +600,11 @@ def _longest_step(node: PathNodes) -> float:
 
 
 def _end_reason(node: PathNodes) -> Status:
-    """Return why the path ends at a node from which every step fails.
+    """Return why the path ends at a configuration from which every step fails.
 
-    OUT_OF_REACH if the output link does not follow the target or hardly turns with the
-    inputs, AT_SINGULARITY if the equations nearly fail to determine the links, MODE_LOST
-    otherwise.
+    OUT_OF_REACH: the output link does not follow the target, or hardly turns with the
+    inputs. AT_SINGULARITY: the equations hardly determine the links. MODE_LOST: any other
+    reason.
     """
     if not node.follows[0] or node.reach[0] < END_AT_SINGULARITY_CONDITION:
         return Status.OUT_OF_REACH

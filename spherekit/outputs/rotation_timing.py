@@ -130,8 +130,9 @@ class FixedAxisRotation(Protocol):
 def dead_centre(rotation: FixedAxisRotation) -> str:
     """Return the input at a dead centre where the tracking of a rotation ends, or ``""``.
 
-    An input is at a dead centre if it has to turn `DEAD_CENTRE_RATE` times as fast as the
-    output link, or faster.
+    Such an input is the reason why the output link cannot turn further. An input counts as
+    at a dead centre if it turns at least `DEAD_CENTRE_RATE` times as fast as the output
+    link.
     """
     last_rates = rotation.at([rotation.reached]).rates[0]
     input_rates = np.nan_to_num(np.abs(last_rates), posinf=np.inf)
@@ -218,7 +219,8 @@ class TimeScaling:
     duration
         Time (s) for the whole angle.
     extremes
-        Largest speed of each input, then largest acceleration of each input.
+        Largest absolute speed of each input, then largest absolute acceleration of each
+        input, with their limits.
     error
         Error of the interpolants in which the extremes were searched, relative to the
         largest value.
@@ -238,8 +240,9 @@ class TimeScaling:
     def binding(self) -> Extreme:
         """The speed or acceleration that sets the duration.
 
-        It is at its limit, unless the duration was made longer to be a whole number of
-        cycles.
+        Of all largest speeds and accelerations, this one needs the longest duration. It
+        reaches its limit, unless the duration was rounded up to whole cycles of the
+        controller.
         """
 
         def required_duration_ratio(extreme: Extreme) -> float:

@@ -82,7 +82,7 @@ class OutputLink:
 
     @staticmethod
     def from_output(mechanism: Mechanism, output: Output) -> "OutputLink":
-        """Return the output link of a declared output.
+        """Return the output link of a declared output, with the equations of the mechanism.
 
         The link that the output is relative to becomes the ground, so that the rotation of
         the output link in ground axes is its orientation.
@@ -151,7 +151,10 @@ class JacobianSplit:
 
 @dataclass(frozen=True)
 class TargetRates:
-    """Derivatives of n nearest configurations by the angle theta of a turning target.
+    """Derivatives of n configurations by the angle theta of a target orientation.
+
+    The target turns about an axis by theta. Each configuration is the one nearest to the
+    target.
 
     Attributes
     ----------
@@ -170,8 +173,8 @@ class TargetRates:
 class TargetDeviation:
     """n configurations with the rotations from their output links to target orientations.
 
-    All vectors are in the axes of body 0. The symbols G and d are explained in the
-    docstring of the module.
+    The target is the orientation that an output link should reach. All vectors are in the
+    axes of body 0, the link that the output is relative to.
 
     Attributes
     ----------
@@ -182,7 +185,7 @@ class TargetDeviation:
     output_jacobian
         G (n, 3, variables), angular velocity of the output link per rate of each variable.
     remaining_rotation
-        d (n, 3) rad, rotation vector from the output link to its target.
+        d (n, 3) rad, rotation vector (axis times angle) from the output link to its target.
     """
 
     output_link: OutputLink
@@ -233,9 +236,10 @@ class TargetDeviation:
 
     @cached_property
     def free_output_rates(self) -> Floats:
-        """(n, 3, degrees of freedom) angular velocities of the output link.
+        """(n, 3, freedoms) angular velocities of the output link in possible motions.
 
-        One column for each rate in the null space of the closure Jacobian.
+        Possible motions keep the loops closed: they are the null space of the closure
+        Jacobian. There is one column for each basis vector of this space.
         """
         return self.output_jacobian @ self._jacobian_split.null_space
 
@@ -243,19 +247,21 @@ class TargetDeviation:
     def output_singular_value(self) -> Floats:
         """(n,) smallest angular velocity of the output link for rates of unit length.
 
-        It is zero at the limit of the reach, where some motion does not turn the link.
+        The rates are those of the pair variables, in motions that keep the loops closed.
+        The value is zero at the limit of the reach, where some motion does not turn the
+        link.
         """
         singular_values = np.linalg.svd(self.free_output_rates, compute_uv=False)
         return np.asarray(singular_values[:, -1])
 
     @cached_property
     def system(self) -> Floats:
-        """(n, equations + 3, variables) the closure Jacobian with three further rows.
+        """(n, equations + 3, variables) Jacobian of the loops and of the output link.
 
-        The further rows are those of `output_jacobian`. The product with the rates of the
-        variables has the rates at which the loops open, and the angular velocity of the
-        output link. The matrix has full rank if every motion of the mechanism turns the
-        output link.
+        The first rows are the closure Jacobian, the last three rows `output_jacobian`.
+        Multiplied by the rates of the variables, the first rows give the rates at which the
+        loops open, and the last rows give the angular velocity of the output link. The
+        matrix has full rank if every motion of the mechanism turns the output link.
         """
         return np.concatenate([self.linearisation.jacobian, self.output_jacobian], axis=1)
 
@@ -329,10 +335,11 @@ class TargetDeviation:
         return transpose(loop_senses) @ reactions + moments_along_path
 
     def _vector_rates(self, rates: Floats) -> Floats:
-        """Return the time derivatives (n, variables, 3) of the vectors of all variables.
+        """Return the time derivatives (n, variables, 3) of the vectors of variables.
 
-        The vector of a variable is the angular velocity at its pair at unit rate: the unit
-        vector of its axis for an R pair. The variables have the rates (n, variables).
+        The vector of a variable is the relative angular velocity of the links of its pair
+        (joint) at unit rate. For an R pair it is the unit vector of the axis. The variables
+        move at `rates` (n, variables).
         """
         return self.linearisation.vector_rates(self.linearisation.body_rates(rates))
 
@@ -376,12 +383,14 @@ class TargetDeviation:
     def _gradient_rates(self, rates: Floats) -> Floats:
         """Return the change (n, variables) of the gradient of a^2 / 2.
 
-        The symbol a is the angle between the output link and its target. The variables move
-        at rates (n, variables), and the target is fixed.
+        The symbol a is the angle (rad) between the output link and its target. The gradient
+        has the derivatives by the pair variables. The variables move at rates (n,
+        variables), and the target is fixed.
         """
         output_velocity = np.matvec(self.output_jacobian, rates)
         rotation_rate = log_rate(-self.remaining_rotation, output_velocity)
-        # The axes of the pairs turn relative to the moments that the pairs transmit.
+        # The axes of the pairs turn relative to the moments in the pairs, as if a spring
+        # pulled the output link to its target.
         force_by_axes = np.vecdot(self._vector_rates(rates), self._pair_moments)
         return np.vecmat(rotation_rate, self.output_jacobian) - force_by_axes
 
@@ -402,7 +411,9 @@ class TargetDeviation:
     def least_eigenvalue(self) -> Floats:
         """(n,) smallest eigenvalue of the `stiffness`; -1 where that is not finite.
 
-        If it is positive, the configuration is nearer to the target than those around it.
+        The stiffness is the second derivative of half the squared angle to the target. If
+        its smallest eigenvalue is positive, the configuration is nearer to the target than
+        those around it.
         """
         symmetric_stiffness = 0.5 * (self.stiffness + transpose(self.stiffness))
         is_finite = all_finite(symmetric_stiffness, (1, 2))
@@ -605,10 +616,11 @@ class TargetDeviation:
     def _velocity_biases(
         self, rates: Floats, vector_rates: Floats
     ) -> tuple[Floats, Floats]:
-        """Return J' rates (n, equations) and G' rates (n, 3).
+        """Return J' v' (n, equations) and G' v' (n, 3) at rates v' (n, variables).
 
-        J' and G' are the changes of both Jacobians while the vectors of the variables
-        change at `vector_rates` (n, variables, 3).
+        J is the Jacobian of the loops and G that of the output link; J' and G' are their
+        time derivatives. Both Jacobians consist of the vectors of the variables (joint
+        axes). These change at `vector_rates` (n, variables, 3).
         """
         tree = self.linearisation.tree
         loop_bias = np.matvec(tree.jacobian(vector_rates), rates)

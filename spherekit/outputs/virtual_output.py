@@ -70,9 +70,9 @@ class VirtualOutputChain:
 
     @property
     def points(self) -> bool:
-        """Whether the output points in a direction, so that its pose has two coordinates.
+        """Whether the output points in a direction, which has two coordinates.
 
-        Otherwise the pose is an orientation, with three coordinates.
+        Otherwise the output is an orientation, with three coordinates.
         """
         return len(self.mechanism.inputs) == 2
 
@@ -85,7 +85,8 @@ class VirtualOutputChain:
     def last_virtual_link(self) -> int:
         """Number of the virtual link that the third virtual pair joins to the output link.
 
-        The axis of this pair is the direction of a pointing output.
+        Virtual links and pairs (joints) are added to fix the output in a pose. The axis of
+        the third virtual pair is the direction of a pointing output.
         """
         return len(self.mechanism.links) - 1
 
@@ -174,9 +175,10 @@ def with_wrist(mechanism: Mechanism, name: str | None = None) -> VirtualOutputCh
 
 
 def _suggest_direct_drive(mechanism: Mechanism, output: Output, input_count: int) -> str:
-    """Return advice for a mechanism with one input whose output has a pair of its own.
+    """Return advice for a mechanism whose output could be driven directly at one pair.
 
-    The text is empty if there is no such pair. Otherwise this pair can be driven instead.
+    The advice is part of an error message for one input. It names the pair (joint) between
+    the two links of the output. The text is empty if there is no such pair.
     """
     output_links = {output.link, output.relative_to}
     for pair in mechanism.pairs:

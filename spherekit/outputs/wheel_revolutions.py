@@ -59,8 +59,8 @@ def find_assembled_configuration(
     Parameters
     ----------
     held_solver
-        Solver of the mechanism with its output held. Its first variables are those
-        of `released_solver`.
+        Solver of the mechanism with its output fixed by extra links. Its first variables
+        are those of `released_solver`.
     released_solver
         Solver of the mechanism itself, whose inputs determine the rolled lengths.
     values

@@ -139,7 +139,7 @@ class MiddleAxisParts:
 
     @property
     def outer_angle(self) -> Floats:
-        """(n,) angle (rad) between the outer axes a and c, from 0 to pi.
+        """(n,) angle (rad) from 0 to pi between the outer axes a and c of a dyad.
 
         The unit vectors a and c at the angle u have ``|a - c| = 2 sin(u / 2)`` and
         ``|a + c| = 2 sin((pi - u) / 2)``. The smaller length is used, because an arc cosine
@@ -272,7 +272,8 @@ class WorkingMode:
     shared_results
         Results of all modes of the same poses, by the keys of `_make_result_key`.
     recorded_dyads
-        Numbers of the dyads whose signs were read since this object was made.
+        Numbers of the dyads that results have depended on by their signs, since this object
+        was created.
     """
 
     chain: DyadChain
@@ -315,18 +316,20 @@ class WorkingMode:
         return self.shared_results[self._make_result_key(quantity)]  # type: ignore[no-any-return]
 
     def _is_stored(self, quantity: tuple[Hashable, ...]) -> bool:
-        """Return whether a mode with the same signs has computed a quantity.
+        """Return whether a mode with the same relevant signs has computed a quantity.
 
-        `quantity` is the name of a method with its arguments. Which signs it reads is known
-        as soon as it has been computed for some mode.
+        A quantity is the name of a method with its arguments. It depends on the signs
+        (positions) of some dyads only. Which dyads these are is known after the first
+        computation.
         """
         has_known_signs = quantity in self.chain.sign_dependencies
         return has_known_signs and self._make_result_key(quantity) in self.shared_results
 
     def _make_result_key(self, quantity: tuple[Hashable, ...]) -> tuple[Hashable, ...]:
-        """Return the key of a result: the quantity, and this mode's signs that it reads.
+        """Return the key of a stored result: the quantity, and the signs it depends on.
 
-        `quantity` is the name of a method with its arguments.
+        Modes with the same key share the result. `quantity` is the name of a method with
+        its arguments. A sign tells which of two positions a dyad (two links) has.
         """
         dyads = self.chain.sign_dependencies[quantity]
         return (quantity, *(self.signs[dyad] for dyad in dyads))
@@ -369,7 +372,7 @@ class WorkingMode:
 
     @property
     def type_1(self) -> Floats:
-        """(n, inputs) speed of the output per unit rate of each input.
+        """(n, inputs) angular speed of the output per unit rate of each input, at n poses.
 
         It is 0 at a singularity of type I, where the input moves while the output rests.
         """
@@ -386,9 +389,10 @@ class WorkingMode:
 
     @property
     def type_2(self) -> Floats:
-        """(n,) transmission measure, NaN where the mode has no configuration.
+        """(n,) transmission measure: how surely the locked inputs hold the output.
 
         It is 0 at a singularity of type II, where the output can move with locked inputs.
+        It is NaN where the mode has no configuration.
         """
         assert self.measure is not None
         return np.where(self._has_configuration, self.measure(self), np.nan)
@@ -455,12 +459,13 @@ class WorkingMode:
         return np.minimum(angle - dyad.shortest, dyad.longest - angle)
 
     def _is_dyad_regular(self, dyad_number: int) -> Bools:
-        """Return whether a dyad (n,) reaches, neither nearly stretched nor nearly folded.
+        """Return whether a dyad (two links) is well determined (n,) at n poses.
 
-        The triple product of the axes of a dyad is the product of three sines: of both arcs
-        and of the angle at the middle pair. The last one is 0 where the dyad is stretched
-        or folded. If it is smaller than `SINGULAR_DYAD_SINE` (1e-6), the configuration has
-        only half of its digits.
+        A dyad is badly determined if it is nearly stretched or nearly folded, or out of
+        reach. The triple product of its three axes is the product of three sines: of both
+        arcs and of the angle at the middle pair (joint). The last sine is 0 where the dyad
+        is stretched or folded. If it is below `SINGULAR_DYAD_SINE` (1e-6), the
+        configuration loses half of its digits.
         """
         dyad = self.chain.dyads[dyad_number]
         least_product = SINGULAR_DYAD_SINE * np.prod(np.sin(dyad.arcs))
@@ -472,9 +477,9 @@ class WorkingMode:
 
         The shape is (3, n), or (3, 1) if the axis is the same at all poses.
         """
-        # Links are placed one after another. Another pair can have the same axis line, in a
-        # link that is placed earlier. `axis_source` returns this pair and link, so that the
-        # axis is computed there.
+        # Links are placed one after another. A pair in a link that is placed earlier may
+        # have the same axis. `axis_source` returns this pair and link, where the axis is
+        # cheaper to compute.
         source = self.chain.axis_source(pair, link)
         axis = self._placed_axis(source.pair, source.link)
         is_opposite = source.sense < 0.0
@@ -633,9 +638,10 @@ class WorkingMode:
     def angle(self, pair: int) -> Floats:
         """Return the variable (n,) of a pair in (-pi, pi] rad, NaN out of reach.
 
-        Take one vector in each link of the pair, not parallel to its axis. The variable is
-        the angle about the axis from the vector of the first link to that of the second
-        link, less the same angle in the position where the variable is 0.
+        A vector is fixed in each link of the pair, not parallel to the axis. The angle
+        about the axis leads from the vector of the first link to that of the second link.
+        The variable is this angle minus the same angle in the position where the variable
+        is 0.
         """
         first_link, second_link = self.chain.ends[pair]
         first_vector = self._find_vector_off_axis(pair, first_link)
@@ -676,10 +682,12 @@ class WorkingMode:
         )
 
     def _choose_pair_off_axis(self, pair: int, link: int) -> int:
-        """Return a pair of a dyad's link whose axis is not parallel to that of a pair.
+        """Return a pair of a link whose axis is not parallel to the axis of a given pair.
 
-        The link has the middle pair of its dyad, and an outer pair that joins it to a link
-        placed before. The middle pair is chosen unless its axis is parallel.
+        The chosen axis serves as a vector from which the angle about the given axis is
+        measured. The link belongs to a dyad (two links). It has the middle pair of the dyad
+        and an outer pair, which joins it to a link placed before. The middle pair is chosen
+        unless its axis is parallel.
         """
         chain = self.chain
         middle_pair = chain.dyads[chain.dyad_of_link[link]].middle_pair
@@ -822,9 +830,9 @@ class WorkingMode:
         return support_part - pair_part
 
     def _is_on_one_axis(self, pair: int, other_pairs: Sequence[int], link: int) -> bool:
-        """Return whether a pair of a link is coaxial with one of several other pairs.
+        """Return whether a pair (joint) of a link is coaxial with one of other pairs.
 
-        Only those of the other pairs that this link has are compared.
+        Other pairs that do not belong to the link are ignored.
         """
         chain = self.chain
         pairs_of_link = [number for number in other_pairs if link in chain.ends[number]]
@@ -835,8 +843,9 @@ class WorkingMode:
         """Return the rate of an input per unit angular velocity of the output.
 
         The result is a fraction ``numerator . w / denominator`` with the angular velocity w
-        of the output. If a closing link determines the turn of the output about its
-        direction, the component of w along this direction has no influence.
+        of the output. A closing link (a link with two joints) can determine the turn of the
+        output about its direction. The component of w along this direction then has no
+        influence.
         """
         rate = self.pair_rate(pair)
         if self.closing_link is None:
@@ -849,7 +858,7 @@ class WorkingMode:
         return norm_columns(self.input_rate(pair).numerator)
 
     def output_normal(self, pair: int) -> Floats:
-        """Return the unit vector (3, n) along which an angular velocity drives an input.
+        """Return the unit normal (3, n), along which a rotation drives an input.
 
         The rate of the input is proportional to the component of the output's angular
         velocity along this vector, and has its sign. With the input locked and the other
@@ -860,17 +869,20 @@ class WorkingMode:
 
     @_shared_between_modes
     def output_speed(self, pair: int) -> Floats:
-        """Return the speed (n,) of the output along its normal per unit rate of an input.
+        """Return the angular speed (n,) of the output along its normal per unit input rate.
 
-        This is the measure of type I of the input.
+        The normal is the direction of rotation that drives the input (`output_normal`). The
+        speed is 0 at a singularity of type I, where the input moves while the output rests.
         """
         return np.abs(self.input_rate(pair).denominator) / self._numerator_length(pair)
 
     def _output_speed_square(self, pair: int) -> Floats:
         """Return the square (n,) of `output_speed`, continued to poses out of reach.
 
-        `output_speed` is the speed of the output per unit rate of the input `pair`, an
-        outer pair of a dyad.
+        `output_speed` is the angular speed of the output per unit rate of the input `pair`.
+        The border of a workspace is where its square is 0. Its search needs values on both
+        sides, so the square is continued where the dyad (two links) of the pair does not
+        reach.
         """
         square = self.output_speed(pair) ** 2
         is_out_of_reach = np.isnan(square)
@@ -924,7 +936,8 @@ class WorkingMode:
     def cosine(self, first_pair: int, second_pair: int) -> Floats:
         """Return the cosine (n,) of the angle between the axes of two pairs.
 
-        NaN where an axis cannot be placed; it may be known where the mode does not close.
+        The result is NaN where an axis cannot be placed. Both axes may be known although
+        other links of the mode do not reach.
         """
         cosine = dot_columns(
             self._earliest_axis(first_pair), self._earliest_axis(second_pair)

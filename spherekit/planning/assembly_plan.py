@@ -116,10 +116,11 @@ class Group(NamedTuple):
 
     @property
     def dyad_positions(self) -> tuple[int, int, int]:
-        """Positions in `pairs` of the three pairs of a dyad: outer, middle, outer.
+        """Positions in `pairs` of the outer, middle and second outer pair of a dyad.
 
-        The first outer pair joins body 0 to body 1, the middle pair joins body 1 to body 2,
-        and the other outer pair joins body 0 to body 2.
+        A dyad has two links (bodies 1 and 2) and is joined to body 0, which is placed. The
+        first outer pair joins body 0 to body 1, the middle pair joins body 1 to body 2, and
+        the second outer pair joins body 0 to body 2.
         """
         joined_bodies = [set(ends) for ends in self.ends]
         first_outer = joined_bodies.index({0, 1})
@@ -129,11 +130,12 @@ class Group(NamedTuple):
 
     @property
     def dyad_parity(self) -> int:
-        """1 if middle, first outer, second outer is an even permutation of `pairs`, or -1.
+        """1 or -1, a factor that converts the sign of a dyad to another order of its axes.
 
-        The sign of a dyad is that of u_1 . (u_2 x u_3) with the axes u in the order of
-        `pairs`. It is this parity times the sign with the axes in the order middle, first
-        outer, second outer.
+        The sign of a dyad, one of two ways to assemble it, is that of u_1 . (u_2 x u_3).
+        The axes u are in the order of `pairs`. In the order middle, first outer, second
+        outer, the triple product has this factor times the sign. The factor is 1 if this
+        order is an even permutation of `pairs`.
         """
         first_outer, middle, _ = self.dyad_positions
         return 1 if (first_outer - middle) % 3 == 1 else -1
@@ -338,9 +340,9 @@ def split_into_groups(
         Numbers of the pairs that join the bodies. Links without any of these pairs are left
         out.
     carried_contacts
-        Numbers of rolling contacts of two wheels that one link, the carrier, carries. Only
-        one of the two constraints of such a contact is counted, because the carrier already
-        keeps the wheels in touch.
+        Numbers of rolling contacts of two wheels on one link, the carrier. The carrier
+        already keeps the wheels in touch. Only one of the two constraints of such a contact
+        is therefore counted.
 
     Raises
     ------
@@ -474,9 +476,10 @@ def _find_smallest_part(
 def _list_couples(
     open_pairs: dict[int, tuple[int, int]], body_of_link: Sequence[int]
 ) -> list[tuple[int, int]]:
-    """Return the two bodies that each open pair joins, in order of their numbers.
+    """Return the two bodies that each open pair (joint) joins, in sorted order.
 
-    Parameters are those of `_find_smallest_part`.
+    A body is a set of links that are already rigid with each other, named by its smallest
+    link. Open pairs are not closed yet. Parameters are those of `_find_smallest_part`.
     """
     couples = []
     for link_a, link_b in open_pairs.values():

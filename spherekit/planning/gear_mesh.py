@@ -126,11 +126,12 @@ class CarriedContact(NamedTuple):
         return self.first_wheel, self.second_wheel
 
     def angle_factors(self) -> dict[int, float]:
-        """Return the factor of each R pair's variable in sin(r) f - sin(s) g.
+        """Return the factors of the R pair variables in the equation of a rolling contact.
 
-        This difference is constant while the wheels roll. The first wheel has the radius r
-        (rad on the unit sphere) and the angle f relative to the carrier, the second one s
-        and g. Each angle is the sum of variables of R pairs with signs.
+        The equation is sin(r) f - sin(s) g = constant. The first wheel has the radius r
+        (rad on the unit sphere) and the angle f relative to the link that carries both
+        wheels. The second wheel has s and g. Each angle is the sum of variables of R pairs
+        (revolute joints) with signs.
         """
         return self.mesh.angle_factors(
             first_sine=np.sin(self.first_wheel.radius),
@@ -174,9 +175,8 @@ def find_carried_contact(
     number
         Number of the contact.
     cosine_tolerance
-        Tolerance of the arc between the centres of the two circles, measured on the
-        carrier. It is the largest deviation of the cosine of this arc from its value for
-        circles that touch.
+        Largest error of the arc between the centres of the two circles on the carrier,
+        measured by its cosine. An arc without an error lets the circles touch exactly.
     pairs
         Numbers of the pairs that may lead to the carrier; by default all.
 

@@ -84,7 +84,7 @@ class GearTrain(NamedTuple):
 
     @property
     def numbers(self) -> list[float]:
-        """The ratios and the offset of each follower, one after the other.
+        """The ratios and the offset of each follower (pair driven by wheels), in turn.
 
         These are all the numbers on which the angles of the train depend.
         """
@@ -111,13 +111,13 @@ def find_gear_train(
     driven
         Numbers of the driven pairs.
     max_gap
-        Tolerance of the arc between the centres of two wheels: the largest deviation of its
-        cosine from the cosine for circles that touch. Wheels with such a gap roll at their
-        nearest points, as gears do.
+        Largest error of the arc between the centres of two wheels, measured by its cosine.
+        An arc without an error lets the circles touch exactly. Wheels with a gap roll at
+        their nearest points, as gears do.
     whole
         Whether all rolling contacts have to belong to the train, with independent
-        relations. Otherwise contacts whose angles do not follow from the inputs alone are
-        left out, and relations may follow from each other.
+        relations. If not, contacts with angles that inputs alone do not determine are left
+        out, and relations may be redundant.
 
     Returns
     -------
@@ -166,10 +166,12 @@ def find_gear_train(
 
 
 class TrainConstants(NamedTuple):
-    """The constants of a train that its relations do not determine.
+    """The constants of a gear train that depend on which teeth mesh.
 
-    The attributes are those of `GearTrain`: the angles of the followers at inputs of zero,
-    and the rolled lengths there and at pair angles of zero.
+    The relations of rolling leave these constants open. The attributes are those of
+    `GearTrain`: the angles of the followers (pairs driven by wheels) at inputs of zero, the
+    rolled lengths at inputs of zero, and the lengths along the circles at pair angles of
+    zero.
     """
 
     offsets: Floats
@@ -253,9 +255,9 @@ def _solve_train(
     driven. With the factors F of the followers and G of the inputs, the derivatives of the
     follower angles by the inputs are -F^-1 G.
 
-    F is formed from contacts with independent relations. The relations of the other
-    contacts follow from these, so the angles of their wheels are known already. The teeth
-    that mesh there are chosen such that they fit these angles.
+    F is formed from contacts with independent relations. These already give the angles of
+    the wheels of all other contacts. The meshing teeth of the other contacts are chosen to
+    fit these angles.
 
     Parameters
     ----------
@@ -318,9 +320,10 @@ def _solve_train(
 
 
 def _list_first_variables(mechanism: Mechanism, pairs: Sequence[int]) -> list[int]:
-    """Return the number of the first variable of each pair.
+    """Return the number of the first variable of each pair (joint).
 
-    It is the angle of an R pair, or the length by which a contact has rolled.
+    For an R pair (revolute joint) this is its angle. For a rolling contact it is the rolled
+    length.
     """
     return [mechanism.variables_of(pair)[0] for pair in pairs]
 

@@ -20,9 +20,10 @@ DYAD_BODIES = 3
 
 
 def merge_locked_links(mechanism: Mechanism, locked: Iterable[int]) -> tuple[int, ...]:
-    """Return for each link the smallest link of its body, if some pairs are locked.
+    """Return the number of the body of each link, if some pairs (joints) are locked.
 
-    A body consists of all links that locked pairs join to each other.
+    A body consists of all links that locked pairs join to each other. The number of a body
+    is the smallest number of its links.
 
     Parameters
     ----------
@@ -38,17 +39,19 @@ def merge_locked_links(mechanism: Mechanism, locked: Iterable[int]) -> tuple[int
 class PebbleGame:
     """The pebble game, which counts the degrees of freedom of all parts of a graph.
 
-    Each body owns three pebbles, one for each degree of freedom. An independent constraint
-    between two bodies takes a pebble of one of them and then points from this body to the
-    other. A pebble can be moved back along the constraints if these are reversed. A part of
-    the graph is rigid if no more than three pebbles can be free on its bodies.
+    Each body owns three pebbles, one for each degree of freedom on the sphere. A new
+    independent constraint takes a free pebble of one of its two bodies and points from this
+    body to the other one. If a constraint takes a pebble of its other body instead, its
+    direction is reversed and the first pebble becomes free. A part of the graph is rigid if
+    no more than three pebbles can be freed on its bodies.
 
     Attributes
     ----------
     free_pebbles
         Number of free pebbles of each body.
     constraint_targets
-        For each body the bodies to which the constraints point that hold its pebbles.
+        For each body the bodies to which its constraints point; each of these constraints
+        has one of the body's pebbles.
     """
 
     def __init__(self, body_count: int) -> None:
@@ -108,10 +111,11 @@ class PebbleGame:
         return False
 
     def _exchange_pebble(self, body: int, target: int) -> None:
-        """Let a constraint take a free pebble of its target in place of one of its body.
+        """Free a pebble of a body by letting a constraint take a pebble of another body.
 
-        The pebble of the body becomes free. The constraint then points from the target to
-        the body.
+        Pebbles are degrees of freedom; each constraint uses up one pebble of one of its two
+        bodies. The constraint from `body` to `target` now uses a pebble of the target, and
+        points from the target to the body.
         """
         self.free_pebbles[target] -= 1
         self.free_pebbles[body] += 1
@@ -140,7 +144,7 @@ class PebbleGame:
         return True
 
     def add_pair(self, body_a: int, body_b: int, constraint_count: int) -> bool:
-        """Add the constraints of a pair; return False if one of them is redundant.
+        """Add the constraints of a pair (joint); return False if one of them is redundant.
 
         After a redundant constraint, the remaining ones are not added. A pair within one
         body is redundant.
@@ -163,10 +167,10 @@ class PebbleGame:
     def find_rigid_part(self, body_a: int, body_b: int) -> set[int] | None:
         """Return the smallest rigid set of bodies that contains two bodies, or None.
 
-        A pebble is a degree of freedom of a body that no constraint has taken. It can be
-        moved to other bodies along the constraints. Three pebbles on two bodies are their
-        rigid motion. If a fourth one can be moved to them, they can move relative to each
-        other, and there is no such set.
+        A pebble is a degree of freedom of a body that no constraint has used up. Pebbles
+        can be moved to other bodies along the constraints. Two bodies that are rigid with
+        each other have three pebbles in all. If a fourth pebble can be moved to them, they
+        can move relative to each other, and the result is None.
         """
         self.gather_pebbles(body_a, BODY_FREEDOMS)
         if self.gather_pebbles(body_b, 1, keep=[body_a]):
@@ -227,9 +231,11 @@ class PebbleGame:
 
 
 def graph_mobility(mechanism: Mechanism) -> int:
-    """Return the mobility by counting, 3 (m - 1) - 2 n_R - 2 n_Cr - n_Cs.
+    """Return the number of degrees of freedom, 3 (m - 1) - 2 n_R - 2 n_Cr - n_Cs.
 
-    m is the number of links, and n the number of pairs of each type.
+    It is counted from the graph alone: each link has three degrees of freedom on the
+    sphere, and each pair (joint) removes one or two. m is the number of links, n_R that of
+    revolute joints, n_Cr that of rolling contacts and n_Cs that of sliding contacts.
     """
     constraint_count = sum(pair.constraints for pair in mechanism.pairs)
     return BODY_FREEDOMS * (len(mechanism.links) - 1) - constraint_count
@@ -275,10 +281,10 @@ def check_mobility(
 
     Notes
     -----
-    The count does not decide in two cases, because constraints may be redundant: if it
-    leaves too few degrees of freedom but the rank leaves enough, and if there are rolling
-    pairs. Every bevel pair whose axes are held by a carrier is an example of the second
-    case. If the count leaves too many degrees of freedom, the rank does so as well.
+    Constraints may be redundant, so the count does not decide in two cases. First, it may
+    leave too few degrees of freedom while the rank leaves enough. Second, there may be
+    rolling pairs, such as bevel gears with axes on one carrier. If the count leaves too
+    many degrees of freedom, the rank does so as well.
     """
     _check_connected(mechanism)
     mobility = graph_mobility(mechanism)
