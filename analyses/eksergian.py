@@ -295,10 +295,11 @@ class Eksergian(AbstractAnalysis):
         }
 
     def _torque_at_pair(self, batch: Batch, torque: Floats) -> Floats:
-        """Return the torque (n,) at the pair `at` with the power of one at the input.
+        """Return the torque (n,) at the pair `at`, equivalent to a torque at the input.
 
-        `torque` (n,) is the torque at the input (N m). It is divided by the rate of the
-        pair per unit rate of the input. Without `at` it is returned unchanged.
+        `torque` (n,) is the torque at the input (N m). Both torques have the same power, so
+        this torque is divided by the rate of the pair per unit rate of the input. Without
+        `at` the torque is returned unchanged.
         """
         if not self.at:
             return torque

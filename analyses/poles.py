@@ -589,8 +589,9 @@ class Poles(AbstractAnalysis):
             velocity_label = f"ω{output_name}/ω{short_name(mechanism, input_pole)}"
         acceleration_label = f"({velocity_label})′" if has_short_names else velocity_label
         if not batch.has_continuous_sign(*pole, input_number):
-            # Over a grid the axis may be reversed between neighbours. The size of the
-            # coefficient is continuous, and so is the derivative of that size.
+            # Over a grid of inputs the axis may be reversed between neighbours, and the
+            # coefficient with it. So the size of the coefficient is drawn, and the
+            # derivative of that size.
             acceleration = np.where(velocity < 0.0, -acceleration, acceleration)
             velocity = np.abs(velocity)
             velocity_label = f"|{velocity_label}|"

@@ -221,8 +221,9 @@ class WorkspaceModes:
     def _name_of_limit(self, number: int) -> str:
         """Return the name of a limit at the border of a workspace.
 
-        Limits are numbered from 0. The number -1 means that no limit is reached, but that
-        the output is not determined. Its text is at the end of `limit_names`.
+        Limits are numbered from 0. At -1 no limit is reached, but the output is not
+        determined. The text for -1 is the last one in `limit_names`, which the index -1
+        selects.
         """
         return self.limit_names[number]
 

@@ -64,7 +64,7 @@ Columns = dict[str, Any]
 
 
 class InverseSolutions:
-    """The configurations of poses, and reachable poses near those out of reach.
+    """The configurations at poses of the output, and reachable poses near unreachable ones.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class InverseSolutions:
     solutions
         The rows of the inverse kinematics, one for each pose and mode, or configuration.
     solution_counts
-        (n,) number of solutions of each pose.
+        (n,) number of solutions (configurations) of each pose.
     nearest_poses, nearest_distances
         (rows, 3 or 4) the nearest reachable direction or quaternion, and its angular
         distance (rows,) in rad; NaN if not computed.

@@ -157,17 +157,17 @@ class SearchResult:
 
 @dataclass(frozen=True)
 class SeveralInputs:
-    """Singularities of the rows of a mechanism with several inputs.
+    """Singularities of a mechanism with several inputs, and of the rows of a run.
 
     Attributes
     ----------
     batch
-        The rows.
+        The rows: one for each sample of each assembly mode.
     slices
         Number of values at which each input is locked to search for singular curves and
-        surfaces. With 0 nothing is searched. By default (None) mechanisms of dyads with two
-        inputs are cut, others are searched from random starts, because their slices take
-        long.
+        surfaces. With 0 nothing is searched. By default (None) slices are used for
+        mechanisms of dyads (groups of two links) with two inputs. Others are searched from
+        random starts, because their slices take long.
     mesh
         Length (rad) of the edges of surfaces, 0 for no surfaces; None for the default.
     input_grid
@@ -191,6 +191,8 @@ class SeveralInputs:
         """The number of values of each input for slices, 0 for random starts.
 
         A slice is the set of configurations in which all inputs but one are locked.
+        Searches for singular curves and surfaces start from slices, or from random
+        configurations.
         """
         if self.slices is not None:
             return self.slices
@@ -913,8 +915,8 @@ def _output_directions(points: SingularPoints) -> Floats:
 def _certainty_columns(claim: Completeness) -> Columns:
     """Return the columns on the certainty of the points of a locus.
 
-    A locus has all singular configurations of one kind. `claim` says how complete the
-    search for it was.
+    The points belong to a locus, the set of all singular configurations of one kind.
+    `claim` says how complete the search for the locus was.
     """
     return {"double": "no", "certain": "yes", "guarantee": claim.guarantee.value}
 

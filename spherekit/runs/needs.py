@@ -68,8 +68,8 @@ class Needs:
     def union(self, other: "Needs") -> "Needs":
         """Return what two analyses need together.
 
-        Do not read `links` of the result. An empty set stands for all links, so the union
-        of two sets can be too small.
+        The attribute `links` of the result must not be read: an empty set there stands for
+        all links, so that the union of two sets can be too small.
         """
         # The operator | is the union of two sets, and "or" of two booleans.
         return Needs(

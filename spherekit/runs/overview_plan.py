@@ -161,10 +161,12 @@ class OverviewPlan:
 
     @cached_property
     def joining_dyads(self) -> list[Group | None]:
-        """For each output the dyad whose transmission angle is stated for it.
+        """For each output the dyad whose transmission angle is stated for it, or None.
+
+        A dyad is a group of two links with three R pairs (revolute joints).
 
         It is the group of links that determines the motion of the output's link relative to
-        its reference link. None if this group is not a dyad (two links with three R pairs).
+        its reference link. None if this group is not a dyad.
         """
         assembly = self.sampling.position_analysis.assembly
         joining_groups = [
@@ -228,8 +230,8 @@ class OverviewPlan:
     def place_kind(self) -> str:
         """What the place of a sample is: ``time``, ``input`` (the first) or ``sample``.
 
-        The kind is ``input`` if the first input rises, or falls, along all samples of a
-        path.
+        This place identifies a sample for users. The kind is ``input`` if the first input
+        always rises, or always falls, along a path.
         """
         if self.sampling.is_over_time:
             return "time"

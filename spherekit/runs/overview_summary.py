@@ -17,7 +17,8 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
     Parameters
     ----------
     overview
-        The overview of all blocks. Rows that still wait are examined first.
+        The overview of all blocks of samples. Configurations that still wait to be examined
+        are examined first.
     plan
         What was examined.
 

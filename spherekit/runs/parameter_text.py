@@ -149,7 +149,8 @@ def parse_fields(
     Parameters
     ----------
     text
-        The text, such as ``key=value,key=value``. A list is written ``a+b+c``.
+        The text, such as ``key=value,key=value``, where a key is the name of a field. A
+        list is written ``a+b+c``.
     cls, name
         The dataclass, and its name in messages.
     key_of_field
@@ -173,8 +174,8 @@ def parse_fields(
     def make_error(_faulty_keys: Names, message: str) -> AnalysisError:
         """Return an error with a message.
 
-        `read_fields` passes the faulty keys first. The message names them too, so they are
-        not used here.
+        `read_fields` calls this function with the faulty keys and a message. The message
+        names the keys already, so they are not used here.
         """
         return AnalysisError(f"{name}: {message}")
 

@@ -375,9 +375,10 @@ def _list_gaps_by_mode(
 def _gaps_beside(rows: Indices, is_uncertified: Bools) -> ReversalGaps:
     """Return the gaps before and after each uncertified row.
 
-    A gap lies between two successive rows. A row is uncertified if the sense of a pole is
-    not proven there. `rows` (n,) are the successive rows of an assembly mode. The first one
-    has no gap before it, and the last one none after it.
+    A gap lies between two successive rows. A row is uncertified if its poles have large
+    error bounds, so that their directions may reverse before or after this row. `rows` (n,)
+    are the successive rows of an assembly mode. The first one has no gap before it, and the
+    last one none after it.
     """
     uncertified = np.flatnonzero(is_uncertified)
     last_position = len(rows) - 1

@@ -183,8 +183,9 @@ def _has_type_of_kind(column: Interleaved, kind: str) -> bool:
 def _has_values_of_kind(values: Array, kind: str) -> bool:
     """Return whether values (n,) can be converted to the kind of a column.
 
-    The kind is ``text``, ``number`` (float) or that of a whole number. Texts may also be
-    Python objects. Floats without a fraction are accepted as whole numbers.
+    The kinds are ``number`` (float), ``integer``, ``text`` and ``status`` (a whole number).
+    Texts may also be Python objects. Floats without a fraction are accepted as whole
+    numbers.
     """
     # NumPy's letters are f, i, u and b for floats, signed and unsigned integers and
     # booleans, and U for texts.

@@ -60,12 +60,12 @@ EvaluatedBlock = tuple[Motion, PoleFields, ContinuedAngles]
 
 @dataclass(frozen=True)
 class DeclaredNeeds:
-    """The needs of the analyses of a run: the quantities that each of them reads.
+    """The quantities that each analysis of a run reads (its needs).
 
     Attributes
     ----------
     needs
-        The needs of each analysis, in their order.
+        The needs of each analysis, in the order of the analyses.
     refused
         Reason why an analysis breaks the contract of plugins and is not run, by its name.
     """
@@ -492,8 +492,9 @@ def make_run_plan(
     declared_needs
         Their needs, from `collect_needs`.
     block_size
-        Number of samples in a block. By default the source chooses it. An analysis that
-        reads all samples at once sets it to the number of samples.
+        Number of samples that are evaluated together (a block). By default the source of
+        the motion (`source` of the plan) chooses the number. An analysis that reads all
+        samples at once sets it to the number of samples.
     setting
         How velocities are computed. With the ordinary setting, a kernel (compiled functions
         for many rows at once) may be used.
@@ -526,8 +527,8 @@ def make_run_plan(
             sampling,
             [request for request in requests if request.poles],
             is_recorded=shows_all_links,
-            # An analysis that uses the position analysis must not do so while another
-            # thread computes the next block with it.
+            # The next block is usually computed in another thread. This is not allowed if
+            # an analysis uses the position analysis itself (`tracer`) at the same time.
             looks_ahead=not all_needs.tracer,
             needs_timing=all_needs.time or shows_all_links or sampling.is_over_time,
             reads_frames=bool(all_needs.rotations),

@@ -87,7 +87,7 @@ class RunResult:
     results
         The tables by the name of their analysis.
     failures
-        The reasons of analyses that failed, by their names.
+        The reasons why analyses failed, by their names.
     summary
         Versions, hashes, tolerances, reached errors and times, as data for JSON.
     files
@@ -355,8 +355,8 @@ class RunResult:
             for declared in result.tables
             if table_name in (None, declared.name, f"{name}/{declared.name}")
         ]
-        # Tables with rows of samples give curves and come first. Among these the
-        # configurations come last, since a column of an analysis is more likely meant.
+        # Tables with rows of samples give curves and come first. Among these the table of
+        # configurations comes last, since a user more likely means a column of an analysis.
         candidates.sort(
             key=lambda candidate: (
                 not candidate[1].in_assembly_modes,
@@ -561,7 +561,7 @@ def make_result(
     declared
         The declared tables, by name of the analysis.
     store
-        The rows of the tables; None if no tables are kept.
+        The rows of the tables; None if the run stores no tables.
     run_folder
         The folder of the run; None without one.
     summary
@@ -599,7 +599,8 @@ def make_result(
         for stem, (name, table) in tables_by_stem.items():
             path = run_folder.path / f"{stem}.parquet"
             if path in files:
-                # The absolute path is the same for processes with other working folders.
+                # With an absolute path, processes with another working folder can read the
+                # file too.
                 data[name][table.name] = ParquetColumns(path.absolute(), table, degrees)
     elif isinstance(store, MemoryTables):
         for name, table in tables_by_stem.values():

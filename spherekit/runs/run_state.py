@@ -408,8 +408,8 @@ def _status_arrays(column_values: Any) -> list[tuple[Array, int]]:
     """Return the different arrays of status codes of a column, and how often each occurs.
 
     A table may have a row for each of several poles at a sample. Its columns are then
-    `Interleaved`: they store an array for each pole. Poles without a status of their own
-    share one array, which need not be counted more than once.
+    `Interleaved`: they store an array for each pole. Poles with no status of their own
+    share one array: the status of the rows. Counting this array only once saves time.
     """
     is_interleaved = isinstance(column_values, Interleaved)
     parts = column_values.parts if is_interleaved else (column_values,)
@@ -548,9 +548,9 @@ def _find_positions(wanted: Integers, numbers: Integers) -> Indices:
 def _count_shared_arrays(arrays: Iterable[Array]) -> list[tuple[Array, int]]:
     """Return each distinct array once, and how many times it is there.
 
-    The arrays are statuses of poles. Poles without a status of their own share one array,
-    and it saves most of the time to count the statuses of this array only once. Arrays are
-    the same if they start at the same address with the same strides.
+    The arrays are statuses of poles (axes of relative rotation). Poles with no status of
+    their own share one array: the status of the rows. Counting this array only once saves
+    time. Arrays are the same if they start at the same address with the same strides.
     """
     arrays_by_memory: dict[tuple[int, tuple[int, ...]], list[Array]] = defaultdict(list)
     for array in arrays:

@@ -261,7 +261,7 @@ class Sampling:
         """Mean direction of the axes and contact points in the first assembly mode.
 
         It is a unit vector (3,) in ground axes, from which recordings are viewed. About 24
-        samples are used. None if the axes cancel each other.
+        samples are used, to save time. The result is None if the axes cancel each other.
         """
         spread_samples = np.arange(0, len(self), max(1, len(self) // 24))
         motion = self.motion_at(spread_samples)

@@ -90,10 +90,13 @@ class SmoothExtremes:
 class ParabolaExtremes:
     """The extremes of parabolas through three successive values of a quantity.
 
+    They estimate the extremes of the quantity between samples.
+
     Attributes
     ----------
     maxima, minima
-        The maxima and the minima that are near the middle one of the three values.
+        The maxima and the minima, as far as they are near the middle one of their three
+        values.
     """
 
     maxima: Floats

@@ -314,8 +314,9 @@ def _choose_sampling(
 def _max_checked_samples(sampling: Sampling, trade_options: TradeOptions) -> int:
     """Return the largest number of samples at which errors are measured.
 
-    By default the number of configurations is limited, one for each sample in each assembly
-    mode, because it decides about the time. With many modes a minimum of samples remains.
+    The time depends on the number of configurations: one for each sample in each assembly
+    mode (way to assemble the mechanism). By default this number is limited. With many modes
+    at least `MIN_CHECKED_SAMPLES` samples remain.
     """
     mode_count = len(sampling.position_analysis.assembly_modes)
     default_count = max(MIN_CHECKED_SAMPLES, MAX_CHECKED_ROWS // mode_count)
@@ -324,6 +325,8 @@ def _max_checked_samples(sampling: Sampling, trade_options: TradeOptions) -> int
 
 def _make_coarser_grid(study: Study, shape: tuple[int, ...], max_count: int) -> Sampling:
     """Return a grid over the inputs of a study with at most about `max_count` samples.
+
+    Errors of settings are measured at these fewer samples, to save time.
 
     `shape` has the number of samples of each input in the study. At least two samples of
     each input remain.
@@ -641,8 +644,8 @@ def _compare_column(
         for first, second in (both, both[::-1]):
             distances, _ = cKDTree(first, **tree_options).query(second)
             errors += np.divide(distances, scale).tolist()
-    # A position without counterpart on either side is missing. Other numbers are missing
-    # only if the reference has them.
+    # A position that only one of the two columns has counts as missing. Other numbers count
+    # as missing only if the reference has them.
     expected = numbers | reference_numbers if parameter_trade.places else reference_numbers
     missing = sum(len(values) for key, values in expected.items() if key not in shared_keys)
     # The error that the analysis itself estimates, relative to the largest number.

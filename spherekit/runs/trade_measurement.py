@@ -28,8 +28,8 @@ def reads_motion_quantities(run_plan: RunPlan) -> bool:
     """Return whether the analysis of a run reads poles, rates or positions of samples.
 
     Settings of the run, such as its engine, change only the errors of these quantities.
-    Links in `Needs.links` do not count. They are the links of an analysis that computes
-    configurations itself, by the position analysis of the run.
+    `Needs.links` is emptied first: it has the links of analyses that compute configurations
+    themselves, which settings do not change.
     """
     needs = replace(run_plan.needs[0], links=frozenset())
     return bool(links_of(run_plan.mechanism, needs))

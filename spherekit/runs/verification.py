@@ -259,7 +259,9 @@ def compute_reference(
 
 
 def _has_decimal_rows(pole_fields: Iterable[PoleField]) -> bool:
-    """Return whether a run has rows that need the sizes as decimal numbers of the file.
+    """Return whether a run has rows that were computed from decimal sizes.
+
+    These are the sizes of the mechanism as they are written in the file.
 
     Near a dead centre, rounding the sizes to float64 changes the poles noticeably. A run
     computes such rows from the decimal sizes, so their reference has to use them, too.
@@ -376,7 +378,8 @@ class Verifier:
         except SpherekitError as error:
             return verification | {"problem": str(error)}
         exact = reference.exact
-        # A row has a reference if it has one for every input that moves.
+        # A row has a reference only if it has one for every input that moves. So the worst
+        # status of all inputs counts.
         status = np.max([rows.status for rows in exact], axis=0)
         # Used by the methods below.
         self._motion = motion

@@ -194,8 +194,8 @@ def check_scene(
         words = f"the {count} values of {axes[0].label}"
         rows = _SceneRows(count, (len(axes),), words)
     else:
-        # Marks are given by all inputs, or by one number, since there is one axis over
-        # time.
+        # A mark on an axis over the inputs has a value for each input. A mark on an axis
+        # over time has one number.
         rows = _SceneRows(samples, (inputs, 1), f"the {samples} samples of the block")
     if not isinstance(scene.primitives, Sequence) or isinstance(scene.primitives, str):
         type_name = type(scene.primitives).__name__

@@ -42,8 +42,8 @@ SIGN_OF_D_FOR_SUM = -1.0
 class Type(StrEnum):
     """What rests at a singularity: the output (I), the input (II), or both.
 
-    Both rest in a self-motion, in which other links move. Both can also rest where curves
-    of configurations cross (III).
+    Both rest in a self-motion: the motion of other links. At type III curves of
+    configurations cross, and both can rest there too.
     """
 
     I = "I"  # noqa: E741
@@ -95,7 +95,8 @@ class FourLinks:
     def poles(self) -> list[Pole]:
         """The poles (axes of relative rotation) of any two different links, each once.
 
-        The pole of the output is first, that of the input second.
+        The poles are those of the input link, the output link and their two reference
+        links. The pole of the output is first, that of the input second.
         """
         poles: list[Pole] = []
         for axis in LINKS_OF_AXIS:

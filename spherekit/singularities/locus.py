@@ -96,8 +96,9 @@ class SingularityMeasure:
     def _square_matrix(self) -> Floats:
         """(n, k, k) the square matrix whose determinant is `value`.
 
-        It is the matrix B of `constrained_rates` if det B changes its sign across the
-        locus, and B^T B otherwise. Both are singular in the same configurations.
+        It is the matrix B of `constrained_rates` if det B changes its sign across the locus
+        (the set of singular configurations). Otherwise it is B^T B. Both are singular in
+        the same configurations.
         """
         matrix = self.constrained_rates
         return matrix if self.changes_sign else np.swapaxes(matrix, 1, 2) @ matrix
@@ -394,7 +395,9 @@ class SingularityLocus:
     def motion_dimension(self) -> int:
         """The number k of independent motions among which a singular motion is sought.
 
-        They are all motions of the mechanism or, if `part` is given, those of this part.
+        A singular motion has rates with which the inputs or the output rest. The
+        independent motions are all motions of the mechanism or, if there is a `part`, those
+        of this part.
         """
         return self.degrees_of_freedom if self.part is None else len(self.part.driven)
 
@@ -935,9 +938,9 @@ def append_conditions(
 def adjugate(matrices: Floats) -> Floats:
     """Return the adjugates of square matrices (n, k, k), zero for those not finite.
 
-    adj(M) = det(M) M^-1 for regular matrices. From the singular value decomposition
-    M = U S V^T it is det(U) det(V) V adj(S) U^T, which needs no division. The diagonal
-    matrix adj(S) has the products of all singular values but one.
+    adj(M) = det(M) M^-1 for regular matrices. From the singular value decomposition M = U S
+    V^T it is det(U) det(V) V adj(S) U^T, which needs no division. Entry k of the diagonal
+    matrix adj(S) is the product of all singular values except value k.
     """
     svd = decompose(matrices)
     count = svd.values.shape[1]

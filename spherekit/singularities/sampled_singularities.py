@@ -260,6 +260,9 @@ class SampledSingularities:
     def _decide_status(self, distances: "_CrossingDistances") -> Array:
         """Return the status (n,) of each row, which says why a row is on no curve.
 
+        A row is one sample of one assembly mode. OK means that the row is on a curve of
+        configurations.
+
         Where curves cross, the closure equations are singular. Curves are followed only up
         to a little before the crossing. A row in this gap is on no curve, and its status is
         AT_SINGULARITY.
@@ -328,7 +331,8 @@ class SampledSingularities:
 
         The configuration is given by its places: numbers of curves and arc lengths (rad).
         """
-        # A piece is a part of a curve that is one assembly mode.
+        # A piece is a part of a curve that is one assembly mode (way to assemble the
+        # mechanism).
         pieces: list[Piece] = []
         for curve, s in places:
             pieces += self._pieces_at(curve, s, q)
@@ -337,7 +341,8 @@ class SampledSingularities:
     def _passes_any(self, places: Sequence[tuple[int, float]]) -> bool:
         """Return whether a simulation passes one of some places; True without a simulation.
 
-        A place is the number of a curve, and an arc length (rad) on this curve.
+        A place is the number of a configuration curve, and an arc length (rad) on this
+        curve. A simulation passes only parts of curves.
         """
         return any(self._passes_place(curve, s) for curve, s in places)
 
@@ -464,8 +469,8 @@ class SampledSingularities:
     def input_at(self, curve: int, s: Floats) -> Floats:
         """Return the input (n,) at arc lengths s (n,), in the range if possible.
 
-        Inputs are shifted by whole periods, after which the configuration is the same, into
-        the range or as near to it as possible.
+        After a whole period of the input the configuration is the same. So inputs (rad) are
+        shifted by whole periods into the range, or as near to it as possible.
         """
         q = self.curves[curve].at(s).values[:, self._driven]
         return into_range(q, *self.range, self._period(curve))
@@ -918,7 +923,7 @@ class SampledSingularities:
 
 @dataclass(frozen=True)
 class _SingularPositions:
-    """k singularities on one curve, in order of arc length.
+    """Positions of k singularities on one configuration curve, in order of arc length.
 
     Attributes
     ----------

@@ -186,8 +186,9 @@ class SingleFreedomSingularities:
         None if the poles cannot be constructed.
         """
         mechanism = self.position_analysis.mechanism
-        # The number of degrees of freedom usually follows from counting links and pairs.
-        # Where this is wrong, the rank of the velocity equations is used.
+        # The number of degrees of freedom usually follows from counting links and pairs. If
+        # counting gives too few (redundant constraints), the rank of the velocity equations
+        # is used.
         by_rank = self.position_analysis.by_rank
         try:
             return plan(mechanism, poles, by_rank=by_rank)

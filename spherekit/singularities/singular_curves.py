@@ -139,7 +139,9 @@ class SingularCurves:
 def moved_by_all(mechanism: Mechanism, output: str | None = None) -> bool:
     """Return whether all pairs take part in the motion of an output.
 
-    If so, the singularities of type II of this output include all self-motions.
+    At type II the output can move while the inputs rest. In a self-motion other links move
+    while inputs and output rest. If all pairs take part, the singularities of type II
+    include all self-motions.
     """
     stationary_output = output_of(mechanism, output)
     report = SingularityReport.for_output(solver_of(mechanism), stationary_output, "II")
@@ -203,7 +205,8 @@ def singular_curves(
     stray = [np.zeros((0, len(mechanism.variable_owners)))]
     for points in search.batches():
         if search.section is None:
-            # Newton's method from random starts may leave the ranges.
+            # Newton's method from random starts may end outside of the ranges of the
+            # inputs.
             points = points.rows(search.report.points(points).inside)
         # Where curves cross, no single curve can be followed.
         is_irregular = points.reciprocal_condition < END_AT_SINGULARITY_CONDITION
@@ -305,7 +308,8 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
 
         At a singularity of type I the mechanism can move while the output rests. At one of
         type II it can move while the inputs rest. The number is a determinant of the
-        velocity equations. It is 0 if there is such a motion.
+        velocity equations. It is 0 if there is such a motion. A curve of one type has the
+        other type too at its zeros.
         """
         space = other_locus.tangent_space(points.values)
         return other_locus.measure(space).value

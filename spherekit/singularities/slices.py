@@ -296,6 +296,8 @@ def singular_points_on_slice(curve: ArcCurve, locus: SingularityLocus) -> LocusP
     def measure_along_curve(points: CurvePoints) -> tuple[Floats, Floats]:
         """Return a determinant that is zero in singular configurations, and its derivative.
 
+        The search finds singular points of the curve as zeros of this determinant.
+
         The derivative is by the arc length of the curve. Both arrays are (n,), for n points
         of the curve.
         """

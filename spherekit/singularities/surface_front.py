@@ -550,8 +550,10 @@ class SurfaceFront:
 def _tangent_plane_cosines(first: LocusPoints, second: LocusPoints) -> Floats:
     """Return the cosine (k,) of the greatest angle between tangent planes at two points.
 
-    The cosines of the principal angles are the singular values of the product of both
-    orthonormal bases. Rows without a point (NaN) have the cosine 0.
+    The tangent planes belong to surfaces of singular configurations. The cosines of the
+    principal angles between two planes are the singular values of the product of their
+    orthonormal bases. The smallest cosine belongs to the greatest angle. Rows without a
+    point (NaN) have the cosine 0.
     """
     overlap = np.swapaxes(first.tangents, 1, 2) @ second.tangents
     is_finite = all_finite(overlap, (1, 2))

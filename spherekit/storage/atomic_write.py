@@ -102,7 +102,7 @@ def check_file(path: AnyPath) -> None:
 
 
 def _check_writable(folder: Path, error_if_no_folder: int) -> None:
-    """Raise `OSError` if a path is not a folder in which files can be made.
+    """Raise `OSError` if a path is not a folder in which files can be created.
 
     `error_if_no_folder` is the error number (`errno`) for a path that is not a folder. The
     message to the user depends on it.

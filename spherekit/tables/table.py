@@ -111,8 +111,9 @@ class Column:
     def stated_unit(self, degrees: bool) -> str:
         """Return the unit as it is written in files.
 
-        It is ``1`` for a pure number, and empty for texts, statuses and whole numbers
-        without a unit. `degrees` says whether angles of the table are in degrees.
+        In files a pure number has the unit ``1``. The unit is empty for texts, statuses and
+        whole numbers without a unit. `degrees` says whether angles of the table are in
+        degrees.
         """
         return self.unit_in(degrees) or ("1" if self.kind == "number" else "")
 

@@ -59,7 +59,8 @@ class JoinedBlocks(Mapping[str, Array]):
     Parameters
     ----------
     blocks
-        Columns of each block. The samples of a block follow those of the block before it.
+        Columns of each block (group of successive samples). The samples of a block follow
+        those of the block before it.
     table
         Declaration of the table.
     """

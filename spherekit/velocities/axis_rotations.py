@@ -116,7 +116,7 @@ class ProfileCircle:
     ----------
     axis
         (3,) unit vector from the centre of the sphere to the centre of the circle, in the
-        axes of the link of the profile.
+        axes of the link that has the profile.
     angle_per_length
         Angle (rad) by which the contact point turns about this axis per unit of arc length.
     """

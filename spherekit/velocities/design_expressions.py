@@ -331,8 +331,9 @@ class DesignExpressions:
     ) -> list[Expr]:
         """Return the derivatives of expressions by a pair variable.
 
-        If the variable moves a contact along a profile, the columns of this profile (its
-        tangent, point and curvature at the contact) change with it.
+        If the variable moves a contact along a profile (curve on a link), the tangent,
+        point and curvature of the profile at the contact change with the variable. Their
+        symbols are differentiated too.
         """
         rates: dict[ExpressionNode, Expr] = {self.configuration_symbols[variable]: 1.0}
         for side in self.structure.pairs.sides_with_symbols:
@@ -501,8 +502,8 @@ class DesignExpressions:
         """Return the columns (3,) of the Jacobian of an output, one for each input.
 
         A column is the angular velocity of the output's link, relative to its reference
-        link, per unit rate of one input while the others rest. With two inputs and an
-        output that points in a direction, it is the rate of this direction instead.
+        link, per unit rate of one input while the others rest. If there are two inputs and
+        the output is a pointing direction, a column is the rate of this direction instead.
         """
         link, base = self._output_links(name)
         velocities = [w[link] - w[base] for w in self._link_velocities]
@@ -529,12 +530,13 @@ class DesignExpressions:
 
         With three inputs its columns are the angular velocities of the output per unit rate
         of each input. With two inputs they are the rates of the direction in which the
-        output points. The determinant is then the area that they span, with the sign as
-        seen along the direction.
+        output points. The determinant is then the area of the parallelogram of the two
+        rates, with a sign that depends on their order.
         """
         first, second, *further_columns = self._output_jacobian(name)
         third = further_columns[0] if further_columns else self._output_direction(name)
-        # With two inputs there is no determinant unless the output points.
+        # With two inputs the output must be a pointing direction, otherwise there is no
+        # determinant.
         assert third is not None
         return dot(cross(first, second), third)
 
@@ -898,7 +900,8 @@ class DesignExpressions:
     def _angles(self) -> list[Expr]:
         """Return the angles of R pairs (rad) by variable, and 0 for variables of contacts.
 
-        No load depends on variables of contacts.
+        Loads such as springs depend on these angles. No load depends on variables of
+        contacts, so 0 does no harm.
         """
         angles: list[Expr] = [0.0] * len(self.mechanism.variable_owners)
         # `Mechanism.angles` has the number of the variable of each R pair.

@@ -384,7 +384,7 @@ def continue_signs(
     signs = np.ones((len(poles), len(motion)), dtype=np.int8)
 
     def look_up_signs(directions: Floats, rows: Any, modes: Any) -> Array:
-        """Return the signs (poles, k) at rows (k,), which were computed for all rows.
+        """Return the signs (poles, k) at k rows from those that were computed for all rows.
 
         The other arguments have no effect here; other functions of the type `SignFunction`
         need them.

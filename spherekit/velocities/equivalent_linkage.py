@@ -197,7 +197,7 @@ class EquivalentLinkage:
     def _follower_factors(self, train_numbers: Sequence[Expr]) -> dict[int, list[Expr]]:
         """Return the factors of each pair that wheels drive (a follower), by its number.
 
-        The angle of a follower is a linear function of the input angles. There is one
+        The angle of a follower is a linear function of the input angles. A follower has one
         factor for each input, and then the constant (rad). `train_numbers` are those of all
         followers, one after another.
         """

@@ -85,6 +85,9 @@ class GeometryRounding:
     def _bend(self) -> Floats:
         """(n,) bound of the derivative by the input of d x v, per rad of the tilt d.
 
+        Sizes are rounded, so axes are tilted a little. d x v is the effect of a tilt on a
+        velocity, and the derivative is the effect on an acceleration.
+
         Here v is the difference of the angular velocities of any two links. d is the
         rotation vector of the tilt of an axis. It is fixed in one of the links and turns
         with it.
@@ -98,7 +101,8 @@ class GeometryRounding:
     def _turn(self) -> Floats:
         """(links, n) angles by which links turn if loops open, per rad of opening.
 
-        They are summed over all directions in which loops can open.
+        Loops stay open by a small angle because sizes are rounded. The angles are summed
+        over all directions in which loops can open.
         """
         return np.sum(norm_columns(self.link_rotations), axis=0)
 

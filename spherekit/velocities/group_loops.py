@@ -117,6 +117,8 @@ def _find_leaves(group: Group) -> dict[int, list[int]]:
 def _is_connected_without(group: Group, left_out: set[int]) -> bool:
     """Return whether the bodies of a group stay connected if some are taken away.
 
+    A group is a set of bodies (links or rigid sets of links) that are closed together.
+
     The other bodies are connected if a tree of pairs (joints) reaches all of them. Such a
     tree has one pair less than bodies. If no body is left, the result is False.
     """

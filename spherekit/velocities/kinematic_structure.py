@@ -144,7 +144,7 @@ class KinematicStructure:
             """Return the vectors of all variables at a closed configuration.
 
             The vector of a variable is the relative angular velocity of the links of its
-            pair per unit rate. (variables, 3) numbers in ground axes.
+            pair per unit rate. The result is (variables, 3) numbers in ground axes.
             """
             values = closed
             if values is None:
@@ -163,7 +163,8 @@ class KinematicStructure:
         """Return whether the velocity equations that are solved determine the rates.
 
         If equations are redundant, independent ones were chosen at one configuration. In
-        another assembly mode the chosen equations can depend on each other.
+        another assembly mode (way to assemble the mechanism) the chosen equations can
+        depend on each other, and do not determine the rates there.
 
         Parameters
         ----------

@@ -179,12 +179,15 @@ def evaluate_unsigned(
 class _PoleColumns:
     """The quantities of one pole at n rows (configurations), while being completed.
 
+    A pole is the axis about which one link rotates relative to another.
+
     Attributes
     ----------
     quantities
-        Values (components, n) of each of the `POLE_QUANTITIES`, by its name.
+        Values (components, n) of each of the `POLE_QUANTITIES`, such as the direction, by
+        name.
     errors
-        Values (n,) of each of the `POLE_ERRORS`, by its name.
+        Values (n,) of each of the `POLE_ERRORS`, the error bounds, by name.
     """
 
     quantities: dict[str, Floats]

@@ -47,7 +47,9 @@ MAX_DIRECTION_ERROR_RAD = 1.0
 
 @dataclass(frozen=True)
 class CircleIntersection:
-    """Two great circles through a pole, at n rows (configurations).
+    """Two great circles that intersect in a pole, at n rows (configurations).
+
+    A pole is the axis about which one link rotates relative to another.
 
     Attributes
     ----------
@@ -447,14 +449,15 @@ def solve_null_motion(tree: LoopTree, vectors: Floats) -> NullMotion:
 
 
 def _solve_with_scale_equation(jacobian: Floats, coefficients: Floats) -> NullMotion:
-    """Return the null vector of loop equations, whose scale a further equation fixes.
+    """Return the rates that satisfy the loop equations, with a further equation.
 
     Parameters
     ----------
     jacobian
         (n, equations, variables) the loop equations.
     coefficients
-        (n, variables) the coefficients c of the equation c . rates = 1.
+        (n, variables) the coefficients c of the further equation c . rates = 1. The loop
+        equations alone leave the scale of the rates open.
     """
     inverse = left_inverse(np.concatenate([jacobian, coefficients[:, None, :]], axis=1))
     # The last column of the inverse solves the equations with the right-hand side (0, 1).

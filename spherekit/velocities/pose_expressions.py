@@ -167,6 +167,8 @@ def place_by_variables(
 def sum_along_paths(tree: LoopTree, pair_vectors: Sequence[Exprs]) -> list[Exprs]:
     """Return for each link the sum (3,) of the vectors of pairs on the path to it.
 
+    For example, angular velocities of pairs add up to the angular velocity of a link.
+
     The path leads from the ground along pairs of the tree. A vector is subtracted if the
     path runs from the second link of its pair to the first.
     """

@@ -62,8 +62,7 @@ TRANSMISSION_BATCH_ROWS = 4096
 class Transmission:
     """The transmission measure of one output of a mechanism.
 
-    It measures, from 0 to 1, how certainly locked inputs hold the output if the pairs have
-    play.
+    It measures, from 0 to 1, how well locked inputs fix the output if the pairs have play.
 
     Attributes
     ----------
@@ -103,7 +102,10 @@ class Transmission:
         )
 
     def measure_configurations(self, closure: Closure, values: Floats) -> Floats:
-        """Return the transmission (n,) of configurations; NaN if a configuration is NaN.
+        """Return the transmission measure (n,) of n configurations, from 0 to 1.
+
+        At 0 the output can move although the inputs are locked. The measure is NaN if a
+        configuration is NaN.
 
         Parameters
         ----------

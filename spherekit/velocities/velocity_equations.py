@@ -134,13 +134,14 @@ class VelocityEquations(ABC):
 
     @abstractmethod
     def solve_loops(self, offsets: Mapping[int, Exprs]) -> list[Expr]:
-        """Return the rates of all variables for given offsets, while the inputs rest.
+        """Return the rates of all variables for some offsets, while the inputs rest.
 
         Parameters
         ----------
         offsets
-            (3,) by pair, the vector e in the equation of the module docstring, in ground
-            axes. Other pairs have no offset.
+            (3,) by pair, the offset e in ground axes. The angular velocities of the links
+            of the pair differ by the sum of its vectors times rates, minus e. Other pairs
+            have no offset.
         """
 
     @cached_property
