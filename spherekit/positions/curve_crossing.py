@@ -201,9 +201,10 @@ def _spread_unit_vectors(count: int) -> Floats:
 def _solve_crossing(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:
     """Solve the equations of a crossing with the Gauss-Newton method.
 
-    With the closure residual F and its Jacobian J at x, they are F(x) = 0 and l J(x) T = 0
-    for every l. The columns of T are the k independent motions (right singular vectors),
-    and l are the left singular vectors, whose singular values are zero at the crossing.
+    At a crossing, several curves of configurations meet. The closure residual F(x) (by how
+    much the loops are open) is zero there. Some singular values of its Jacobian J are zero
+    too, which is written as l J(x) T = 0. T has the k independent motions (right singular
+    vectors) as columns, and l is any left singular vector of these zero values.
 
     Parameters
     ----------

@@ -38,6 +38,8 @@ class VariableBound(NamedTuple):
 class ContactLimit(NamedTuple):
     """A limit at which the two profiles of a contact pair have equal curvatures.
 
+    A curve of configurations ends there.
+
     Attributes
     ----------
     pair
@@ -52,7 +54,7 @@ class ContactLimit(NamedTuple):
 
 
 class LimitMargins(NamedTuple):
-    """How far n configurations are from limits.
+    """How far n configurations are from the limits at which a curve of them ends.
 
     Attributes
     ----------
@@ -69,7 +71,9 @@ class LimitMargins(NamedTuple):
 
 @dataclass(frozen=True)
 class CurveLimits:
-    """All limits of configuration curves. They are numbered: bounds first, then contacts.
+    """All limits at which a curve of configurations ends.
+
+    They are numbered: bounds first, then contacts.
 
     Attributes
     ----------

@@ -142,7 +142,9 @@ def bordered(jacobian: Floats, borders: Floats) -> Floats:
 def bordered_reciprocal_condition(equations: Floats, inverse: Floats) -> Floats:
     """Return the reciprocal condition numbers (n,) of bordered Jacobians.
 
-    They are computed in the Frobenius norm, and are 0 for singular matrices.
+    A bordered Jacobian has the derivatives of the loop equations at a point of a curve, and
+    the tangent of the curve as a further row. The numbers are computed in the Frobenius
+    norm, and are 0 for singular matrices.
 
     Parameters
     ----------

@@ -121,10 +121,11 @@ class _LinkAxes:
     rounded: Mapping[str, Floats]
 
     def frame(self, name: str) -> Array:
-        """Return the frame (3, 3) of a pair in this link, in quad precision.
+        """Return the frame (3, 3) of a pair in this link, in quad precision (33 digits).
 
-        Its x axis points to the first other axis of the link that is not collinear with the
-        pair axis. If there is none, it has an arbitrary direction.
+        The z axis is the pair axis. The x axis points to the first other axis of the link
+        that is not collinear with the pair axis. If there is none, x is any normal
+        direction. Collinearity is tested with the axes in float64 (`rounded`).
         """
         axis = self.exact[name]
         for other_name, other_axis in self.exact.items():
@@ -196,9 +197,10 @@ def _frames_from_sizes(
 
 
 def _read_pair_angles(document: Document, key: str) -> dict[str, Any]:
-    """Return an angle (rad, quad precision) of each pair that has this key in the file.
+    """Return the angles (rad, quad precision) that a mechanism file states for its pairs.
 
-    The key is "value" or "zero". The result maps names of pairs to angles.
+    The key in the file is "value" or "zero". The result maps names of pairs to angles.
+    Pairs without the key are left out.
     """
     pairs: Mapping[str, Any] = document.data["pairs"]
     return {
@@ -225,10 +227,11 @@ def _parse_decimals(texts: Sequence[str]) -> Array:
 
 
 def _frame_with_any_x_axis(axis: Array, rounded_axis: Floats) -> Array:
-    """Return the frame (3, 3) of an axis (3,) if no other axis fixes its x axis.
+    """Return a frame (3, 3) with a given z axis (3,), if no other axis fixes its x axis.
 
-    The x axis is perpendicular to the coordinate axis that differs most from the axis. The
-    axis in float64 decides which one this is, as in computations with float64 numbers.
+    The x axis is normal to z and to the coordinate axis that differs most from z. The
+    rounded axis (float64) decides which one this is, so that the result agrees with the
+    frame that is computed in float64.
     """
     coordinate_axis = np.eye(3)[np.argmin(np.abs(rounded_axis))].astype(quad())
     return make_frame(axis, normalize(np.cross(axis, coordinate_axis)))

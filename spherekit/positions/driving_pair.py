@@ -70,10 +70,11 @@ def _drive_each_pair(solver: PositionSolver) -> list[PositionSolver]:
 
 
 def _estimate_cost(solver: PositionSolver) -> float:
-    """Return the time (s) of one value of the functions whose zeros are meetings of modes.
+    """Return the time (s) that tells how costly it is to find where assembly modes meet.
 
-    It is infinite if the functions are not known, or if a group of three loops makes them
-    slower than `ACCEPTABLE_COST_S`.
+    Modes meet at the zeros of certain functions of the input. The result is the time to
+    evaluate all these functions once. It is infinite if they are not known, or if a group
+    of three loops makes them slower than `ACCEPTABLE_COST_S`.
     """
     coalescence = make_mode_coalescence(solver, ACCEPTABLE_COST_S)
     return np.inf if coalescence is None else coalescence.cost

@@ -93,10 +93,10 @@ class EliminationOrder(NamedTuple):
     def root_count(self) -> int:
         """Number of complex solutions with multiplicity; 0 if this order cannot be solved.
 
-        The other angles are eliminated, and a polynomial in cos and sin of the first angle
-        remains. It has twice as many complex roots as its degree. The degree follows from
-        which equation contains which angle. `eliminant_degree` returns 0 if an equation
-        lacks an angle that the elimination in this order needs.
+        The order says in which sequence angles are eliminated from the equations of a
+        group. A polynomial in cos and sin of the first angle remains. It has twice as many
+        complex roots as its degree. The degree follows from `incidence`: which equation
+        contains which angle. It is 0 if the elimination is not possible in this order.
         """
         return 2 * eliminant_degree(self.incidence)
 
@@ -165,10 +165,11 @@ def _find_remaining_pairs(group: Group, removed_links: Sequence[BinaryLink]) -> 
 def _can_form_equations(
     tree_pairs: Sequence[int], removed_links: Sequence[BinaryLink]
 ) -> bool:
-    """Return whether the removed links give as many equations as there are angles.
+    """Return whether the removed links give as many equations as there are unknown angles.
 
-    The equation of a link contains the axes of its pairs in both its neighbours, so these
-    must not be removed links, too.
+    Links with two pairs are removed so that a tree of bodies remains. The unknowns are the
+    angles of the tree pairs. A removed link gives an equation between the axes of its pairs
+    in its two neighbours. So the neighbours must be in the tree.
     """
     removed_bodies = {link.body for link in removed_links}
     has_neighbours = all(

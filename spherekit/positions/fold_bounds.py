@@ -91,11 +91,12 @@ def bound_by_kantorovich(
 
 
 def curvature_bound(linearisation: Linearisation) -> Floats:
-    """Return bounds (n,) of the change of J in each loop, per radian of all variables.
+    """Return bounds (n,) of the change of the closure Jacobian J per radian of motion.
 
-    If variable j moves, the axis of variable i changes by the vector product of both axes.
-    For a loop of m variables that move by x, and rates y, the sum of these changes is at
-    most m times the largest product, |x| and |y|, by Cauchy's inequality.
+    J has the axes of the variables as columns. If variable j moves, the axis of variable i
+    changes by the vector product of both axes. Let the m variables of a loop move by x. By
+    Cauchy's inequality, J y then changes by at most m p |x| |y|, where p is the largest
+    length of these products. The result is m p for the longest loop.
     """
     vectors = linearisation.vectors
     apart = np.max(np.linalg.norm(cross(vectors[:, :1], vectors), axis=2), axis=1)
@@ -107,9 +108,9 @@ def curvature_bound(linearisation: Linearisation) -> Floats:
 def rounding_of_loops(linearisation: Linearisation) -> float:
     """Return by how much rounding alone opens loops, in each component (rad).
 
-    Two roundings of size `EPS` are counted for the closure residual, and one for each
-    variable of the longest loop. The latter covers the geometry of a pair and the numbers
-    of the file from which it is computed.
+    Two roundings of size `EPS` are counted for the closure residual. One more is counted
+    for each variable of the longest loop. It covers the geometry of the pair, which is
+    computed from rounded numbers of the mechanism file.
     """
     return EPS * (2.0 + linearisation.tree.longest_loop)
 
@@ -145,10 +146,11 @@ def place_at_folds(
 ) -> FoldPlacement:
     """Improve configurations at folds, and bound their errors.
 
-    At a fold two configurations meet at one input, where the input has a dead centre. In
-    the space of the variables there is one direction in which the loops hardly open. If the
-    configuration moves by x in this direction, the closure error is a quadratic function of
-    x. Its nearest root is the improved configuration.
+    At a fold two configurations meet, and the input has a dead centre. The equations are
+    nearly singular there, so Newton's method is inaccurate. In the space of the variables
+    there is one direction in which the loops hardly open. If the configuration moves by x
+    in this direction, the closure error is a quadratic function of x. Its nearest root is
+    the improved configuration.
 
     Parameters
     ----------
@@ -328,9 +330,10 @@ class _FoldModel:
     def _expand_residual(self) -> _QuadraticResidual:
         """Expand the residual component u . F to second order in the distance along v.
 
-        F is the closure residual (by how much the loops are open) and J its Jacobian. For
-        the smallest singular value s of J, the singular vectors v (`_direction`) and u
-        (`_residual_direction`) have J v = s u.
+        F is the closure residual (by how much the loops are open) and J its Jacobian. The
+        smallest singular value s of J is nearly zero at a fold, where two configurations
+        meet. Its singular vectors v (`_direction`) and u (`_residual_direction`) satisfy
+        J v = s u.
         """
         second_derivative = self._second_derivative_along(self._direction)
         return _QuadraticResidual(
@@ -342,6 +345,8 @@ class _FoldModel:
 
     def _second_derivative_along(self, direction: Floats) -> Floats:
         """Return the second derivatives (n, equations) of the residual along a direction.
+
+        The residual is by how much the loops are open, at n configurations.
 
         The direction (n, free) has a component for each variable that is not an input. The
         inputs are constant.
@@ -374,10 +379,10 @@ class _FoldModel:
     def step_to_nearest_root(self) -> Floats:
         """Return the step (n, free) to the nearer closed configuration.
 
-        `quadratic` is by how much the loops open if the variables move along `_direction`.
-        The step leads along this direction to the nearer root of `quadratic`, and closes
-        the loops in the other directions. If there is no root, it leads to the extreme
-        value, where the loops are least open.
+        At a fold two closed configurations are close together. `quadratic` tells by how
+        much the loops open if the variables move along `_direction`. The step leads along
+        this direction to the nearer root of `quadratic`, and closes the loops in the other
+        directions. Without a root, the step leads to where the loops are least open.
         """
         distance = self.quadratic.find_nearest_root()
         others = self._close_other_equations(self._linearisation.residual)
@@ -391,10 +396,10 @@ class _FoldModel:
         right and left singular vectors of the smallest singular value s of the closure
         Jacobian.
 
-        The closed configurations are at the roots of f. A simple root with s x much larger
-        than h x^2 / 2 is the only one nearby. If e has an error of up to g, its distance
-        has an error of up to g / s. Near a fold there are two roots, with errors of up to
-        about sqrt(2 g / |h|). The bound is checked with the residuals at its two ends.
+        The closed configurations are at the roots of f, and e is uncertain by up to g. If
+        s x is much larger than h x^2 / 2, there is one root nearby, with an error of up to
+        g / s. Near a fold there are two roots, with errors of up to about sqrt(2 g / |h|).
+        The bound is checked with the residuals at its two ends.
 
         Parameters
         ----------

@@ -95,9 +95,10 @@ class GearPhases(NamedTuple):
 
 
 def variable_periods(closure: Closure) -> Floats:
-    """Return the growth (variables,) of each variable after which its pair is the same.
+    """Return the period (variables,) of each pair variable, in rad.
 
-    In rad; infinite for variables that never return to the same state.
+    It is the growth of the variable after which the pair is in the same state again, such
+    as one revolution. It is infinite for variables that never return to the same state.
     """
     return np.array([period for joint in closure.joints for period in joint.periods])
 

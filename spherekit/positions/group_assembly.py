@@ -27,7 +27,11 @@ from spherekit.tolerances import REACH_SLACK
 
 @dataclass
 class AssemblyState:
-    """The bodies of a mechanism at n samples, while its groups are placed.
+    """The bodies of a mechanism at n samples (inputs), while its groups are placed.
+
+    A body is a set of links with known relative orientations, at first a single link. A
+    group is a set of bodies that are placed together by closing their loops. They become
+    one body then.
 
     Attributes
     ----------

@@ -183,20 +183,20 @@ def mode_sort_key(mode: Floats) -> list[float]:
 
 
 def sortable_angles(modes: Floats) -> Floats:
-    """Return variables (..., variables) of modes so that rounding does not reorder them.
+    """Return angles (..., variables) by which modes can be sorted in a reproducible order.
 
-    They are rounded to `SORT_DECIMALS`. Rounding decides whether an angle of half a turn is
-    pi or -pi; here it is always pi.
+    They are rounded to `SORT_DECIMALS`, so that rounding errors do not change the order.
+    Half a turn, which rounding errors turn into pi or -pi, is always pi.
     """
     angles = np.round(wrap(modes), SORT_DECIMALS)
     return np.where(angles <= np.round(-np.pi, SORT_DECIMALS), -angles, angles)
 
 
 def least_complete(*methods: SolutionMethod | None) -> SolutionMethod | None:
-    """Return the method that is most likely to have missed a mode (largest `doubt`).
+    """Return the solution method that is most likely to have missed a mode.
 
-    None in the arguments means that there is no method. It is returned if no other method
-    is given.
+    This is the method with the largest `doubt`. Arguments that are None are ignored. The
+    result is None if all of them are None.
     """
     used_methods = [method for method in methods if method is not None]
     return max(used_methods, key=lambda method: method.doubt, default=None)

@@ -157,9 +157,10 @@ def check_sample_counts(mechanism: Mechanism, samples: int | Sequence[int]) -> N
 
 
 def make_grid(inputs: Sequence[Input], samples: Sequence[int]) -> InputGrid:
-    """Return the grid over the ranges of inputs, both ends included.
+    """Return the grid of all combinations of evenly spaced values of the inputs.
 
-    `samples` has the number of samples of each input.
+    The values include both ends of the range of each input. `samples` has the number of
+    values of each input. The last input varies fastest.
     """
     axes = [
         _space_evenly(item.start, item.stop, count)

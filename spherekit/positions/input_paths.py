@@ -134,8 +134,8 @@ def nodes_at(
 def determinant_sign(matrices: Floats) -> Floats:
     """Return the signs (n,) of the determinants of matrices (n, rows, columns).
 
-    They are NaN for matrices that are NaN, and 1 for matrices that are not square, which
-    have no determinant.
+    The sign changes where a path of configurations passes a singularity. It is NaN for
+    matrices that are NaN. Matrices that are not square have no determinant and get 1.
     """
     if matrices.shape[1] != matrices.shape[2]:
         return np.ones(len(matrices))
@@ -259,10 +259,11 @@ def _try_steps(
 
 
 def _limit_steps(nodes: InputPathNodes, steps: Floats, smallest_step: float) -> Floats:
-    """Return steps (n,), shortened to what the second derivatives at the nodes allow.
+    """Return steps (n,) of inputs (rad), shortened so that predictions stay accurate.
 
-    `steps` (n,) and `smallest_step` are lengths in rad. No step is made smaller than the
-    latter.
+    A step is predicted by Taylor's formula from a node (point of a path). The larger the
+    second derivative (`bend`) at the node, the shorter is the step. `steps` (n,) are the
+    wanted lengths (rad). No result is smaller than `smallest_step` (rad).
     """
     bend = max_abs(nodes.bend, axis=1) + 1e-300  # The tiny number avoids a division by 0.
     steps = np.minimum(steps, LARGEST_INPUT_STEP_RAD)
@@ -340,6 +341,8 @@ def follow_inputs(
     smallest_step: float = SMALLEST_INPUT_STEP_RAD,
 ) -> FollowedPaths:
     """Move the inputs along straight lines, and follow the configurations.
+
+    A node is a computed point of a path, with derivatives.
 
     Parameters
     ----------

@@ -53,6 +53,8 @@ def less_periods(differences: Floats, periods: Floats) -> Floats:
 def whole_laps(differences: Floats, periods: Floats) -> Floats:
     """Return the multiples of the periods that are nearest to differences of variables.
 
+    A period, such as a revolution, is a change that leaves the configuration the same.
+
     Parameters
     ----------
     differences

@@ -89,11 +89,11 @@ class InputTurningPoints(NamedTuple):
     def gap(self, step: float) -> float:
         """Return the width (rad) of the widest interval in which modes may be missed.
 
-        Modes meet at turning inputs. In a doubtful interval, such inputs may have been
-        missed, and a mode that exists only between two of them is not noticed unless a
-        probe is between them. The result is therefore the greatest distance of neighbouring
-        probes (``probes(step)``) in doubtful intervals. It is zero if no interval is
-        doubtful.
+        Modes appear or vanish at turning inputs. In a doubtful interval, such inputs may
+        have been missed. A mode between two of them is then found only if a probe (an input
+        at which modes are computed) is between them. The result is the greatest distance
+        of neighbouring probes (``probes(step)``) in doubtful intervals. It is zero without
+        doubtful intervals.
         """
         widths = np.diff(self.doubtful)
         widths = widths[widths > 0.0]
@@ -186,9 +186,10 @@ class InputTurningPoints(NamedTuple):
         return f"all modes, {intervals}{self._crossing_remark}"
 
     def _describe_known_meetings(self) -> str:
-        """Return an addition for ranges with doubtful intervals; empty without meetings.
+        """Return words that are added to the report on a range with doubtful intervals.
 
-        It says that there is a probe between each two known inputs at which modes meet.
+        They say that modes were computed between each two neighbouring known inputs at
+        which modes meet. The text is empty if no such input is known.
         """
         if not self._meeting_count:
             return ""
@@ -234,8 +235,8 @@ def find_input_turning_points(
 
     Returns
     -------
-    The inputs at which a function of the input changes its sign. Each group of the
-    mechanism has one such function. It changes its sign where two modes of the group meet.
+    The inputs at which modes meet. Each group of links (placed together) has a function of
+    the input that changes its sign where two modes of the group meet.
     """
     coalescence = make_mode_coalescence(solver, max_cost_s) if low < high else None
     if coalescence is None:

@@ -16,8 +16,8 @@ errors of redundant equations are taken for independent equations.
 def condition_numbers(matrices: Floats) -> Floats:
     """Return the condition numbers (n,) of matrices (n, rows, columns) in the 2-norm.
 
-    They are infinite if the columns depend on each other or exceed the rows in number, 1 if
-    there are no columns, and NaN if the matrix is not finite.
+    They are infinite if the columns are linearly dependent, for example if there are more
+    columns than rows. They are 1 without columns, and NaN if a matrix is not finite.
     """
     _, rows, columns = matrices.shape
     is_finite = all_finite(matrices, (1, 2))

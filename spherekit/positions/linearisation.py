@@ -31,7 +31,10 @@ Locks = tuple[list[int], Floats]
 
 @dataclass(frozen=True)
 class Linearisation:
-    """n configurations of a closure, and the quantities that follow from them.
+    """The loop equations of a chain of bodies, linearised at n configurations.
+
+    The equations say that the loops of bodies and pairs close. All quantities, such as the
+    Jacobian, are computed when they are first needed.
 
     The velocity vector of a variable is the angular velocity of the second body of its pair
     relative to the first one at unit rate of the variable.
@@ -49,7 +52,7 @@ class Linearisation:
     known_rotations
         (n, bodies, 3, 3) the `rotations`, if they are known already.
     locks
-        Variables with the values at which they are locked. Each adds one equation.
+        Numbers of locked variables, and their values. Each adds one equation.
     """
 
     tree: LoopTree
@@ -142,8 +145,9 @@ class Linearisation:
     ) -> Floats:
         """Return vectors (n, variables, 3) that are computed for each kind of pair.
 
-        `vectors_of_kind` takes a kind and the pairs of this kind, and returns their vectors
-        (n, pairs, variables of a pair, 3).
+        The result is in the order of the variables. `vectors_of_kind` takes a kind and the
+        indices of the pairs of this kind. It returns their vectors (n, pairs, variables of
+        a pair, 3).
         """
         vectors = np.empty((*self.values.shape, 3))
         for kind, _, pairs, variables in group_joints_by_kind(self.joints):
@@ -187,8 +191,9 @@ class Linearisation:
     def jacobian(self) -> Floats:
         """(n, equations, variables) matrices J of the velocity equations.
 
-        Rates with J rates = 0 keep the loops closed, and locked variables at rest. At
-        closed configurations J is the derivative of the `residual`.
+        If the rates of the variables satisfy J rates = 0, the loops stay closed and locked
+        variables stay at rest. At closed configurations J is the derivative of the
+        `residual` (by how much the loops are open).
         """
         jacobian = self.tree.jacobian(self.vectors)
         if self.locks is None:
@@ -240,8 +245,8 @@ class Linearisation:
     def bias(self, rates: Floats) -> Floats:
         """Return the bias acceleration (n, equations): (dJ/dt) rates.
 
-        The velocity equations J rates = 0 differentiated by time are J accelerations + bias
-        = 0. The bias is quadratic in the rates (n, variables).
+        The velocity equations J rates = 0 keep the loops closed. Their time derivative is
+        J accelerations + bias = 0. The bias is quadratic in the rates (n, variables).
         """
         vector_rates = self.vector_rates(self.body_rates(rates))
         bias = np.einsum("nij,nj->ni", self.tree.jacobian(vector_rates), rates)

@@ -37,7 +37,9 @@ TINY_STEP_RAD = 1e-300
 
 
 class NewtonSteps(NamedTuple):
-    """How Newton's method started, from n starts. Both numbers are small near a solution.
+    """How Newton's method started, from n starts.
+
+    Both numbers are small if the start was near a solution.
 
     Attributes
     ----------
@@ -110,7 +112,9 @@ def newton(
 
 @dataclass(frozen=True)
 class Closure:
-    """The loops of a chain of bodies, with the geometry of its pairs.
+    """The equations that close the loops of a chain of bodies, at n samples.
+
+    A sample is one choice of the inputs.
 
     Attributes
     ----------
@@ -138,9 +142,9 @@ class Closure:
         return Closure(LoopTree.of_mechanism(mechanism), joints)
 
     def select_rows(self, rows: Indices) -> "Closure":
-        """Return the closure of some samples, by their numbers (k,).
+        """Return the loop equations at some of the samples, by their numbers (k,).
 
-        Arrays with a single row belong to all samples, and stay as they are.
+        Arrays with a single row belong to all samples, so they are not indexed.
         """
         body_from_links = self.body_from_links
         locks = self.locks

@@ -33,6 +33,9 @@ rounding, redundant constraints are not recognised.
 class LoopTree:
     """A spanning tree of bodies, and the loops that the other pairs close.
 
+    The bodies and the pairs (joints) between them form a graph. Each pair that is not in
+    the tree is a chord, which closes one loop.
+
     Attributes
     ----------
     count
@@ -110,8 +113,8 @@ class LoopTree:
     def signs(self) -> Floats:
         """(loops, variables) how each loop passes a variable: +1, -1 or 0 as in `paths`.
 
-        A loop runs from body 0 to the first body of its chord, over the chord, and back
-        from the second body.
+        A loop runs along the tree from body 0 to the first body of its chord (the pair that
+        closes it), over the chord, and along the tree back from the second body.
         """
         chords, firsts, seconds = self.closing
         signs_of_pairs = self._pair_paths[firsts] - self._pair_paths[seconds]
@@ -174,7 +177,8 @@ class LoopTree:
         Parameters
         ----------
         vectors
-            (n, variables, 3) velocity vector w_v of each variable, in the axes of body 0.
+            (n, variables, 3) velocity vector of each variable in the axes of body 0: the
+            relative angular velocity of the bodies of its pair at unit rate.
         rates
             (n, variables) rates of the variables.
         """

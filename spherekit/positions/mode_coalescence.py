@@ -146,11 +146,12 @@ class OrderTrial:
 class ModeCoalescence:
     """The real analytic functions of the inputs whose signs change where modes meet.
 
-    There is one function for each group: the product, over all modes, of the determinant of
-    the group's equations. The modes are those of the group itself, in all modes of the
-    earlier groups on which it depends. If the group does not depend on an earlier one, its
-    determinant is the same in each mode of that earlier group. Only one of these equal
-    factors is then taken. With all of them, the product would be a power of the function.
+    A group is a set of bodies that are placed together. A mode is one of its solutions,
+    real or complex. Where two modes meet, the determinant of the velocity equations of the
+    group is zero. Each group has one function: the product of this determinant over all its
+    modes. The group may depend on earlier groups. Then the product runs over their modes
+    too. Modes of groups on which it does not depend would only repeat equal factors, so
+    they are left out.
 
     Parameters
     ----------
@@ -227,8 +228,10 @@ class ModeCoalescence:
     def _estimate_cost(self, position: int) -> float:
         """Return the time (s) to compute the function of a group at one input.
 
-        The group is solved once in each mode of the groups on which it depends. A train of
-        wheels with a number of loops that `COSTS_S` does not have counts as two loops.
+        The function changes its sign where two modes (solutions) of the group meet. The
+        group is solved once in each mode of the groups on which it depends. `COSTS_S` has
+        the time of one solution by the number of loops. Other numbers, which only trains of
+        wheels have, are charged like two loops.
         """
         solution_count = prod(map(self._count_modes, self._dependences[position]))
         return COSTS_S.get(self.groups[position].loops, COSTS_S[2]) * solution_count
@@ -241,8 +244,9 @@ class ModeCoalescence:
     def count_factors(self, position: int) -> int:
         """Return the number of determinants whose product is the function of a group.
 
-        There is one for each complex mode of the group, in each complex mode of the earlier
-        groups on which it depends.
+        The function changes its sign where two modes of the group meet. A complex mode is a
+        real or complex solution of the equations of a group. There is one determinant for
+        each complex mode of the group and of the earlier groups on which it depends.
         """
         return prod(map(self._count_modes, (*self._dependences[position], position)))
 
@@ -557,10 +561,11 @@ def separate_inputs(solutions: Complexes, input_count: int) -> Complexes:
 
 
 def differs_along(products: Complexes, axis: int) -> bool:
-    """Return whether neighbouring numbers along an axis differ by more than rounding.
+    """Return whether products of determinants vary along an axis by more than rounding.
 
-    Differences are compared with the largest number of the whole array. NaN counts as a
-    difference.
+    If not, the groups to which the axis belongs have no influence on the products. Only
+    neighbours along the axis are compared. The limit is relative to the largest number of
+    the whole array. NaN counts as a difference.
     """
     if products.shape[axis] == 1:
         return False

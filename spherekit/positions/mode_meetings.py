@@ -63,7 +63,7 @@ misses that counts as rounding."""
 def degrees_text(angle: float) -> str:
     """Return an angle (rad) as text in degrees, with six significant digits.
 
-    An angle below about 1e-9 deg is written as 0, never as "-0".
+    Angles smaller than about 1e-9 deg are rounding errors and become "0", never "-0".
     """
     return f"{round(float(np.degrees(angle)), 9) + 0.0:.6g}"
 
@@ -73,9 +73,9 @@ def find_crossings(
 ) -> list[Crossing]:
     """Return the crossings of curves in a short interval of the only input.
 
-    At a crossing, two or more curves of configurations meet, and the closure Jacobian has
-    further singular values that are zero. The search starts from all configurations at one
-    input below the interval and one above it.
+    At a crossing, two or more curves of configurations meet. The closure Jacobian then has
+    more zero singular values than on a single curve. The search starts from all
+    configurations at one input below the interval and one above it.
 
     Parameters
     ----------
@@ -349,9 +349,9 @@ def _compare_modes(
 def _evaluate_modes(
     solver: PositionSolver, assembly_modes: Sequence[AssemblyMode], q: float
 ) -> InputPathNodes:
-    """Evaluate all modes at input q (rad), with their derivatives with respect to it.
+    """Evaluate all assembly modes at input q (rad), with their derivatives by the input.
 
-    The result has one row per mode, which is NaN if the mode does not exist at the input.
+    The result has one row per mode. The row is NaN if the mode does not exist at the input.
     """
     values = np.concatenate(
         [solver.evaluate(mode, np.array([[q]])).values for mode in assembly_modes]
@@ -362,10 +362,10 @@ def _evaluate_modes(
 
 
 def _find_coincident_modes(values: Floats) -> Bools:
-    """Return (modes, modes) whether two modes have the same configuration.
+    """Return for each two assembly modes whether they have the same configuration.
 
-    `values` (modes, variables) are their configurations (rad) at one input. A NaN row
-    coincides only with itself.
+    The result is (modes, modes). `values` (modes, variables) are the configurations (rad)
+    at one input. A mode that does not exist there (NaN) coincides only with itself.
     """
     distance = max_abs(wrap(values[:, None] - values[None]), axis=2)
     return (distance < COINCIDENT_RAD) | np.eye(len(values), dtype=bool)
@@ -403,10 +403,10 @@ def follow_smooth_curves(
 ) -> tuple[AssemblyMode, ...]:
     """Return assembly modes that follow smooth curves through all crossings.
 
-    An assembly mode has constant signs of its dyads. At a meeting, the configuration curves
-    of two modes cross, and the smooth curve of one mode can belong to the other one
-    afterwards. A smooth curve is therefore composed of pieces of several modes, and gets
-    the number of one of them.
+    A dyad (two links joined by a pair) can be placed in two ways, told apart by its sign.
+    An assembly mode has constant signs. At a meeting, the configuration curves of two modes
+    cross. The smooth curve can pass from one mode to the other there. So a smooth curve is
+    composed of pieces of several modes, and gets the number of one of them.
 
     Parameters
     ----------
@@ -440,7 +440,7 @@ def follow_smooth_curves(
         # the interval of `start`, and is extended upwards, then downwards. At each meeting,
         # `successors` and `predecessors` map the modes that change to their new numbers.
         numbers = [mode.number]
-        # Whether, at a meeting, this curve keeps its number, and another curve takes it.
+        # Whether another curve continues under the same number as this one.
         is_claimed = False
         for meeting in meetings[first:]:
             is_claimed |= _is_taken_by_another(numbers[-1], meeting.successors)
@@ -482,9 +482,9 @@ def _is_taken_by_another(number: int, successors: Mapping[int, int]) -> bool:
 def _exists_between(mode: AssemblyMode, low: float, high: float) -> bool:
     """Return whether a mode has configurations at inputs between `low` and `high` (rad).
 
-    A mode with irreducible groups is a curve (`ModeCurve`), which can cover only a part of
-    the range, and begin or end at a crossing. The result is True for all other modes, those
-    of dyads: at a crossing each of them continues one other mode, so none begins there.
+    A mode with groups larger than dyads is a curve (`ModeCurve`), which may begin or end at
+    a crossing and so cover only a part of the range. A mode of dyads (two links joined by a
+    pair) has no such curve. It never begins at a crossing, so the result is True.
     """
     guide = mode.guide
     if not isinstance(guide, ModeCurve):

@@ -28,7 +28,7 @@ where modes are close to each other.
 
 
 class NamedModes(NamedTuple):
-    """Assembly modes with the names that the file gives them.
+    """Assembly modes with the names that the mechanism file gives them.
 
     Attributes
     ----------

@@ -82,7 +82,10 @@ class ModePrediction(NamedTuple):
 
 @dataclass(frozen=True)
 class ModeCurve:
-    """An assembly mode with one input, as a curve of verified configurations.
+    """An assembly mode (way to assemble the links) as a curve over a single input.
+
+    The curve is stored as nodes (verified configurations), between which configurations are
+    interpolated.
 
     Attributes
     ----------
@@ -141,9 +144,10 @@ class ModeCurve:
         return values, max_abs(self.values[k + 1] - self.values[k], axis=1)
 
     def predict(self, q: Floats, rows: Indices | None = None) -> ModePrediction:
-        """Return the prediction at inputs q (n, 1) in rad.
+        """Return predicted configurations of the mode at inputs q (n, 1) in rad.
 
-        `rows` is not used. It is the argument of `ModeOverGrid.predict`.
+        Newton's method starts from them. `rows` is not used. It exists because
+        `ModeOverGrid.predict` needs it.
         """
         inputs = q[:, 0]
         status = np.full(len(q), Status.OK, dtype=np.int8)
@@ -175,8 +179,9 @@ class ModeOverGrid(NamedTuple):
     def predict(self, q: Floats, rows: Indices | None) -> ModePrediction:
         """Return the configurations at the samples with the numbers `rows` (m,).
 
-        The inputs `q` (m, inputs) are only counted. This function has the same parameters
-        as that of `ModeCurve`, where `rows` can be None.
+        The configurations are stored, so nothing is interpolated. Of the inputs `q`
+        (m, inputs) only the number is used. The parameters are those of `ModeCurve.predict`,
+        where `rows` can be None.
         """
         assert rows is not None
         return ModePrediction(
@@ -312,8 +317,8 @@ def _follow_from_nodes(
     """Return the assembly modes through nodes at which the input moves.
 
     The input moves from each node to both ends of its range. A node is a verified
-    configuration with the derivatives of all variables by the distance that the input has
-    moved. This distance grows on every path, also if the input falls.
+    configuration with the derivatives of all variables by the length of the path of the
+    input. This length grows on every path, also where the input falls.
 
     Parameters
     ----------
@@ -376,7 +381,8 @@ def sheets_through(
     """Spread configurations over the samples of an input grid, by verified paths.
 
     A sheet is the set of configurations that are reached from one start, at most one at
-    each sample. It is an assembly mode, or a part of one.
+    each sample (node of the grid). It is an assembly mode (way to assemble the links), or a
+    part of one.
 
     Parameters
     ----------

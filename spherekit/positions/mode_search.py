@@ -312,10 +312,11 @@ class ModeSearch:
         return all_signs
 
     def _check_mobility_of_mode(self, closed_values: Floats) -> None:
-        """Raise an error if a mode has another mobility by rank than there are inputs.
+        """Raise an error unless the mobility of a mode is the number of inputs.
 
-        Some of the closed configurations (n, variables) are examined. The least mobility
-        counts, because singular configurations have a larger one than the mechanism.
+        The mobility follows from the rank of the velocity equations. It is computed at some
+        of the closed configurations (n, variables) of the mode. The least value counts,
+        because the mobility is larger at singular configurations.
         """
         rows = spread_rows(len(closed_values), RANKED_CONFIGURATIONS)
         mobilities = map(self.solver.compute_mobility, closed_values[rows])
@@ -387,10 +388,11 @@ class ModeSearch:
 def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
     """Return the message for a mechanism that cannot be assembled at any sample.
 
-    Its groups are placed one after another. The first groups are dyads in many mechanisms.
-    If one of them closes at no sample, in whichever way the dyads before it close, the
-    message names it. Otherwise the groups are closed one after another at a few samples,
-    and the message names the last one that is tried.
+    The message names the group of links that probably cannot close. The groups are placed
+    one after another. The first groups are often dyads (two links joined by a pair), which
+    can be placed in two ways. If one of them closes at no sample after any placement of the
+    earlier dyads, the message names this dyad. Otherwise all groups are tried at a few
+    samples, and the message names the last group that is reached.
     """
     name = solver.mechanism.name
     inputs = solver.mechanism.names_of(solver.assembly.inputs)

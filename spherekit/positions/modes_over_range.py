@@ -197,10 +197,10 @@ class ModesOverRange:
 
     @property
     def _has_enough_modes(self) -> bool:
-        """Whether no further assembly mode is followed.
+        """Whether the search stops following further assembly modes.
 
-        This is so if there are `MAX_ASSEMBLY_MODES`, or if the modes so far have taken so
-        many steps that the search would take too long.
+        It stops if there are `MAX_ASSEMBLY_MODES`, or if the modes so far have taken too
+        many steps, so that the search would take too long.
         """
         count = len(self.assembly_modes)
         has_taken_long = self._steps_along_modes > MAX_STEPS_ALONG_MODES

@@ -82,21 +82,23 @@ class SolutionNumbers:
         self._solution_of_node = np.empty(0, dtype=np.intp)
 
     def number_nodes(self, is_solution: Bools) -> None:
-        """Number single configurations as solutions, before any sheet is followed.
+        """Number single configurations as solutions of the search for assembly modes.
 
-        `is_solution` (nodes,) says which nodes of the graph are solutions. The others get
-        -1.
+        A node of the graph is one configuration at one sample. `is_solution` (nodes,) says
+        which nodes are solutions. Other nodes get -1. It is called before sheets (sets of
+        configurations reached from one start) are followed.
         """
         self.count = int(np.sum(is_solution))
         self._solution_of_node = np.full(len(is_solution), -1, dtype=np.intp)
         self._solution_of_node[is_solution] = np.arange(self.count)
 
     def number_sheet(self, node_count: int) -> None:
-        """Give the nodes of a new sheet the number of its solution.
+        """Give the nodes of a new sheet the next solution number.
 
-        The nodes of the sheet are those that were added to the graph since the last call. A
-        node of an earlier sheet stays with that sheet. `node_count` is the number of all
-        nodes of the graph.
+        A sheet is the set of configurations that are reached from one solution. Each
+        configuration is a node of the graph. The new nodes are those added since the last
+        call. Nodes of earlier sheets keep their number. `node_count` is the number of all
+        nodes.
         """
         new_count = node_count - len(self._solution_of_node)
         self._solution_of_node = np.append(
@@ -125,8 +127,8 @@ class SampledModes:
         Whether to search for modes other than the mode of the reference pose. They are also
         searched if there is no reference pose, or if its mode reaches no sample.
     shares_numbers
-        Whether modes that have the same signs and no neighbouring samples become one mode.
-        The grid must then be a path.
+        Whether modes with the same signs of their groups become one mode if they have no
+        neighbouring samples. The grid must then be a path.
 
     Attributes
     ----------
@@ -199,7 +201,10 @@ class SampledModes:
         self.assembly_modes = self._collect_modes(reference_node, shares_numbers)
 
     def _search_all(self) -> int | None:
-        """Search all modes, and return a node of the mode of the reference pose or None.
+        """Search all assembly modes, and return a node of the mode of the reference pose.
+
+        A node of the graph is one configuration at one sample. The result is None if the
+        mode of the reference pose is not known.
 
         If possible, all configurations at all samples are computed (enumerated). Otherwise
         modes are searched, first from the reference pose, then from random starts.
@@ -334,10 +339,11 @@ class SampledModes:
         return self._find_first_node(sheet)
 
     def _find_first_node(self, sheet: ModeOverGrid) -> int | None:
-        """Return the first configuration of a sheet that is a node of the graph, or None.
+        """Return the first node of the graph that is a configuration of a sheet, or None.
 
-        All samples of the sheet are tried. If the nodes were computed by elimination, this
-        may have failed at some of them.
+        A node is one computed configuration at one sample. A sheet is the set of
+        configurations that verified steps reach from one start. Several samples may have to
+        be tried, since the computation of nodes may have failed at some of them.
         """
         (samples,) = np.nonzero(sheet.status == Status.OK)
         # The node of each configuration of the sheet, -1 if it is not a node.
@@ -610,7 +616,8 @@ class SampledModes:
         def sort_key(mode: Indices) -> tuple[bool, tuple[int, int]]:
             """Return a key that puts the mode of the reference pose before all others.
 
-            The other modes are sorted by their first sample, then by their node there.
+            The other modes are sorted by their first sample, then by their node (number of
+            the configuration in the graph) there. `mode` (n,) has the node at each sample.
             """
             is_reference = reference_node is not None and bool(
                 np.any(mode == reference_node)

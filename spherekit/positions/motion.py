@@ -58,7 +58,7 @@ class Motion(ArrayRows):
     values
         (n, variables) pair variables (rad), passive angles in (-pi, pi].
     status
-        (n,) `Status` of each row.
+        (n,) `Status` of each row: whether its position was solved, or why not.
     residual
         (n,) largest component of the closure residuals (rad).
     placed
@@ -167,9 +167,10 @@ class Motion(ArrayRows):
 
     @cached_property
     def passive_jacobian(self) -> Floats:
-        """(n, equations, passive) closure Jacobian with locked inputs.
+        """(n, equations, passive) Jacobian of the loop equations with locked inputs.
 
-        These are the derivatives of the closure residuals by the passive variables.
+        These are the derivatives of the closure residuals (by how much the loops are open)
+        by the passive variables (those that are not inputs).
         """
         passive = list(self.passive_variables)
         return np.ascontiguousarray(self.linearisation.jacobian[:, :, passive])
@@ -183,8 +184,9 @@ class Motion(ArrayRows):
     def conditioning(self) -> Floats:
         """(n,) condition number in the 2-norm of the closure Jacobian with locked inputs.
 
-        It is unbounded near singularities of type II, infinite if the loops do not
-        determine the passive variables, 1 without loops, and NaN in failed rows.
+        It grows without limit near singularities of type II, where the mechanism can move
+        with locked inputs. It is infinite if the loops do not determine the passive
+        variables (not inputs). It is 1 without loops, and NaN in failed rows.
         """
         return condition_numbers(self.passive_jacobian)
 
@@ -192,9 +194,10 @@ class Motion(ArrayRows):
     def sensitivity(self) -> Floats:
         """(n,) largest change of the variables for a unit change of the closure residuals.
 
-        This is the Frobenius norm of `closure_inverse`. It is infinite if the loops do not
-        determine the passive variables, 0 without passive variables, and NaN in failed
-        rows.
+        The residuals are by how much the loops are open. With this number, error bounds of
+        the variables follow from residuals. It is the Frobenius norm of `closure_inverse`:
+        infinite if the loops do not determine the passive variables (not inputs), 0 without
+        passive variables, and NaN in failed rows.
         """
         _, equations, passive = self.passive_jacobian.shape
         sensitivity = np.full(len(self), np.inf if passive else 0.0)
@@ -222,7 +225,8 @@ class Motion(ArrayRows):
     def fold_error(self) -> Floats:
         """(n,) approximate error (rad) of the variables in rows at a dead centre.
 
-        At a dead centre the residual is a quadratic function of the variables.
+        At a dead centre the closure residual r changes with the square of the error x of
+        the variables, about as c x^2. So x is about sqrt(r / c).
         """
         return np.sqrt(self.residual_bound / self._curvature_bound)
 
@@ -255,8 +259,9 @@ class Motion(ArrayRows):
     def configuration_error(self) -> Floats:
         """(n,) bounds (rad) of the errors of the variables.
 
-        This is the `kantorovich_error` if it is finite, and the `singular_error` near dead
-        centres. It is NaN in failed rows and in rows that were not solved.
+        This is the `kantorovich_error` (from the theorem on Newton's method) if it is
+        finite. Near dead centres it is the `singular_error`. It is NaN in failed rows and
+        in rows that were not solved.
         """
         if self.singular_error is None:
             return self.kantorovich_error

@@ -49,7 +49,8 @@ def position_analysis_of(
 def kinematics_only(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism without masses, loads and joint limits.
 
-    The configurations of the mechanism do not depend on them.
+    Its configurations do not depend on them. So mechanisms that differ only in them can
+    share one position analysis.
     """
     return replace(mechanism, masses=(), loads=(), joint_limits=())
 
@@ -82,7 +83,10 @@ def assembly_by_count_or_rank(mechanism: Mechanism) -> Assembly:
 
 
 def is_mobile_by_rank_only(mechanism: Mechanism) -> bool:
-    """Return whether a mechanism moves by rank, although counting says that it does not.
+    """Return whether a mechanism moves although a count of links and pairs denies it.
+
+    The count is too small if constraints are redundant. The rank of the velocity equations
+    then shows that the mechanism moves.
 
     Raises
     ------

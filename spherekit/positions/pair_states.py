@@ -102,6 +102,8 @@ def iterate_contact_profiles(
 def list_rolling_variables(joints: Sequence[Joint]) -> list[tuple[int, Joint]]:
     """Return the variables that count how far two wheels have rolled on each other.
 
+    A joint (the geometry of a pair) has one or more variables, numbered through all joints.
+
     Returns
     -------
     For each such variable its number among the variables of all joints, and its joint.

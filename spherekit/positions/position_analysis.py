@@ -459,12 +459,12 @@ class PositionAnalysis:
         return next(self.blocks(len(self.input_grid)))
 
     def blocks(self, size: int | None = None, first: int = 0) -> Iterator[Motion]:
-        """Yield the motion in blocks of successive samples.
+        """Yield the computed configurations in blocks of successive samples, to save memory.
 
         Parameters
         ----------
         size
-            Samples in a block, by default `block`.
+            Number of samples in a block, by default the attribute `block`.
         first
             Sample with which the first block begins.
         """

@@ -375,8 +375,8 @@ class PositionSolver:
     ) -> int:
         """Return the mobility of a closed configuration (variables,) by rank.
 
-        Singular values of the velocity equations count as zero below `rank_tolerance`
-        times the largest.
+        The mobility is the number of variables less the rank of the velocity equations.
+        Singular values below `rank_tolerance` times the largest one count as zero.
         """
         vectors = self.closure.linearise(values[None]).vectors
         return int(rank_mobility(self.closure.tree, vectors, rank_tolerance)[0])
@@ -386,10 +386,10 @@ class PositionSolver:
     ) -> ModeConfigurations:
         """Return the configurations of an assembly mode at inputs in any order.
 
-        The groups of the mechanism are placed one after another: Dyads are placed in closed
-        form, by the sign of the side on which the middle pair is. Trains of wheels are
-        placed by gear ratios. Other groups are placed by Newton's method from verified
-        configurations of the mode.
+        The groups of links are placed one after another. Dyads (two links joined by a pair)
+        have a closed form with two solutions, of which the sign of the mode selects one.
+        Trains of wheels are placed by gear ratios. Other groups are placed by Newton's
+        method from verified configurations of the mode.
 
         Parameters
         ----------
@@ -484,8 +484,9 @@ class PositionSolver:
     ) -> None:
         """Place a group that is not a dyad, and set the status of samples that fail.
 
-        The group is a train of wheels, which gear ratios place, or an irreducible group,
-        which Newton's method closes from the prediction of the mode.
+        A group is a set of bodies that are placed together. A dyad consists of two bodies
+        joined by a pair. Here the group is a train of wheels, which gear ratios place, or a
+        larger group. Newton's method closes that from a prediction of the assembly mode.
 
         Parameters
         ----------
@@ -642,10 +643,10 @@ class PositionSolver:
         """Place samples beside a dead centre again, and set their status.
 
         In float64, angles lose half their digits with each group that is at its dead
-        centre. R pairs are therefore placed in quad precision. Contacts and loops with
-        redundant equations keep float64 values. So do rows of status OK for which the quad
-        placement has no error bound: in a long chain of dyads, bounds multiply. Angles
-        that are not known to `MAX_SINGULAR_ANGLE_ERROR_RAD` are set to NaN.
+        centre. Mechanisms of R pairs are therefore placed in quad precision (33 digits).
+        Contacts and loops with redundant equations stay in float64. So do samples of status
+        OK for which the quad placement has no useful error bound. Angles that are not known
+        to `MAX_SINGULAR_ANGLE_ERROR_RAD` are set to NaN.
 
         Parameters
         ----------
@@ -702,10 +703,10 @@ class PositionSolver:
 
 
 def _set_status(status: SmallIntegers, where: Bools, code: Status) -> None:
-    """Set the status of some samples that have not failed before.
+    """Set the status of the samples `where`, except for those that failed before.
 
-    A sample keeps the status of its first failure. AT_SINGULARITY is no failure, so it is
-    overwritten.
+    So a sample shows its first failure. AT_SINGULARITY is no failure, so a failure
+    overwrites it.
     """
     can_change = status == Status.OK
     if code != Status.AT_SINGULARITY:

@@ -98,12 +98,12 @@ class LoopEvaluation:
 
 @dataclass(frozen=True)
 class GroupFold:
-    """The fold of a group near given variables, at n rows.
+    """The fold (meeting of two configurations) of a group of bodies, at n rows.
 
-    At a fold two configurations of the group meet, and the Jacobian of its loop equations
-    has a singular value 0, with the right singular vector v and the left one u. If the
-    variables are moved from the fold by x (rad) along v, loops open by
-    f(x) = e + h x^2 / 2 (rad) along u. The group closes at the roots of f.
+    A row is one sample of the inputs. At a fold the Jacobian of the loop equations has a
+    singular value 0, with the right singular vector v and the left one u. If the variables
+    are moved from the fold by x (rad) along v, the loops open by f(x) = e + h x^2 / 2 (rad)
+    along u. The group closes at the roots of f.
 
     Attributes
     ----------
@@ -169,10 +169,10 @@ class GroupFold:
 
 
 class GroupLoops:
-    """The loop equations of one group in quad precision, at n rows.
+    """The loop equations of one group of bodies in quad precision, at n rows.
 
-    Variables are those of the pairs of the group, in its order, and bodies are numbered
-    within the group.
+    A row is one sample of the inputs. The variables are those of the pairs of the group, in
+    its order. Bodies are numbered within the group.
 
     Parameters
     ----------
@@ -218,7 +218,10 @@ class GroupLoops:
         )
 
     def determinant_signs(self, values: Array) -> Floats:
-        """Return the signs (n,) of the determinant of the Jacobian at variables (n, pairs).
+        """Return the signs (n,) of the determinant of the Jacobian of the loop equations.
+
+        The sign differs between the two assembly modes that meet at a dead centre.
+        `values` (n, pairs) are the pair variables (rad).
 
         The sign has no meaning in rows that are not finite.
         """
@@ -286,7 +289,8 @@ class GroupLoops:
     def _pair_axes(self, rotations: Sequence[Array]) -> Array:
         """Return the axes (n, pairs, 3) of all pairs, in the axes of body 0.
 
-        `rotations` are the rotations (n, 3, 3) of the bodies.
+        `rotations` has for each body the rotation (n, 3, 3) from its axes to those of
+        body 0.
         """
         axes = []
         for (first_body, _), frames in zip(self.group.ends, self.pair_frames, strict=True):
@@ -333,11 +337,12 @@ class GroupLoops:
         """Find the fold near variables (n, pairs), in rad.
 
         At a fold two configurations of a group of bodies meet. v and u are the right and
-        left singular vectors of the smallest singular value s of the Jacobian. Loops moved
-        by x along v are open along u by f(x) = e + s x + h x^2 / 2. At the fold the slope s
-        is zero, and the loops close in all directions but u. Both conditions are solved by
-        Newton's method, whose step along v is -s / h. The loops may remain open along u by
-        e, which is part of the result: it decides whether the group closes near the fold.
+        left singular vectors of the smallest singular value s of the Jacobian. If the
+        variables move by x along v, the loops are open along u by
+        f(x) = e + s x + h x^2 / 2. At the fold the slope s is zero, and the loops close in
+        all directions but u. Newton's method solves both conditions. Its step along v is
+        -s / h. The rest e along u is part of the result. It decides whether the group
+        closes near the fold.
 
         The Jacobian and its singular vectors are computed in float64. Their errors only
         slow Newton's method down. Only the residual needs quad precision.

@@ -131,10 +131,11 @@ class _Bodies:
     is_at_dead_centre: Bools
 
     def merge(self, group: Group, body_rotations: Sequence[Array]) -> None:
-        """Unite the bodies of a group with its first body, in place.
+        """Unite the bodies of a placed group to one body, in place.
 
-        `body_rotations` has the rotations (n, 3, 3) of the other bodies to the axes of the
-        first.
+        `body_from_link` has for each link the rotation (n, 3, 3) from its axes to those of
+        its body. `body_rotations` has the rotations (n, 3, 3) from the axes of the other
+        bodies to those of the first one, whose axes the united body gets.
         """
         for links, rotation in zip(group.bodies[1:], body_rotations, strict=True):
             for link in links:
@@ -144,7 +145,10 @@ class _Bodies:
 
 
 class QuadAssembly:
-    """Places the groups of a mechanism of R pairs in quad precision.
+    """Places the groups (bodies placed together) of a mechanism of R pairs.
+
+    It computes in quad precision (33 digits). In float64, angles would lose half their
+    digits at a dead centre.
 
     Parameters
     ----------
@@ -191,8 +195,8 @@ class QuadAssembly:
             equations has in the assembly mode. Empty if the signs are not known.
         q
             (n, inputs) float64 values of the inputs (rad). The configurations belong to
-            exactly these values. Their rounding only counts for the status, and for the
-            error bounds at a dead centre.
+            exactly these values. The rounding of the inputs is only used for the status,
+            and for the error bounds at a dead centre.
         starts
             (n, variables) float64 configurations (rad), from which Newton's method starts
             for groups that are not dyads.
@@ -440,11 +444,11 @@ class QuadAssembly:
     ) -> None:
         """Close the loops of a group that is not a dyad, and unite its bodies.
 
-        `bodies` is updated: rotations, variables, error bound and the two flags. A fold is
-        a dead centre, where two configurations of the group meet. Near it, the loops open
-        by the quadratic function e + h x^2 / 2 of the distance x from it, with the residual
-        e and the curvature h. It has no root if both have the same sign: then the group
-        does not close.
+        `bodies` is updated: rotations, variables, error bound, and whether the group is out
+        of reach or at a dead centre. A fold is a dead centre, where two configurations of
+        the group meet. At the distance x from the fold, the loops are open by
+        e + h x^2 / 2, with the residual e and the curvature h. If e and h have the same
+        sign, this has no root, and the group does not close.
 
         Parameters
         ----------
@@ -554,9 +558,10 @@ def _dyad_error(error: Floats, triple: Floats, sines: Sequence[Floats]) -> Float
 def _regular_angle_error(error: Floats, triple: Floats) -> Floats:
     """Return a bound (n,) of the error of the angles of a dyad that is not flat.
 
-    The velocity equations give the change of the angles: it is the error (n,) of the axes
-    over their determinant. The determinant is the triple product (n,) of the three axes. It
-    is 0 at the dead centre, where the dyad is flat and the bound is infinite.
+    A dyad consists of two links joined by a pair. It has three axes, which have errors of
+    up to `error` (n,). The angles then have errors of up to `error` over the determinant of
+    the velocity equations, `triple` (n,). This is the triple product of the axes. It is 0
+    at the dead centre, where the dyad is flat and the bound is infinite.
     """
     return np.where(triple > 0.0, error / triple, np.inf)
 
@@ -568,8 +573,8 @@ def _flat_angle_error(error: Floats, smallest_sine: Floats) -> Floats:
     its angles then change by x, an arc changes by s^2 x^2 / 2 at least, where s is the
     smallest sine of its arcs. Arcs with an error e thus allow x up to sqrt(2 e) / s.
 
-    The formula holds for small x. Bounds above `LARGEST_FLAT_DYAD_ERROR_RAD` are therefore
-    replaced by infinity. This happens if two axes nearly coincide (s is nearly 0).
+    The formula is valid for small x only. Larger bounds are therefore replaced by infinity.
+    This happens if two axes nearly coincide (s is nearly 0).
     """
     bound = np.where(smallest_sine > 0.0, np.sqrt(2.0 * error) / smallest_sine, np.inf)
     return np.where(bound < LARGEST_FLAT_DYAD_ERROR_RAD, bound, np.inf)

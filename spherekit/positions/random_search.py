@@ -83,16 +83,17 @@ ERROR_SPREAD = 8.0
 class SearchStatistics:
     """Counts how often random starts led to each of the solutions that were found.
 
-    Solutions are, for example, closed configurations. They are numbered from 0 in the order
-    in which they were found. A round is `STARTS_PER_ROUND` starts, which are made together.
+    The counts tell when the search can end: once every solution was found often, few can be
+    missing. Solutions are, for example, closed configurations. They are numbered from 0 in
+    the order in which they were found. A round is `STARTS_PER_ROUND` starts, which are
+    tried together.
 
     Attributes
     ----------
     variable_count
         Number of unknowns of a start.
     min_rounds
-        Number of rounds that are made in any case, before `needs_more_starts` can end the
-        search.
+        Number of rounds after which `needs_more_starts` can end the search at the earliest.
     starts
         Number of starts so far.
     counts
@@ -145,7 +146,8 @@ class SearchStatistics:
     def missed_share(self) -> float:
         """Largest share of starts that may lead to a solution that was missed.
 
-        A solution with this share is missed with the probability `MISS_PROBABILITY`.
+        If a share p of all starts leads to a solution, n starts all miss it with the
+        probability (1 - p)^n. The result is the p for which this is `MISS_PROBABILITY`.
         """
         return 1.0 - MISS_PROBABILITY ** (1.0 / max(self.starts, 1))
 
@@ -268,6 +270,8 @@ def descend_to_closure(
     def evaluate_residuals(free_values: Floats, rows: Indices) -> tuple[Floats, Floats]:
         """Return the closure errors (k, equations) of k starts, and their derivatives.
 
+        The closure errors are by how much the loops are open.
+
         `rows` (k,) are the numbers of the starts. `free_values` are their present values of
         the variables that are not fixed.
         """
@@ -362,9 +366,10 @@ class RolledLength:
 
 
 def _is_whole_circumference(profile: ContactProfile, length: float) -> bool:
-    """Return whether a length (rad) is a whole multiple of the length of a closed profile.
+    """Return whether a rolled length (rad) is a whole number of turns of a closed profile.
 
-    An open profile has no circumference: the result is False.
+    If so, the contact is in the same state again. An open profile cannot turn like this, so
+    the result is False.
     """
     if not profile.curve.closed:
         return False
@@ -500,8 +505,8 @@ class DistinctConfigurations:
     def _add_configuration(self, configuration: ClosedConfiguration) -> int:
         """Store a configuration unless it is a copy, and return its index.
 
-        The index of a copy is that of the stored configuration. It is -1 if there is no
-        room for a new one.
+        For a copy, the index of the equal stored configuration is returned. The result is
+        -1 if there is no room for a new configuration.
         """
         index_of_copy = self._find_copy(configuration)
         if index_of_copy is not None:
@@ -515,9 +520,9 @@ class DistinctConfigurations:
     def _has_room(self, configuration: ClosedConfiguration) -> bool:
         """Return whether one more configuration may be stored.
 
-        A group that is movable although the inputs are locked has infinitely many singular
-        configurations. The number of singular ones has a limit of its own, so that they do
-        not fill the whole store.
+        A group that can move with locked inputs has infinitely many singular
+        configurations. They have a lower limit of their own, so that they leave room for
+        regular ones.
         """
         if len(self._configurations) >= MAX_MODES:
             return False
@@ -700,9 +705,10 @@ def search_group(
 
 
 def _close_by_newton(closure: Closure, values: Floats) -> Floats:
-    """Return the configurations (k, variables) to which Newton's method converges.
+    """Return the closed configurations (k, variables) that Newton's method reaches.
 
-    Starts (n, variables) from which it does not converge are left out.
+    `values` (n, variables) are its starts (rad). Starts from which it does not converge
+    give no configuration.
     """
     if not len(values):
         return values

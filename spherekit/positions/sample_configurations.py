@@ -452,7 +452,7 @@ def _repeat_configurations(
 
 
 def _eliminate_rows(group: Group, closure: Closure) -> GroupConfigurations:
-    """Return the configurations of one group at all rows of its closure.
+    """Return the configurations of one group at n rows (samples of the inputs).
 
     Elimination turns the equations of the group into a polynomial in exp(i angle) of one
     angle. Real angles are its roots on the unit circle. Three methods are applied in turn,
@@ -522,10 +522,11 @@ def _solve_batch(
     count: int,
     solve: Callable[[GroupGeometry, EliminationOrder], tuple[Floats, Bools]],
 ) -> GroupConfigurations:
-    """Return the configurations of the rows at which one method certainly finds all.
+    """Return the configurations of a group at the rows where one method surely finds all.
 
-    Newton's method closes the loops from each real solution. A row passes if every one
-    of its solutions converges nearby, is well conditioned, and differs from the others.
+    A row is one sample of the inputs. Newton's method closes the loops from each real
+    solution. A row passes if each solution converges nearby, is well conditioned, and
+    differs from the others.
 
     Parameters
     ----------

@@ -61,10 +61,9 @@ def make_sample_predictor(
 ) -> Callable[[int, int, Floats], None] | None:
     """Return a function that predicts configurations at samples of a path of inputs.
 
-    If samples are close together, only one of several, called node, has to be solved by the
-    position analysis. Splines through the nodes predict the configurations at the samples
-    between them, which the caller then corrects. The result is None if samples are not
-    close enough for this to save time.
+    If samples are close together, the position analysis solves only some of them (nodes).
+    Splines through the nodes predict the configurations at the samples between. The caller
+    corrects them then. The result is None if samples are too far apart to save time.
 
     The function has the arguments start, stop and out. It writes the variables of the
     samples from start up to, but without, stop into out (variables, modes, samples), in

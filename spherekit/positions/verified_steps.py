@@ -38,8 +38,8 @@ class Verification:
     """Limits for the tests of a step along a path of configurations.
 
     A step is predicted from a node by its derivatives, and corrected by Newton's method.
-    The tests detect that the correction leads to another path. Larger limits accept longer
-    and less certain steps. For `turn`, a smaller number does.
+    The tests detect that the correction leads to another path. A node is a computed point
+    of the path. Larger limits, and a smaller `turn`, accept longer and less certain steps.
 
     Attributes
     ----------
@@ -98,7 +98,9 @@ class Verification:
         return is_near & contracts
 
     def accepts_change(self, change: Floats, cosine: Floats | float = 1.0) -> Bools:
-        """Return (n,) whether equations and tangents changed little enough.
+        """Return (n,) whether equations and tangents changed little enough in a step.
+
+        Large changes are a sign that the step has left its path.
 
         Parameters
         ----------
