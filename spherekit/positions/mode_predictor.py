@@ -180,7 +180,7 @@ class ModeOverGrid(NamedTuple):
         """Return the configurations at the samples with the numbers `rows` (m,).
 
         The configurations are stored, so nothing is interpolated. Of the inputs `q`
-        (m, inputs) only the number is used. The parameters are those of `ModeCurve.predict`,
+        (m, inputs) only the number is used. The parameters are as in `ModeCurve.predict`,
         where `rows` can be None.
         """
         assert rows is not None

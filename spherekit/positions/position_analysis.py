@@ -459,7 +459,7 @@ class PositionAnalysis:
         return next(self.blocks(len(self.input_grid)))
 
     def blocks(self, size: int | None = None, first: int = 0) -> Iterator[Motion]:
-        """Yield the computed configurations in blocks of successive samples, to save memory.
+        """Yield the configurations in blocks of successive samples, to save memory.
 
         Parameters
         ----------
