@@ -61,9 +61,10 @@ _listener: ContextVar[ProgressListener | None] = ContextVar("listener", default=
 
 @contextmanager
 def progress_listener(listener: ProgressListener | None) -> Iterator[None]:
-    """Pass each `ProgressReport` that is made within a `with` block to a function.
+    """Pass all progress reports within a `with` block to a function.
 
-    If the function is None, no reports are made.
+    Long computations in the block call it with a `ProgressReport` every few seconds. If the
+    function is None, progress is not reported.
     """
     token = _listener.set(listener)
     try:
@@ -85,8 +86,8 @@ class ProgressReporter:
     """Reports the progress of one computation every few seconds.
 
     If the computation states its progress in numbers, the reports also estimate the
-    remaining time. The estimate assumes the mean speed since the first numbers, so that
-    work which was finished before, such as the parts of a resumed run, does not count.
+    remaining time. The estimate uses the mean speed since the first report of a number. So
+    parts that were finished earlier, as in a resumed run, do not distort the speed.
 
     Parameters
     ----------

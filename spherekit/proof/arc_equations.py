@@ -124,10 +124,12 @@ class ClosingLinkPlacement:
 
 
 class ArcEquations:
-    """The equations f = 0 of a mechanism, evaluated in ball arithmetic.
+    """The closure equations f = 0 of a mechanism, evaluated in ball arithmetic.
 
-    A ball is a number with a bound of its error. The number of bits is that of the present
-    context (`working_precision`).
+    A ball is a number with a bound of its error, so results are proven. Links are placed
+    one after another. Each link that is put on the axes of two placed links gives one
+    equation: the arc between both axes is that of the link. The number of bits is that of
+    the present context (`working_precision`).
 
     Parameters
     ----------
@@ -380,8 +382,9 @@ class ArcEquations:
         def carry_along(path: Sequence[int], axis: Vector) -> Jet:
             """Return an axis of the first link of a path in axes of the shared link.
 
-            A path leads from a parent of a closing link to the first link that both
-            parents' paths have in common.
+            A closing link is put on the axes of two links, its parents. The paths of
+            reference links lead from both parents to the first link that they share. The
+            result is a jet: the axis with its derivatives by the variables.
             """
             # Each link's orientation leads to its reference, the next link of the path.
             jet: Jet = {(): axis}

@@ -76,9 +76,10 @@ The points are unit vectors. The parameter is not the arc length.
 
 
 def evaluate_rotation(terms: Array, angles: Array) -> Array:
-    """Return (n, 3, 3) terms[0] + cos(angle) terms[1] + sin(angle) terms[2].
+    """Return the rotation matrices (n, 3, 3) of a link at angles about its pair axis.
 
-    `terms` is (3, 3, 3). `angles` (n,) rad are balls (numbers with a bound of their error),
+    Each is terms[0] + cos(angle) terms[1] + sin(angle) terms[2] with the three matrices of
+    `terms` (3, 3, 3). `angles` (n,) in rad are balls (numbers with a bound of their error),
     or power series with such coefficients.
     """
     sine, cosine = (array[:, None, None] for array in sine_cosine(angles))
@@ -207,9 +208,10 @@ def _make_circle(axes: Array, sine: Ball, cosine: Ball) -> Curve:
 def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]:
     """Return the curve of a path as a function of its arc length.
 
-    The curve is divided into panels. In each panel the arc length is computed as a power
-    series of the path's parameter. The reversed series gives the parameter as a function of
-    the arc length. The panels are so short that both series are accurate to all digits.
+    A path has any parameter, but contacts need the arc length. The curve is divided into
+    panels. In each panel the arc length is computed as a power series of the parameter. The
+    inverse of the series gives the parameter as a function of the arc length. The panels
+    are so short that both series are accurate to all digits.
 
     Parameters
     ----------
@@ -450,8 +452,8 @@ class _SphericalSpline:
     def evaluate(self, parameter: Array) -> tuple[Array, Array]:
         """Return points (n, 3) on the unit sphere and their derivatives by the parameter.
 
-        The parameters (n,) are balls, or power series of balls; the results are of the same
-        kind. Series also give derivatives.
+        The parameters (n,) are balls (numbers with a bound of their error), or power series
+        of balls. The results are of the same kind.
         """
         points_and_rates = _enclose_pieces(
             self._evaluate_intervals, parameter, self._find_intervals

@@ -91,10 +91,12 @@ def revolute_rotation_terms(first: Frame, second: Frame) -> Array:
 
 
 def azimuth_frame(centre: Vector) -> Frame:
-    """Return a frame whose axis is `centre` and from which azimuths of profiles count.
+    """Return the frame in which the azimuths of a profile about its centre are measured.
 
-    The zero direction is the part of the y or x axis of the link that is perpendicular to
-    the centre. The x axis is avoided if the centre is close to it.
+    The rows of a frame are the zero direction (azimuth 0), the side (azimuth 90 degrees)
+    and the axis. The axis is `centre`, a unit vector (3,) in link axes. The zero direction
+    is the part of the x axis of the link that is normal to the axis. If the centre is close
+    to the x axis, the y axis takes its place.
     """
     helper = np.eye(3)[1 if abs(float(centre[0])) > 0.9 else 0]
     return _frame_toward(centre, helper - (helper @ centre) * centre)
@@ -246,19 +248,22 @@ def _reference_frame(
 
 
 def _frame_across(axis: Vector, float_axis: Floats) -> Frame:
-    """Return the frame of an axis if no other axis of the link gives the zero direction.
+    """Return the frame of a pair axis if no other axis of the link gives its direction.
 
-    The zero direction is perpendicular to the coordinate axis that is farthest from the
-    pair axis.
+    The rows of a frame are the zero direction of the pair angle, the side and the axis. The
+    zero direction is normal to the coordinate axis that is farthest from the pair axis. The
+    axis in float64, `float_axis`, decides which one this is.
     """
     coordinate_axis = np.eye(3)[np.argmin(np.abs(float_axis))]
     return _frame_toward(axis, np.cross(axis, coordinate_axis))
 
 
 def _frame_toward(axis: Vector, perpendicular: Vector) -> Frame:
-    """Return the frame of an axis whose zero direction is along a vector across the axis.
+    """Return the frame with a given axis and zero direction.
 
-    The vector need not have unit length.
+    The rows of a frame (3, 3) are the zero direction of the pair angle, the side (at 90
+    degrees from it) and the axis. `axis` is a unit vector. `perpendicular` is a vector of
+    any length along the zero direction.
     """
     zero_direction = unit_vector(perpendicular)
     return np.stack([zero_direction, np.cross(axis, zero_direction), axis])

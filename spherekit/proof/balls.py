@@ -139,9 +139,9 @@ def power_series(*coefficients: Array) -> Array:
 
 
 def series_coefficient(series: Array, power: int) -> Array:
-    """Return the coefficients (...) of one power in an array of power series.
+    """Return the coefficients (...) of one power in an array (...) of power series.
 
-    An entry that is a ball counts as a constant series.
+    An element that is a ball (number with a bound of its error) is a constant series.
     """
     series_type = flint_library().arb_series
 
@@ -154,9 +154,10 @@ def series_coefficient(series: Array, power: int) -> Array:
 
 
 def enclose_both(first: Array, second: Array) -> Array:
-    """Return balls that contain the balls of two arrays (...), entry by entry.
+    """Return balls (numbers with error bounds) that contain those of two arrays.
 
-    If the entries are power series, this is done for each coefficient.
+    Both arrays have the shape (...), and each ball contains the two balls at its place. If
+    the elements are power series, this is done for each coefficient.
     """
     series_type = flint_library().arb_series
 
@@ -244,8 +245,9 @@ def pi_ball() -> Ball:
 def polar_angle(cosine: Ball, sine: Ball) -> Ball:
     """Return the polar angle (rad) of the plane vector (cosine, sine).
 
-    The arc tangent of two arguments jumps at half a turn. A ball across this jump would be
-    as wide as a turn. Vectors to the left are therefore rotated by half a turn first.
+    Cosine and sine are balls (numbers with a bound of their error). The function atan2
+    jumps at half a turn. A ball across this jump would be as wide as a turn. Vectors with
+    a negative cosine are therefore rotated by half a turn first.
     """
     atan2 = flint_library().arb.atan2
     if cosine < 0:

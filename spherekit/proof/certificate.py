@@ -134,10 +134,11 @@ def _construction_table(
 
 
 def _step_tables(structure: Structure, construction: Construction) -> list[dict[str, Any]]:
-    """Return for each link but the root how it is placed.
+    """Return for a certificate how each link is placed, in order.
 
-    An entry has the link, the one or two links placed before to which it is joined ("on"),
-    and the pairs that join it to these ("by").
+    The root, which is placed first, is left out. Each dictionary has the name of the link,
+    the one or two links placed before to which it is joined ("on"), and the pairs that join
+    it to these ("by").
     """
     return [
         {
@@ -177,11 +178,11 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
     """Return the certificate of the configuration curves over a range of the only input.
 
     A certificate is a table for a JSON file, from which a checker can repeat the proof.
-    Each curve is a chain of pieces. A piece is a box with exactly one arc of the curve, and
-    contains the centre of the next piece. Centres and frames are the exact float64 numbers.
-    Places where curves cross or nearly do are listed as crossings. The boxes that prove
-    that there is no other curve are left out: a checker has to divide the space of the
-    variables again.
+    Each curve is a chain of pieces. A piece is a box in the space of the variables with
+    exactly one arc of the curve. It contains the centre of the next piece. Centres and
+    frames of boxes are exact float64 numbers. Places where curves cross or nearly do are
+    listed as crossings. The boxes that prove that there is no other curve are left out: a
+    checker has to divide the space of the variables again.
 
     If the input drives wheels, all of them are back at their initial angles after
     "input_turns_of_its_variable" turns of the input. In the equations the input angle is
@@ -240,12 +241,12 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
 
 
 def _arm_entry(arm: Arm | None) -> list[int] | None:
-    """Return the entry of a certificate for an end of a curve, which may be on an arm.
+    """Return what a certificate (proof to be checked) states about an end of a curve.
 
     A saddle is a place where curves cross or narrowly miss each other. Four branches, its
-    arms, leave it, one in each quadrant of the first two coordinates of its frame. The
-    entry is the number of the saddle and the signs of both coordinates in the quadrant.
-    None for an end elsewhere.
+    arms, leave it, one in each quadrant of the first two coordinates of its frame. If the
+    curve ends on an arm, the result is the number of the saddle and the signs of both
+    coordinates in the quadrant. Otherwise it is None.
     """
     if arm is None:
         return None
@@ -265,7 +266,7 @@ def _piece_table(piece: CertifiedArc) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class RoundedBalls:
-    """Float64 numbers near balls, and error bounds.
+    """Float64 numbers that stand for balls (numbers with error bounds), and error bounds.
 
     Attributes
     ----------

@@ -288,7 +288,9 @@ def read_known_angles(
 ) -> list[Ball]:
     """Return the angles (rad) of inputs and followers from decimal input values.
 
-    Followers are the pairs whose angles follow from the inputs through wheels.
+    Followers are the pairs whose angles follow from the inputs through wheels. The angles
+    are balls (numbers with a bound of their error). `inputs` are texts of decimal numbers
+    in the unit of the file.
     """
     input_angles = [decimal_mechanism.input_angle(text) for text in inputs]
     return decimal_mechanism.known_angles(input_angles)
@@ -332,14 +334,18 @@ def join_boxes(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
 
 @dataclass(frozen=True)
 class _HomotopyResult:
-    """What homotopies, which follow roots from known equations, have given.
+    """The result of a search for roots by homotopies.
+
+    A homotopy follows the roots of known equations while these change to the equations of
+    the mechanism.
 
     Attributes
     ----------
     approximations
         The approximate roots, each with the complex angles (rad) of all unknowns.
     systems
-        The systems that have proven the real roots complete; none if they have not.
+        Parts of the equations that were solved one after another, and have proven that no
+        real root is missing. Empty if there is no such proof.
     """
 
     approximations: list[Sequence[complex]]
@@ -347,7 +353,7 @@ class _HomotopyResult:
 
 
 class _RootSearch:
-    """The roots at given inputs that are proven with one precision.
+    """A search for proven roots of the loop equations, at given inputs and one precision.
 
     Parameters
     ----------
@@ -427,7 +433,8 @@ class _RootSearch:
     def _is_complete(self, roots: Complexes) -> bool:
         """Return whether as many roots are proven, or approximated, as there can be.
 
-        `roots` (roots, unknowns) are the approximations (rad) of one homotopy.
+        If so, no further homotopy (search for approximate roots) is needed. `roots` (roots,
+        unknowns) are the complex angles (rad) that one homotopy has found.
         """
         # The largest possible number of complex roots, by the degrees of the equations.
         bound = self.equations.construction.mode_bound
@@ -437,7 +444,9 @@ class _RootSearch:
         return bool(len(self.roots) >= bound or np.sum(is_finite) >= bound)
 
     def _find_complete_systems(self) -> Sequence[EquationSystem]:
-        """Return the systems if they prove that no real root is missing, else none.
+        """Return the systems of equations that prove that no real root is missing.
+
+        The result is empty if they do not prove this.
 
         The equations are divided into small systems, which are solved one after another
         (`spherekit.proof.modes_over_boxes.count_modes`). If this proves the number of real
@@ -569,10 +578,10 @@ def enclose_pair_angles(equations: ArcEquations, variables: Sequence[Ball]) -> l
 def _angle_between_frames(first_frame: Frame, second_frame: Frame) -> Ball:
     """Return the angle (rad) of a pair from its frames in both links.
 
-    The rows of a frame are the zero direction, the side and the axis of the pair, here in
-    axes that both links share. The angle is that from the first zero direction to the
-    second. Its cosine and sine are the components of the second zero direction along the
-    first zero direction and the first side.
+    The rows of a frame are the zero direction of the angle, the side and the axis of the
+    pair. Both frames are in the same axes. The pair angle leads from the first zero
+    direction to the second. Cosine and sine are the components of the second zero direction
+    along the first zero direction and along the first side.
     """
     zero_and_side = first_frame[:2]
     second_zero_direction = second_frame[0]

@@ -137,10 +137,11 @@ class CertifiedSingularities:
 
 
 def find_output_pairs(decimal_mechanism: DecimalMechanism) -> dict[str, int]:
-    """Return the pair that joins each output to the link relative to which it is seen.
+    """Return the pair that measures each output, by the name of the output.
 
-    Outputs without such a pair are left out of the result. Pairs are given by their numbers
-    in the structure.
+    An output is a link that is observed relative to another link. The pair joins these two
+    links. Outputs without such a pair are left out of the result. The numbers of pairs are
+    those in the structure (links and R pairs).
     """
     mechanism = decimal_mechanism.mechanism
     pairs = dict[str, int]()
@@ -155,10 +156,10 @@ def find_output_pairs(decimal_mechanism: DecimalMechanism) -> dict[str, int]:
 def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
     """Return the singularities of all declared outputs other than the input itself.
 
-    An output is measured by the angle of the pair that joins it to the link relative to
-    which it is seen. If this angle is stationary along a configuration curve, the
-    configuration is singular of type I. If the input angle is stationary, it is singular of
-    type II.
+    An output is a link that is observed relative to another link. It is measured by the
+    angle of the pair between both. If this angle is stationary along a configuration curve,
+    the configuration is singular of type I. If the input angle is stationary, the
+    configuration is singular of type II.
     """
     construction = curves.construction
     output_pairs = find_output_pairs(curves.decimal_mechanism)

@@ -91,10 +91,10 @@ class Chain:
 
     @property
     def successive_pieces(self) -> list[tuple[CertifiedArc, CertifiedArc]]:
-        """Each piece together with the next one.
+        """Each piece of the chain together with the next one.
 
-        A piece is a box with one arc of the curve. In a closed chain the first piece
-        follows the last.
+        A chain is a curve of configurations as a row of pieces. A piece is a box with one
+        arc of the curve. In a closed chain the first piece follows the last.
         """
         pieces = [*self.pieces]
         if self.closed:
@@ -185,10 +185,10 @@ def find_chain(
 
 
 def _reverse(piece: CertifiedArc) -> CertifiedArc:
-    """Return the same arc with the opposite tangent.
+    """Return the same certified arc with the opposite tangent, to follow it backward.
 
-    It stays proven: its box is symmetric about the centre, and the bounds of its `test` are
-    for distances from the centre in both directions.
+    The arc is the only one in a box. The proof stays valid: the box is symmetric about its
+    centre, and the bounds of the `test` apply to both directions.
     """
     frame = piece.frame.copy()
     frame[:, 0] *= -1.0
@@ -234,8 +234,9 @@ def find_piece_ahead(
 def _find_next_piece(equations: ArcEquations, last: CertifiedArc) -> CertifiedArc | None:
     """Return the arc that continues a chain after its last arc, None if none is proven.
 
-    A chain is a configuration curve as a row of certified arcs. Shorter and shorter
-    distances to the next centre are tried.
+    A chain is a configuration curve as a row of certified arcs: boxes that contain exactly
+    one arc each. The next box has its centre ahead on the tangent. Shorter and shorter
+    distances are tried, until an arc can be proven.
     """
     ratio = NEXT_CENTRE_RATIO
     longest = min(LONGEST_ARC_RAD, LENGTH_GROWTH * last.half_length)
@@ -266,10 +267,11 @@ def _follow_forward(
     """
 
     def end_of_curve(piece: CertifiedArc) -> Arm | int | None:
-        """Return the end of a curve that an arc of it has reached, 0 if it is at none.
+        """Return the end of the curve that an arc has reached, 0 if it is at no end.
 
-        An end is an arm, a branch of curves that leaves a crossing, or a side of the range
-        of the input: 1 if the arc is above the range, -1 if it is below.
+        The curve ends where it meets a crossing of curves, or leaves the range of the
+        input. The result is then an arm (branch that leaves the crossing), or 1 above the
+        range and -1 below it.
         """
         # The input's variable is the last one.
         overshoot = max(piece.euclidean_distance, RANGE_OVERSHOOT_RAD)
@@ -283,8 +285,8 @@ def _follow_forward(
         end = end_of_curve(last)
         if end and end != end_to_leave:
             return Chain(pieces, closed=False)
-        # Here `end` is either no end, or the one at which the curve started. As soon as the
-        # curve has left the latter, any end counts.
+        # Here the arc is at no end, or still at the end where the curve started. Once the
+        # curve has left that end, any end stops it.
         if not end:
             end_to_leave = end
         # The chain closes if the start is in the box of the last arc, ahead of its centre,

@@ -100,9 +100,9 @@ class FourPairLoop:
     onto which the last link is put. The equation says that the arc between these axes is
     that of the last link.
 
-    If all four pair axes are in one plane, the way around the loop is on one great circle,
-    and passes the arc of each link forwards or backwards. So the loop can close in this way
-    if its four arcs, with suitable signs, add up to whole turns.
+    Such a loop can have all four axes in one plane, where curves of configurations cross.
+    The way around the loop is then on one great circle, and passes the arc of each link
+    forwards or backwards. So the four arcs, with suitable signs, add up to whole turns.
 
     Attributes
     ----------
@@ -554,9 +554,9 @@ class Crossings:
         """Return the arms on which a chain of arcs begins and ends, None for no arm.
 
         An arm is a branch of a curve that leaves a saddle, where curves cross or nearly do.
-        A closed chain has no ends. A chain of one arc on an arm stands for an arm that
-        leaves the range of the input near its saddle. It begins outside the range, so that
-        only its end is on the arm.
+        A closed chain has no ends. A chain of a single arc belongs to an arm that leaves
+        the range of the input near its saddle. It begins outside the range, so only its end
+        is on the arm.
         """
         if closed:
             return None, None
@@ -564,10 +564,10 @@ class Crossings:
         return begin_arm, self.arm(pieces[-1])
 
     def may_contain(self, position: Floats, error: float) -> bool:
-        """Return whether a saddle's box may contain a configuration within an error.
+        """Return whether a configuration may be in the box of a saddle.
 
-        A saddle is a place where configuration curves cross or nearly do. `position` (v,)
-        and `error` are in rad.
+        A saddle is a place where configuration curves cross or nearly do. The configuration
+        differs from `position` (v,) by at most `error` in each of the v variables (rad).
         """
         return any(saddle.may_contain(position, error) for saddle in self.saddles)
 
@@ -708,10 +708,11 @@ class Crossings:
 
 
 def _is_near_centre(configuration: Array, box: OrientedBox) -> bool:
-    """Return whether a configuration (v,) in balls is near the centre of a box.
+    """Return whether a configuration (v,) is so near the centre of a box that it is inside.
 
-    It is then surely inside the box: its distance from the centre in v variables is at most
-    sqrt(v) times the largest difference of a variable.
+    The v variables (rad) are balls, numbers with a bound of their error. The box may be
+    rotated. The distance from its centre is at most sqrt(v) times the largest difference of
+    a variable, which `NEAR_CENTRE_RATIO` allows for.
     """
     differences = configuration - exact_balls(box.centre)
     largest_difference = max(map(upper_magnitude, differences))

@@ -67,7 +67,7 @@ rounding are listed.
 
 
 class ModeInterval(NamedTuple):
-    """A part of the range with one number of assembly modes.
+    """A part of the range of the input with the same number of assembly modes throughout.
 
     Attributes
     ----------
@@ -86,8 +86,8 @@ class ModeInterval(NamedTuple):
 class CertifiedCurves:
     """The configuration curves over a range of the only input, as far as they are proven.
 
-    Every closed configuration of the range is on a chain, on an arm of a crossing, or in
-    one of the undecided boxes.
+    A closed configuration is one with closed loops. Each one in the range is on a chain
+    (curve), on an arm (branch) of a crossing, or in one of the undecided boxes.
 
     Attributes
     ----------
@@ -140,7 +140,8 @@ class CertifiedCurves:
     def cycle_turns(self) -> int:
         """Turns of the input after which all wheels have their initial angles again.
 
-        It is 1 without wheels. The input angle is this number times its variable.
+        It is 1 without wheels. The equations use a variable that makes one turn meanwhile.
+        So the input angle is this number times the variable.
         """
         return self.construction.cycle_turns
 
@@ -190,7 +191,8 @@ class CertifiedCurves:
     def has_constant_input(self) -> list[bool]:
         """For each chain whether the input is constant along it.
 
-        At this input a whole curve of configurations is possible, and not single modes.
+        A chain is a configuration curve. If the input is constant, the mechanism can move
+        along the curve while the input is locked.
         """
         return self.find_constant_chains(self.input_variable)
 
@@ -348,7 +350,8 @@ class CertifiedCurves:
     def _are_same_input(self, first: float, second: float) -> bool:
         """Return whether two inputs (rad) are the same, up to rounding and whole cycles.
 
-        A cycle is `cycle_turns` turns, after which all wheels are back.
+        A cycle is `cycle_turns` turns of the input, after which all wheels have their
+        initial angles again.
         """
         # The input's variable makes one turn in a cycle, and `wrap` removes whole turns.
         variable_difference = abs(wrap((first - second) / self.cycle_turns))
@@ -468,10 +471,11 @@ class CertifiedCurves:
         return sorted(q for q in inputs if first < q < last)
 
     def _shortest_interval(self) -> float:
-        """Return the length (rad) up to which a part of the range may be one input.
+        """Return the length (rad) below which an interval of the input is not real.
 
-        Turning points are known with an error. Two of them may be the same input if they
-        differ by less than twice the largest error.
+        Modes are counted between turning points, where the input turns back. They are known
+        with an error. Two of them may be at the same input if they differ by less than
+        twice the largest error.
         """
         # The error of a point is that of the input's variable. The input is `cycle_turns`
         # times this variable.
@@ -711,9 +715,9 @@ class _InputVariableRange:
     def side(self, variable: float, margin: float) -> int:
         """Return on which side of the range a value (rad) of the input's variable is.
 
-        It is 1 if the value is above the range by more than the margin (rad), -1 if it is
-        below by more, otherwise 0. With a margin, curves are followed a little beyond the
-        range.
+        The result is 1 if the value is above the range by more than the margin (rad), -1 if
+        it is below by more than the margin, otherwise 0. The margin lets curves be followed
+        a little beyond the range.
         """
         if self.is_full_cycle:
             return 0

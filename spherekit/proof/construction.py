@@ -86,9 +86,10 @@ class PlacementStep:
 
     @property
     def has_two_parents(self) -> bool:
-        """Whether the link is a closing link, which is put on the axes of two pairs.
+        """Whether the link is put on the axes of two placed links (its parents).
 
-        It gives one equation: the arc between both axes is that of the link.
+        Such a closing link gives one equation: the arc between both axes is that of the
+        link. Any other link rotates about the axis of one pair.
         """
         return len(self.pairs) == 2
 
@@ -188,10 +189,11 @@ class Construction:
 
     @cached_property
     def placements(self) -> dict[int, LinkPlacement]:
-        """By number of a link: its reference, and the degrees of its relative orientation.
+        """By number of a link: its reference link, and the degrees of its orientation.
 
-        The orientation of a link relative to its reference is a trigonometric polynomial in
-        the variables. From its degrees follow those of the closure equations.
+        The orientation of a link is expressed relative to a link placed before, its
+        reference. It is a trigonometric polynomial in the variables. The degrees of the
+        closure equations follow from its degrees.
         """
         no_degrees = np.zeros(len(self.pairs), dtype=np.intp)
         placements = {self.root: LinkPlacement(self.root, no_degrees)}
@@ -220,7 +222,7 @@ class Construction:
 
     @cached_property
     def degrees(self) -> Indices:
-        """(equations, variables) degrees of the equations as trigonometric polynomials.
+        """(equations, variables) degrees of the closure equations in cos and sin of angles.
 
         An equation of degree m in an angle has powers -m to m of e^(i angle).
         """
@@ -229,11 +231,11 @@ class Construction:
 
     @cached_property
     def mode_bound(self) -> int:
-        """Largest possible number of isolated complex modes.
+        """Largest possible number of isolated complex modes (solutions of the equations).
 
-        In the half tangents of its angles an equation of trigonometric degree m has the
-        degree 2 m. By Bezout's theorem for products of projective lines, the bound is the
-        permanent of these degrees. It counts solutions at infinity.
+        An equation of degree m in cos and sin of an angle has the degree 2 m in tan(angle /
+        2). By Bezout's theorem for products of projective lines, the bound is the permanent
+        of these degrees. It counts solutions at infinity too.
         """
         return permanent(2 * self.degrees[:, : self.unknown_count])
 
@@ -450,16 +452,17 @@ class PairGraph:
     def find_bodies(self) -> list[int]:
         """Return for each link the number of the first link of its body.
 
-        A body is a set of links joined by pairs with given angles; it is rigid at given
-        inputs.
+        A body is a set of links joined by pairs with known angles (inputs and wheels). It
+        is rigid at given inputs.
         """
         given_ends = (self.ends[pair] for pair in self.given_pairs)
         return component_labels(self.link_count, given_ends)
 
     def find_joined_bodies(self, body_of_link: list[int]) -> dict[int, tuple[int, int]]:
-        """Return by number of each pair with an unknown angle the two bodies it joins.
+        """Return the two bodies that each pair with an unknown angle joins, by its number.
 
-        `body_of_link` is the result of `find_bodies`.
+        A body is a rigid set of links, numbered by its first link. `body_of_link` has the
+        body of each link (`find_bodies`).
         """
         return {
             pair: (body_of_link[first], body_of_link[second])
@@ -470,7 +473,7 @@ class PairGraph:
 
 @dataclass(frozen=True)
 class BodyPlacement:
-    """A body, and the pairs by which it is placed.
+    """A body (rigid set of links at given inputs), and the pairs by which it is placed.
 
     Attributes
     ----------
@@ -521,7 +524,8 @@ def _find_best_construction(
 def has_construction(structure: Structure) -> bool:
     """Return whether `find_construction` finds an order of placing the links.
 
-    The first order is enough, so this is fast for structures with many links, too.
+    Without such an order, proofs do not apply to the mechanism. The search stops at the
+    first order, so it is fast for structures with many links, too.
     """
     constructions = _find_constructions(PairGraph.from_structure(structure))
     first = next(constructions, None)

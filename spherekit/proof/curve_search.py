@@ -72,9 +72,9 @@ class ArmUse:
     def leads_out(self, side: int) -> bool:
         """Return whether the arm leads farther away from the range of the input.
 
-        `side` says where the arm is: 1 above the range, -1 below it, 0 within it. Above the
-        range the input must grow along the arm, below it the input must decrease. Within it
-        the result is False.
+        An arm is a branch of a curve that leaves a crossing. `side` says where the crossing
+        is: 1 above the range, -1 below it, 0 within it. Above the range the input must grow
+        along the arm, below the range it must decrease. Within it the result is False.
         """
         return self.input_sign * side > 0
 
@@ -339,10 +339,11 @@ class CurveSearch:
         return [piece for piece in chain.pieces if not self.side(piece.centre[-1], 0.0)]
 
     def _is_known(self, position: Floats, error: float) -> bool:
-        """Return whether a known arc or saddle may contain a configuration.
+        """Return whether a configuration may be on a curve that was found before.
 
-        A saddle is a place where curves cross or nearly do. The configuration is at most
-        `error` (rad) from `position` (v,) in each variable.
+        Then it is in the box of a known arc or of a saddle (place where curves cross or
+        nearly do). The configuration is at most `error` (rad) from `position` (v,) in each
+        variable.
         """
         # A negative reach also accepts positions that are outside of a box by the error.
         reach = -error - COORDINATE_ROUNDING_RAD
@@ -534,10 +535,11 @@ def _count_leading_arcs(arms: Sequence[Arm | None], end_arm: Arm | None) -> int:
 
 
 def _is_part_of_closed_chain(part: Chain, closed_chain: Chain) -> bool:
-    """Return whether a chain is a part of the curve that a closed chain represents.
+    """Return whether a chain is a part of the curve of a closed chain.
 
-    It is if its start is in the box of an arc of the closed chain, because this box
-    contains no other curve.
+    A chain is a curve as a row of boxes, each with exactly one arc of the curve. The start
+    of `part` is a point of its curve. If it is in a box of the closed chain, both curves
+    are the same, since the box contains no other curve.
     """
     start = part.pieces[0]
     return any(

@@ -65,11 +65,12 @@ class CircleContact:
 
     @property
     def centre_arc(self) -> Ball:
-        """Arc (rad) from the first centre to the second, on the circle through the contact.
+        """Arc (rad) from the centre of the first circle to that of the second.
 
-        The arc is positive in the direction from the first centre to the contact. It is
-        negative if the second centre lies in the opposite direction. In external contact it
-        is the sum of the radii, in internal contact the difference.
+        Both circles touch, and the arc is on the great circle through the centres and the
+        contact. It is positive in the direction from the first centre to the contact. In
+        external contact it is the sum of the radii. In internal contact it is their
+        difference, which can be negative.
         """
         return self.radii[0] - self.sense * self.radii[1]
 
@@ -310,7 +311,8 @@ class DecimalGeometry:
     def _pair_axis(self, frames: Frames, pair: str, link: str) -> Vector:
         """Return the axis (3,) of an R pair in the axes of one of its links.
 
-        `frames` has the frames of each R pair in both links.
+        The axis is a vector of balls (numbers with a bound of their error). `frames` has
+        the frames of each R pair in its two links.
         """
         side = self.mechanism.pair(pair).links.index(link)
         # The rows of a frame are the zero direction, the side and the axis of the pair.

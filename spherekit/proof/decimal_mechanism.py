@@ -157,10 +157,10 @@ class DecimalMechanism(DecimalGeometry):
     def _constants_from_pose(self, relations: Array) -> Array:
         """Return the constants (meshes,) of the mesh equations of a file with a pose.
 
-        The equations apply in the reference pose, in which the file gives the angles. A
-        pair without an angle in the file has the angle 0 there.
-
-        `relations` (meshes, pairs) are the factors of all pair angles.
+        A mesh is a rolling contact of two wheels. Its equation says that a weighted sum of
+        pair angles is constant. The constant is computed in the reference pose, for which
+        the file states the angles. A pair without an angle in the file has the angle 0
+        there. `relations` (meshes, pairs) are the factors of all pair angles.
         """
         pose_angles = self.pair_angles("value")
         return relations @ [
@@ -170,11 +170,12 @@ class DecimalMechanism(DecimalGeometry):
     def _constants_from_rolled_lengths(self) -> Array:
         """Return the constants (meshes,) of the mesh equations of a file with sizes.
 
-        The contact is at a length along each circle from the start of this circle. If all
-        pair angles are zero, these lengths are L1 and L2. If a wheel turns forwards, the
-        contact moves backwards along its circle, so they are L1 - sin(r1) a1 and
-        L2 - sin(r2) a2. Wheels in mesh have equal lengths. The constant
-        sin(r1) a1 - sin(r2) a2 is therefore L1 - L2.
+        A mesh is a rolling contact of two wheels: circles of radii r1 and r2 (rad), turned
+        by the angles a1 and a2. The contact is at a length along each circle from a start
+        point of the circle. If all pair angles are zero, these lengths are L1 and L2. If a
+        wheel turns forwards, the contact moves backwards along its circle. So the lengths
+        are L1 - sin(r1) a1 and L2 - sin(r2) a2. Rolling wheels have equal lengths. The
+        constant sin(r1) a1 - sin(r2) a2 is therefore L1 - L2.
         """
         return self._rolled_lengths_at_zero() @ exact_balls([1.0, -1.0])
 
@@ -314,9 +315,10 @@ class DecimalMechanism(DecimalGeometry):
         return solve_balls(relations[:, self.structure.followers], right)
 
     def _mesh_relations(self) -> Array:
-        """Return the factors (meshes, pairs) of the weighted sums of angles of each mesh.
+        """Return the factors (meshes, pairs) of the pair angles in the mesh equations.
 
-        The sum of the pair angles with these factors is constant while the wheels roll.
+        A mesh is a rolling contact of two wheels. The sum of the pair angles with these
+        factors is constant while the wheels roll.
         """
         relations = exact_balls(np.zeros((len(self.meshes), len(self.structure.pairs))))
         for row, mesh in zip(relations, self.meshes, strict=True):
@@ -327,11 +329,11 @@ class DecimalMechanism(DecimalGeometry):
         return relations
 
     def _rolled_lengths_at_zero(self) -> Array:
-        """Return the lengths rolled in the position in which all pair angles are zero.
+        """Return the lengths that wheels have rolled if all pair angles are zero.
 
         The length along a circle is the sine of its radius times the azimuth of the contact
-        about its centre, less the start of the contact. The azimuth is known up to whole
-        turns. These are chosen such that the length agrees with the approximate
+        about its centre, less the length at the start of the contact. The azimuth is known
+        up to whole turns. Turns are added until the length agrees with the approximate
         `rolled_lengths`.
 
         Returns
@@ -395,7 +397,8 @@ class DecimalMechanism(DecimalGeometry):
     def _structure_pair(self, pair: int) -> int:
         """Return the number that an R pair of the mechanism has in `structure`.
 
-        `pair` is its number in the mechanism, which also counts the contacts.
+        `structure` has R pairs only. `pair` is the number in the mechanism, where contacts
+        are counted too.
         """
         return self.structure.pairs.index(self.mechanism.pairs[pair].name)
 

@@ -53,9 +53,10 @@ class PartialPolynomial:
 
 
 class Harmonics:
-    """Equations at real angles by their Fourier coefficients.
+    """Closure equations of a mechanism as Fourier series, for fast values at many angles.
 
-    An equation of degree m in an angle is a sum of waves e^(i j angle), j = -m ... m.
+    An equation of degree m in an angle is a sum of waves e^(i j angle), j = -m ... m. The
+    angles are real.
 
     Parameters
     ----------
@@ -337,8 +338,9 @@ def _evaluate_waves(circle_points: Floats, max_degree: int, order: int) -> Compl
 def _bound_rounding_count(wave_count: int) -> int:
     """Return a bound of the number of roundings in a sum of waves of one variable.
 
-    The waves are powers of z = e^(i angle). Each power needs at most 8 roundings. The sum
-    of the products of waves and coefficients needs at most `wave_count` + 2.
+    The waves are powers of z = e^(i angle), with exponents from -m to m. Each further power
+    adds at most 8 roundings. The sum of the products of waves and coefficients adds at most
+    `wave_count` + 2. With the number, rounding errors of equations are bounded.
     """
     if wave_count == 1:
         # The only wave is the constant 1.
@@ -405,9 +407,9 @@ def _interpolate(values: Array) -> tuple[Complexes, float]:
 def _interpolation_norm(node_count: int) -> float:
     """Return the norm of interpolation at an odd number of evenly spaced angles.
 
-    The interpolant is a trigonometric polynomial. The norm is the largest magnitude that it
-    can take anywhere if its magnitude is at most 1 at these angles (Ehlich and Zeller
-    1966).
+    The interpolant is a trigonometric polynomial. The norm is the largest magnitude that
+    the polynomial can take anywhere if its magnitude is at most 1 at these angles (Ehlich
+    and Zeller 1966). It turns a bound of errors at these angles into one at all angles.
     """
     halves = (2 * np.arange(node_count) + 1) * np.pi / (2 * node_count)
     return np.sum(1.0 / np.abs(np.sin(halves))) / node_count * (1 + 1e-9)

@@ -218,14 +218,17 @@ def certify_input_map(
 
 @dataclass(frozen=True)
 class _ClassifiedBoxes:
-    """Boxes of the inputs with what is proven of them.
+    """Boxes in the space of the inputs, with what is proven of them.
 
     Attributes
     ----------
     boxes
-        (2, n, inputs) boxes, see `VariableRanges`.
-    kind, modes
-        (n,) see `InputMap`.
+        (2, n, inputs) boxes: for each input how often its range was halved [0], and the
+        number of the part [1].
+    kind
+        (n,) `REGULAR`, `CONTAINS_TYPE_II` or `UNDECIDED`.
+    modes
+        (n,) number of assembly modes of regular boxes, else -1.
     """
 
     boxes: Integers
@@ -238,11 +241,12 @@ def _classify_boxes(
 ) -> _ClassifiedBoxes:
     """Halve the ranges of the inputs until all boxes are classified.
 
-    A box is regular if no configuration in it is singular with locked inputs; it then has
-    the same number of modes everywhere. Boxes that are not proven regular are halved until
-    they are cells. A cell is halved further into parts. If two regular parts have different
-    numbers of modes, the cell contains a singular configuration. If all parts are regular
-    with the same number of modes, the cell is regular. Otherwise it is undecided.
+    A box is regular if no configuration in it is singular with locked inputs. It then has
+    the same number of assembly modes everywhere. Boxes that are not proven regular are
+    halved until they have the size of a cell. A cell is halved further into parts. If two
+    regular parts have different numbers of modes, the cell contains a singular
+    configuration. If all parts are regular with the same number of modes, the cell is
+    regular. Otherwise the cell is undecided.
 
     Parameters
     ----------

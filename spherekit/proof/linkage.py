@@ -71,7 +71,9 @@ PairFunction = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class PairKinematics:
-    """How the second link of a pair rotates relative to the first.
+    """Functions of how the second link of a pair (joint) rotates relative to the first.
+
+    Both take the values (n, variables) of the variables of the pair.
 
     Attributes
     ----------
@@ -244,10 +246,10 @@ def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKine
 def _profile_curves(
     profiles: tuple[Profile, Profile], is_external: bool
 ) -> tuple[Curve, Curve]:
-    """Return the curves of two profiles, so that both run in one direction at the contact.
+    """Return the curves of two profiles in contact, with the same direction at the contact.
 
     If the profiles touch from outside (external contact), their centres are on opposite
-    sides of the contact. The second curve then runs backwards about its centre.
+    sides of the contact. The second curve must then run backwards about its centre.
     """
     first_profile, second_profile = profiles
     return (
@@ -349,7 +351,7 @@ class _PlacedPair:
 
 
 class Linkage:
-    """The links of a mechanism, placed one after another from the ground.
+    """The links of a mechanism, placed one after another from the ground, in balls.
 
     Every link is placed once, across the pair that reaches it first. Each further pair
     closes a loop. The residual of the loop is the skew part of the remaining rotation.
@@ -554,12 +556,12 @@ class Linkage:
         return signed_vectors.reshape(len(vectors), 3 * len(senses), vectors.shape[1])
 
     def close_loops(self, start: Array, held: Sequence[int], eps: float) -> LoopClosure:
-        """Close the loops by Newton's method, with some variables held.
+        """Close the loops by Newton's method, while some variables keep their values.
 
-        A step is -J^+ r, with the left inverse J^+ of the Jacobian and the residual r. The
-        iteration of a row ends when steps are only rounding: they no longer shrink and are
-        small compared with eps times the condition number. Rows that fail have a status
-        other than OK.
+        A step is -J^+ r, with the left inverse J^+ of the Jacobian and the residual r. A
+        row is one configuration. Its iteration ends when steps are only rounding: they no
+        longer shrink, and are small compared with eps times the condition number. Rows that
+        fail have a status other than OK.
 
         Parameters
         ----------
@@ -712,9 +714,9 @@ def _find_loop_senses(
 
 
 def largest_in_rows(values: Array) -> Floats:
-    """Return the largest magnitude (k,) in each row of numbers (k, m), 0 without columns.
+    """Return the largest magnitude (k,) in each row of an array (k, m), 0 without columns.
 
-    The numbers are balls. Their error bounds are left out.
+    The numbers are balls (numbers with a bound of their error). The bounds are ignored.
     """
     return np.max(np.abs(centre_floats(values)), axis=1, initial=0.0)
 

@@ -89,7 +89,9 @@ def approximate_modes(
 
 @dataclass(frozen=True)
 class SystemSolution:
-    """All roots of a system at one set of values of its given variables.
+    """All roots of a system of equations at one set of values of its given variables.
+
+    They are the starts from which roots at other values are followed.
 
     Attributes
     ----------
@@ -154,7 +156,9 @@ class SystemFindings:
 
 
 class EquationSystem:
-    """Some equations of a mechanism that are solved for some of its unknowns.
+    """A part of the closure equations of a mechanism, solved for some of its unknowns.
+
+    The equations are divided into such systems, which are solved one after another.
 
     Parameters
     ----------
@@ -280,10 +284,11 @@ class EquationSystem:
         return stored_errors + rounding_errors
 
     def _bound_stored_errors(self) -> Floats:
-        """Return error bounds (equations,) of the stored sums and of their derivatives.
+        """Return error bounds (equations,) of the stored equations and their derivatives.
 
-        A derivative of a wave, such as cos(d x), has the error of the wave times the degree
-        d. The largest degree gives one bound for a sum and its derivatives.
+        An equation is stored as a sum of waves e^(i d x) of the angles x. The derivative of
+        a wave has its error times the degree d. The largest degree gives one bound for an
+        equation and its first derivatives.
         """
         largest_degree = np.max(self.degrees, axis=1, initial=1)
         return self.equations.harmonics.error[self.rows] * largest_degree
@@ -316,11 +321,12 @@ class EquationSystem:
         unit_rates = no_error[..., None] + np.eye(centres.shape[1])
 
         def select_given(name: str, of_inputs: Array) -> Array:
-            """Return a property of the variables that this system takes as given.
+            """Return a property of all variables that are no unknowns of this system.
 
-            These are the unknowns of other systems, and the inputs. `name` is the property
-            as a field of `modes`, which has it for all unknowns: "angle", "circle_points",
-            "rates" or "error". `of_inputs` has it for the inputs.
+            They are the unknowns of other systems, and the inputs. `name` is the property:
+            the field "angle", "circle_points", "rates" or "error" of `modes`, which has
+            values for all unknowns. `of_inputs` has the values of the property for the
+            inputs. The result has the modes as first axis, then the variables.
             """
             # In the numbering of all variables the inputs follow the unknowns.
             return np.concatenate([modes[name], of_inputs], axis=1)[:, self.given]
@@ -625,9 +631,11 @@ def _bound_angle_deviation(
 
 
 def _bound_logarithm_remainder(relative_change: Floats) -> Floats:
-    """Return how far log(1 + w) is from w, at most, for ``|w|`` up to a relative change.
+    """Return a bound of the difference of log(1 + w) and w.
 
-    The series w - w^2/2 + w^3/3 - ... gives the bound w^2 / 2 / (1 - w).
+    It is for complex w of a magnitude up to `relative_change` c < 1. The series
+    w - w^2/2 + w^3/3 - ... gives the bound c^2 / 2 / (1 - c). So an angle, the logarithm of
+    e^(i angle), is nearly linear in small changes.
     """
     return 0.5 * relative_change**2 / (1.0 - relative_change)
 
@@ -635,10 +643,10 @@ def _bound_logarithm_remainder(relative_change: Floats) -> Floats:
 def _bound_sum_rounding(sums: Complexes) -> float:
     """Return a bound of the rounding error of coefficients that were computed as sums.
 
-    Rounding is relative to the terms of a sum, which are larger than the sum if they
-    cancel. An equation is the cosine of an arc as a function of the angles, less the
-    constant cosine of the same arc in the link. The constant is at most 1, so the other
-    term is at most 1 plus the sum.
+    An equation is the cosine of an arc as a function of the angles, less the constant
+    cosine of the arc in the link. Rounding is relative to these two terms, which are larger
+    than the sum if they cancel. The constant is at most 1 in magnitude. So the other term
+    is at most 1 plus the sum.
     """
     largest_sum = float(np.max(np.abs(sums), initial=0.0))
     largest_term = 1.0 + largest_sum

@@ -197,8 +197,9 @@ class VariableRanges:
     def circle_points(self, boxes: Integers) -> Floats:
         """Return cosines and sines (n, variables, 2) of `centres`, each rounded once.
 
-        A variable with one value, such as an input, is known with more digits than a
-        float64 number has. Its cosine and sine are computed with these digits.
+        A variable with a range of width 0, such as an input, is known with more digits than
+        float64. Its cosine and sine are computed with these digits. `boxes` is described in
+        the class.
         """
         centres = self.centres(boxes)
         # Many boxes share coordinates, so each number is evaluated once.

@@ -451,8 +451,9 @@ class ReducedEquation:
     def enclose_box(self, limits: Floats) -> Array:
         """Return balls (n,) of all variables over a box about the centre.
 
-        `limits` (n,) are its half lengths (rad) along the frame. The balls are slightly
-        larger, which covers rounding.
+        A ball is a number with a bound of its error. The n axes of the box are the columns
+        of the frame, and `limits` (n,) are its half lengths (rad) along them. The balls are
+        slightly larger than the box, which covers rounding.
         """
         reach = np.abs(self.frame) @ limits * (1.0 + 1e-9) + 1e-12
         return exact_balls(self.centre) + zero_balls(reach)
@@ -523,9 +524,10 @@ class SaddleReduction:
 
 
 def _name_derivatives(solution: Array) -> SurfaceDerivatives:
-    """Return the derivatives in a solution (n + 1, 3) of the bordered equations.
+    """Name the parts of a solution (n + 1, 3) of the linear equations of `ReducedEquation`.
 
-    The last row belongs to g. The columns are Newton's step, u and v.
+    The first n rows belong to the variables, the last row to the function g(u, v). The
+    columns are Newton's step and the derivatives by the coordinates u and v.
     """
     return SurfaceDerivatives(
         variable_rates=solution[:-1, 1:],
