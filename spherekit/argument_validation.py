@@ -43,9 +43,10 @@ def checked(
 
         @functools.cache
         def annotations() -> dict[str, Any]:
-            """Return the types of all parameters by name; they are read once.
+            """Return the types of the parameters of `function` by name; they are read once.
 
-            This is at the first call of `function`, when all names in them are defined.
+            They are read at the first call of `function`. Types that are defined after the
+            function can then be resolved.
             """
             return {
                 name: resolved_annotation(function, parameter.annotation)
@@ -74,7 +75,7 @@ def checked(
 
 
 def _annotated_values(parameter: inspect.Parameter, value: Any) -> tuple[Any, ...]:
-    """Return the values to which the annotation of a parameter applies.
+    """Return the values of an argument that must each have the annotated type.
 
     The annotation of ``*args`` is the type of each item. Any other argument is one value.
     Functions with ``**kwargs`` annotate them as `Any`, which allows every value.

@@ -247,9 +247,11 @@ def _deviations(
 ) -> list[str]:
     """Return expressions for the deviation of a quantity from a value, in the file's unit.
 
-    A number has one expression, and a vector or matrix one for each component. A synthesis
-    minimises the root of the sum of their squares. It is scaled so that for a direction
-    or an orientation it is the angle between quantity and value, if this angle is small.
+    A synthesis chooses sizes so that these deviations become small. A number has one
+    expression, and a vector or matrix has one for each component.
+
+    The root of the sum of their squares is minimised. For a direction or an orientation it
+    is the angle between quantity and value, if this angle is small.
 
     Parameters
     ----------

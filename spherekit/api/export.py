@@ -147,8 +147,9 @@ def export(
         Number or name of the assembly mode. The default is the first one; a coupling table
         has all modes by default.
     poles
-        For models and coupling tables: the poles that are stored. By default, a model of
-        one input has all poles. Other models and coupling tables have none.
+        For models and coupling tables: the poles (axes of the relative rotation of two
+        links) that are stored. By default, a model of one input has all poles. Other models
+        and coupling tables have none.
     tolerance
         For models and coupling tables: the error allowed. In a model it is relative to the
         largest value of each function, by default 1e-13 with one input and 1e-11 with
@@ -156,8 +157,8 @@ def export(
     pairs
         For coupling tables: the passive pairs that are stored, by default all.
     samples
-        For coupling tables: the number of nodes along each input, by default as many as the
-        error needs.
+        For coupling tables: the number of tabulated values along each input, by default as
+        many as the error needs.
     at
         For MuJoCo models: the inputs of the pose, in `angle_unit`, by default rad. The
         default is the first sample of their ranges at which the assembly mode exists.
@@ -349,10 +350,10 @@ def _describe_mode_table(mode_table: ModeTable) -> Names:
 
 
 def _describe_crossings(smooth_modes: SmoothModes) -> str:
-    """Return a sentence on the inputs at which modes pass crossings.
+    """Return a sentence on the inputs at which curves of assembly modes cross.
 
-    At a crossing, the configuration curves of two assembly modes meet. Each mode continues
-    smoothly on its own curve.
+    An assembly mode is one way to assemble the links. At a crossing, the configuration
+    curves of two modes meet, and each mode continues smoothly on its own curve.
     """
     unknown = "" if smooth_modes.are_all_known else f". {OTHER_CROSSINGS}"
     if not smooth_modes.crossings:

@@ -117,24 +117,25 @@ TABLE = Table(
 class Kinematics:
     """Configurations of a mechanism at given inputs, with poles and coefficients.
 
-    Rows are ordered by assembly mode, and within a mode by input. The shapes below have n
-    rows as their first axis. The result for one input in one assembly mode, such as
-    ``sk.evaluate("four_bar", 0.7, assembly_mode=0)``, is a single configuration: its
-    arrays do not have this axis, so that a coefficient is a number, a direction has the
-    shape (3,) and a rotation (3, 3).
+    A row is one input in one assembly mode (way to assemble the links). Rows are ordered by
+    assembly mode, and within a mode by input. The shapes below have n rows as their first
+    axis. The result for one input in one assembly mode, such as ``sk.evaluate("four_bar",
+    0.7, assembly_mode=0)``, is a single configuration: its arrays do not have this axis, so
+    that a coefficient is a number, a direction has the shape (3,) and a rotation (3, 3).
 
-    Poles are named by two links, ``"3/1"``. Coefficients are per unit rate of the input
-    `moving`, while the other inputs are locked; with one input `moving` may be left out.
-    The sense of a pole axis, and with it the sign of its coefficient, is continuous along
-    the rows of an assembly mode. In the first row it is the side on which the mechanism's
-    axes are. Angles are in rad, vectors in ground axes. Rows that failed hold NaN, and
-    `status` has the reason. Methods that end in `error_bound` return bounds of the errors,
-    as the columns of these names do in the table `poles`.
+    A pole is the axis of the relative rotation of two links, and is named by them,
+    ``"3/1"``. A coefficient is the rate of a quantity per unit rate of the input `moving`,
+    while the other inputs are locked; with one input `moving` may be left out. The sense of
+    a pole axis, and with it the sign of its coefficient, is continuous along the rows of an
+    assembly mode. In the first row it is the side on which the mechanism's axes are. Angles
+    are in rad, vectors in ground axes. Rows that failed hold NaN, and `status` has the
+    reason. Methods that end in `error_bound` return bounds of the errors, as the columns of
+    these names do in the table `poles`.
 
-    With several inputs and groups that are no dyads, successive rows of one mode are
-    connected by verified steps. After an input at which a mode has no configuration, its
-    number may denote another mode. A run whose samples are the same inputs gives the modes
-    the same numbers, unless a mode has such a gap. At other inputs the numbers can differ.
+    With several inputs, loops that have no closed solution are solved by following each
+    mode from row to row. After an input at which a mode has no configuration, its number
+    may denote another mode. A run whose samples are the same inputs gives the modes the
+    same numbers, unless a mode has such a gap. At other inputs the numbers can differ.
     `search` says how the modes were found, and whether there may be others.
     """
 
@@ -208,7 +209,10 @@ class Kinematics:
 
     @checked(SolveError)
     def variable(self, name: str) -> Floats:
-        """Return (n,) a pair variable, given by its own name or by the name of its pair.
+        """Return (n,) a pair variable, such as the angle of a joint (rad), at all n rows.
+
+        A row is one input in one assembly mode. `name` is the name of the variable or of
+        its pair (joint).
 
         Raises
         ------
@@ -224,7 +228,10 @@ class Kinematics:
 
     @checked(SolveError)
     def variable_coefficient(self, pair: str, moving: str | None = None) -> Floats:
-        """Return (n,) the rate of a pair's variable per unit rate of the input.
+        """Return (n,) the rate of a joint's variable per unit rate of the input.
+
+        There is one value for each row (one input in one assembly mode). The other inputs
+        are locked.
 
         Raises
         ------
@@ -243,7 +250,9 @@ class Kinematics:
     def angular_velocity(self, link: str, moving: str | None = None) -> Floats:
         """Return (n, 3) the angular velocity of a link per unit rate of the input.
 
-        It is relative to the ground and in ground axes.
+        The n rows are the inputs in each assembly mode. The velocity is relative to the
+        ground and in ground axes. `moving` is the input that moves while the others are
+        locked.
         """
         velocity = self._batch.angular_velocity(self._link(link), self._moving(moving))
         return self._drop_axis_if_single(velocity)
@@ -263,11 +272,11 @@ class Kinematics:
 
     @checked(SolveError)
     def velocity_coefficient(self, pole: str, moving: str | None = None) -> Floats:
-        """Return (n,) the velocity coefficient of two links.
+        """Return (n,) the relative angular rate of two links per unit rate of the input.
 
-        The product of the coefficient and `direction` is the angular velocity of the first
-        link relative to the second, per unit rate of the input. The coefficient of
-        ``"1/4"`` is therefore the opposite of that of ``"4/1"``.
+        `pole` names the two links, such as ``"4/1"``. The coefficient times the axis
+        `direction` is the angular velocity of the first link relative to the second. The
+        coefficient of ``"1/4"`` is therefore the opposite of that of ``"4/1"``.
         """
         coefficient = self._batch.velocity_coefficient
         values = coefficient(*self._pole(pole), self._moving(moving))
@@ -284,8 +293,11 @@ class Kinematics:
     def direction_dq(self, pole: str, moving: str | None = None) -> Floats:
         """Return (n, 3) the derivative of `direction` by the input, 1/rad.
 
-        It is NaN in rows in which the velocity coefficient is so small that fewer than six
-        digits of the derivative are known.
+        `direction` is the unit vector of the axis about which the two links of `pole`
+        rotate relative to each other.
+
+        The derivative is NaN in rows in which the links hardly rotate relative to each
+        other: fewer than six digits of the derivative would be known there.
         """
         return self._drop_axis_if_single(
             self._batch.direction_dq(*self._pole(pole), self._moving(moving))
@@ -464,14 +476,15 @@ def evaluate(
         Values of the inputs in `angle_unit`. With one input: a number, or an array (n,).
         With several inputs: an array (inputs,) or (n, inputs).
     poles
-        The poles to compute, such as ``["3/1", "4/1"]``; by default all.
+        The poles (axes of the relative rotation of two links) to compute, such as ``["3/1",
+        "4/1"]``; by default all.
     input_pair
         The driven pairs, by default the inputs of the mechanism.
     assembly_mode
         The only assembly mode to compute: the number that `run` gives it, or its name in
         the file. By default all modes are computed. There is an exception: if the mechanism
-        has several inputs and an Assur group larger than a dyad, modes are numbered along
-        the inputs of this call. `run` may then number them in another way.
+        has several inputs and a loop without closed solution, modes are numbered along the
+        inputs of this call. `run` may then number them in another way.
     crossings
         How an assembly mode continues where its curve of configurations crosses that of
         another mode. With ``"end"`` it keeps the signs of its dyads. A dyad is two links
@@ -715,12 +728,12 @@ class _SingleRowEvaluator:
     request
         The poles (axes of relative rotation of two links) and links to evaluate.
     kernel
-        The functions that compute a configuration and its poles.
+        Compiled functions that compute a configuration and its poles.
     input_range
         The least and the greatest input (rad) of the position analysis.
     row_template
-        A configuration of the mode. A result has its fields, apart from those that depend
-        on the input.
+        One configuration of the mode. Results copy its fields that do not depend on the
+        input.
     """
 
     mechanism: Mechanism

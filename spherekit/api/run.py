@@ -35,10 +35,10 @@ OPTIONS_WITHOUT_EFFECT_ON_VIEWS = (
 
 @dataclass
 class _RunViews:
-    """Draws and records a run, which is repeated when its scenes are first needed.
+    """Draws and records a run, which is repeated when a drawing is first needed.
 
     A scene is what is drawn on one page: links, curves and plots at all samples. Scenes are
-    large, so results do not hold them. A repeated run computes the same scenes.
+    large, so results do not store them. A repeated run computes the same scenes.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class _RunViews:
         runner.run(*self.arguments, **options)
 
     def record(self, path: Path) -> None:
-        """Write a recording of all scenes.
+        """Write all scenes (drawings at all samples) to a recording of the viewer Rerun.
 
         If the scenes have not been collected in memory yet, they are written while the run
         is repeated, block by block of the samples. So they need not fit into memory.

@@ -162,16 +162,17 @@ def sweep_of(
     tables: bool = False,
     crossings: Crossings | None = None,
 ) -> Sweep:
-    """Return a sweep, ready to be computed.
+    """Return a sweep (computation of many designs of a mechanism), ready to be computed.
 
     Parameters
     ----------
     subject
         A mechanism or a study, or the path or the shipped name of either.
     space
-        The designs.
+        The designs: the sizes that vary and their values.
     reduce
-        Texts of figures of merit.
+        Texts of figures of merit, such as ``"least=min(transmission_angle_43)"``. Each
+        gives one number for a design.
     analyses
         Analyses whose own figures of merit, or tables, are computed.
     samples

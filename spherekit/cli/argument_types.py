@@ -27,7 +27,8 @@ def seconds(text: str) -> float:
 def angles_in_degrees(text: str) -> tuple[float, ...]:
     """Return the angles in degrees of a list such as ``90,60deg,1rad``.
 
-    Numbers without a unit are in degrees, for options that belong to no file.
+    A number without a unit is in degrees. The options that use this function refer to no
+    mechanism file, which could state another unit.
     """
     try:
         return tuple(

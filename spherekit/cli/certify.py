@@ -511,7 +511,10 @@ def _certify_range(
     ends: Lines | None,
     clear_of: str | None,
 ) -> Certification:
-    """Certify the curves of modes and the singularities over the range of the only input.
+    """Certify the assembly modes and the singularities over the range of the only input.
+
+    Each assembly mode (way to assemble the links) follows a curve of configurations while
+    the input moves through its range.
 
     Parameters
     ----------
@@ -588,7 +591,7 @@ def _certify_map(
     """Certify the number of assembly modes over the ranges of two inputs.
 
     The rectangle of both ranges is divided into boxes (cells). The number of modes is
-    proven in each box, or the box contains singular inputs or stays undecided. With
+    proven in each box, unless the box contains singular inputs or stays undecided. With
     ``--figure`` the boxes are drawn.
 
     Parameters
@@ -761,10 +764,11 @@ def _report_curves(report: ScreenReport, curves: "CertifiedCurves") -> None:
 
 
 def _absence_sentence(curves: "CertifiedCurves", located: "CertifiedSingularities") -> str:
-    """Return the sentence that no single points of curves are singular.
+    """Return a sentence of the report: there are no singular points on the curves.
 
-    Crossings, curves on which the input is at rest, and outputs that are always at rest are
-    reported in other lines, so the sentence excepts them.
+    The curves are those of the configurations over the input. Crossings of curves, curves
+    with a constant input and outputs that are always at rest are reported in other lines.
+    The sentence then starts with "Elsewhere".
     """
     may_cross = any(text.startswith("curves cross") for text in _crossing_sentences(curves))
     has_exceptions = may_cross or curves.constant_input_values or located.resting

@@ -69,9 +69,9 @@ EXAMPLES = """examples:
 
 
 class CommandLineParser(argparse.ArgumentParser):
-    """A parser whose messages name the nearest allowed word and where to read more.
+    """Parses the command line; errors name the nearest allowed word and where to read more.
 
-    Help keeps the line breaks of the examples.
+    Other than in `argparse`, help texts keep the line breaks of their examples.
     """
 
     def __init__(self, **options: Any) -> None:

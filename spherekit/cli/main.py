@@ -140,7 +140,7 @@ def _run_command(words: list[str]) -> int:
 
 
 def _open_closed_streams() -> None:
-    """Open standard streams that are closed.
+    """Open the standard streams that are closed, on the null device.
 
     Otherwise a file that the command opens would get the number of a standard stream, and
     messages would be written into it.
@@ -152,9 +152,10 @@ def _open_closed_streams() -> None:
 
 
 def _discard_output() -> None:
-    """Discard the rest of stdout, so that Python does not fail again when it ends.
+    """Redirect stdout to the null device, after the reader of stdout has closed it.
 
-    Python writes what stdout still contains when the process ends.
+    Python writes what stdout still contains when the process ends. Without this, that would
+    raise a second error.
     """
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

@@ -77,7 +77,7 @@ class PlaceText:
 
     @property
     def are_samples_far_apart(self) -> bool:
-        """Whether places are inputs, and their distance is at least `COARSE_STEP_DEG`.
+        """Whether places are inputs and samples are `COARSE_STEP_DEG` or more apart.
 
         Places between samples are then uncertain.
         """

@@ -139,7 +139,7 @@ class ExpressionValues(NamedTuple):
 
 
 class Descent:
-    """Descents to designs from which the objectives no longer decrease.
+    """Local optimisations (descents) of designs until the objectives no longer decrease.
 
     Parameters
     ----------

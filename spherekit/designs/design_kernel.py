@@ -51,6 +51,21 @@ class DesignKernel:
     then the `columns`, then their derivatives by each size if `gradients` were asked for,
     and last `DesignExpressions.relative_loop_residual` if it was asked for.
 
+    1. the sample: inputs, their rates and accelerations, and the time (`sample_names`),
+    2. the `position_arguments`,
+    3. the numbers of the profiles of contacts, if these are not circles,
+    4. the multiples of 2 pi (rad) to add to the angles of the `unwrapped_pairs`,
+    5. what `prepare` returns.
+
+    It returns these outputs, of which the last two only if they were asked for:
+
+    1. the `reach_count` numbers, which are not negative if every dyad (two links with
+       three R pairs) closes,
+    2. the `columns`,
+    3. their derivatives by each size (`gradients`),
+    4. how much the rates violate the equations of the loops
+       (`DesignExpressions.relative_loop_residual`).
+
     Parameters
     ----------
     expressions
@@ -160,7 +175,7 @@ class DesignKernel:
 
     @cached_property
     def evaluate_angles(self) -> ArrayFunction:
-        """Function of the arguments of `evaluate` that returns angles of passive pairs.
+        """Function that returns angles (rad) of passive pairs, without whole revolutions.
 
         It returns the `reach_count` numbers as `evaluate` does, then the variables (rad) of
         the `unwrapped_pairs` without revolutions. It ignores the revolution offsets.

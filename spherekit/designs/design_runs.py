@@ -569,7 +569,7 @@ class DesignRuns:
         return np.broadcast_to(expression.evaluate(columns), len(rows))
 
     def _input_columns(self, rows: "pd.DataFrame") -> list[str]:
-        """Return the names of the columns with inputs, which a table may lack.
+        """Return the names of the columns of inputs that the table of a run has, if any.
 
         The column is ``q`` if there is one input. With several there is ``q_PAIR`` for
         each.

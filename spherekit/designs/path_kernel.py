@@ -46,6 +46,9 @@ def complex_function(
 ) -> ComplexFunction:
     """Return a function that evaluates expressions at complex values of some variables.
 
+    The closure equations are solved at complex inputs, where their solutions neither meet
+    nor disappear.
+
     Parameters
     ----------
     outputs
@@ -88,6 +91,7 @@ def complex_function(
         if node.operation == "variable":
             # One of `numbers` is real: its imaginary part is 0.
             return parts_by_variable.get(node, (node, 0.0))
+        # An operation returns both parts of its result, from those of its arguments.
         return _OPERATIONS[node.operation](*arguments)
 
     def split_constant(number: float) -> ComplexParts:
@@ -242,7 +246,7 @@ def _newton_step_expressions(expressions: DesignExpressions) -> StepExpressions:
 
 
 class PathKernel:
-    """Newton's method for the closure equations of all designs of one topology.
+    """Newton's method for the loop closure equations of designs with equal links and pairs.
 
     First `prepare` computes what depends on the sizes of a design alone. Then `newton_step`
     evaluates the equations at configurations of this design.
@@ -250,7 +254,8 @@ class PathKernel:
     Parameters
     ----------
     expressions
-        The mechanism as expressions of its variables, not of the signs of its dyads.
+        The mechanism as expressions of the variables of its pairs (joints). Expressions in
+        closed form, with signs for the ways of assembly, do not serve here.
     compiled
         Whether heyoka compiles the equations, if it is installed.
 
@@ -259,7 +264,7 @@ class PathKernel:
     variable_count
         Number of the variables of all pairs.
     driven
-        Numbers of the variables of the inputs.
+        Indices of the variables that are inputs.
     prepare
         Function of sizes (sizes, n). It returns everything that does not depend on the
         configuration, (k, n).

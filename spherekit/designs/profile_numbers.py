@@ -63,7 +63,9 @@ def has_shaped_profiles(mechanism: Mechanism) -> bool:
 
 
 class DesignProfiles:
-    """The profiles of all contacts of a design, and their derivatives by its variables.
+    """The profiles of all contacts of a design, and their derivatives by design variables.
+
+    A profile is the curve on a link that touches the curve of another link.
 
     Parameters
     ----------
@@ -102,11 +104,12 @@ class DesignProfiles:
         self.profiles = make_contact_profiles(self.mechanism)
 
     def evaluate_columns(self, values: Floats) -> Floats:
-        """Return the columns (9 * profiles, n) of all profiles at n configurations.
+        """Return numbers that describe all contact profiles at n configurations.
 
-        The nine columns of a profile are its tangent (3), point (3), geodesic curvature and
-        the first two derivatives of the curvature, at the point of contact. `values` (n,
-        variables) are the pair variables (rad), some of which are arc lengths on profiles.
+        The result is (9 * profiles, n). The nine numbers (columns) of a profile are its
+        tangent (3), point (3), geodesic curvature and the first two derivatives of the
+        curvature by the arc length, at the point of contact. `values` (n, variables) are
+        the pair variables (rad), some of which are arc lengths on profiles.
         """
         return evaluate_profile_columns(self.profiles, values)
 
@@ -225,7 +228,7 @@ class DesignProfiles:
 
     @cached_property
     def _curve_derivatives(self) -> list[dict[int, CurveDerivative]]:
-        """For each design variable, the derivatives of the curves that change with it.
+        """For each design variable, the derivatives of the profile curves that it changes.
 
         An item of the list maps the index of a profile to the derivative of its curve.
 
@@ -338,9 +341,10 @@ def make_contact_profiles(
 
 
 def _can_change_profiles(variable: DesignVariable) -> bool:
-    """Return whether contact profiles may change with a design variable.
+    """Return whether a design variable can change contact profiles (touching curves).
 
-    They do not change with angles of links and pairs, nor with masses and loads.
+    Derivatives of the curves are computed only for these variables. Angles of links and
+    pairs, masses and loads do not change the curves.
     """
     # `path[0]` is the table of the file in which the number is.
     is_mass_or_load = variable.path[0] in ACTIONS
@@ -351,9 +355,9 @@ def _can_change_profiles(variable: DesignVariable) -> bool:
 class ProfilesTowardsDraws:
     """The contact profiles between a nominal design and the draws of a tolerance analysis.
 
-    A draw is a design with random deviations. A path leads from a configuration of the
-    nominal design to one of a draw. Several paths can lead to the same draw: path k leads
-    to draw k modulo the number of draws.
+    A draw is a design with random deviations. Configurations of a draw are computed along a
+    path: the sizes change step by step from the nominal design to the draw. Several paths
+    can lead to the same draw: path k leads to draw k modulo the number of draws.
 
     Attributes
     ----------
@@ -629,10 +633,11 @@ class ContactFrame:
     curvature: float
 
     def rotation_by_arc_length(self) -> Floats:
-        """Return the rotation vector (3,) of the frame per unit of the arc length.
+        """Return (3,) the rotation of the frame per unit of the arc length of the curve.
 
-        The frame rotates about the normal along the curve, and about the point because of
-        the geodesic curvature.
+        The frame moves along a curve on the unit sphere. Its axes are the tangent, the
+        normal and the point itself. It rotates about the normal as the point moves along
+        the curve, and about the point because of the geodesic curvature.
         """
         return self.normal + self.curvature * self.point
 

@@ -73,8 +73,9 @@ class Sensitivity:
         links have no arcs and angles. The default is then the directions of the axes of all
         R pairs, or without R pairs the numbers of the contact profiles.
     quantities
-        Names of `row_quantities`. By default these are the angles of pairs between an
-        output and the link from which it is seen, or else of all passive pairs.
+        Names of the quantities, see `row_quantities`. By default these are the angles of
+        pairs between an output and the link from which it is seen, or else of all passive
+        pairs.
 
     Attributes
     ----------
@@ -364,12 +365,12 @@ class Sensitivity:
         return tuple(deviations.tolist())
 
     def is_angle(self, key: str) -> bool:
-        """Return whether one of the numbers is an angle, or an angle per second.
+        """Return whether one of the varied numbers is an angle or an angular velocity.
 
         Parameters
         ----------
         key
-            One of `keys`.
+            Key of the number in the file, such as ``links.2.arc``.
         """
         # On the unit sphere all sizes are angles. A few numbers of loads are too.
         is_size = not self._is_mass_or_load[self.keys.index(key)]
@@ -396,8 +397,9 @@ class Sensitivity:
     def _list_links_of_quantity(self, quantity: str) -> Sequence[str]:
         """Return the names of the links whose motion determines a quantity.
 
-        Quantities of masses and loads, such as the equivalent inertia, have none here. They
-        depend on the links on which masses and loads act, which `links` adds.
+        The derivative of a quantity by a size of another link is zero. Quantities of masses
+        and loads, such as the equivalent inertia, have no links here. They depend on the
+        links on which masses and loads act, which `links` adds.
         """
         if quantity.startswith(INERTIAL):
             return ()
@@ -478,12 +480,11 @@ class Sensitivity:
         return PathKernel(self._expressions, compiled=False)
 
     def _kernel_variables(self, values: Floats) -> Floats:
-        """Return the pair variables of the mechanism that the kernel evaluates.
+        """Return the pair variables (rad) of the mechanism that the equations describe.
 
-        The kernel is the function that evaluates the quantities. It describes either the
-        mechanism itself, or its equivalent linkage, in which links between the centres of
-        circles replace the contacts. From the pair variables (n, v) of the mechanism, those
-        (n, w) of this linkage are computed.
+        The equations describe the mechanism itself, or the equivalent linkage. In this
+        linkage, links between the centres of circles replace the contacts. The n
+        configurations `values` (n, v) of the mechanism become those (n, w) of the linkage.
         """
         linkage = self._varied_mechanism.equivalent_linkage
         return values if linkage is None else linkage.values(values)
@@ -529,10 +530,9 @@ class Sensitivity:
         return column_gradients.columns, column_gradients.gradients
 
     def _check_times(self, times: Floats) -> None:
-        """Raise an error if a load has a table of torques that does not cover all times.
+        """Raise an error if a table of torques over time does not cover all times.
 
-        `times` (n,) are in seconds. Without quantities that depend on loads, nothing is
-        checked.
+        `times` (n,) are in seconds. If no quantity depends on loads, nothing is checked.
         """
         if any(name.startswith(LOAD_DEPENDENT_PREFIXES) for name in self.quantities):
             check_torque_tables_cover(self.mechanism, times)

@@ -24,7 +24,7 @@ deviations.
 
 @dataclass(frozen=True)
 class SizeDeviations:
-    """Random deviations of sizes.
+    """Random deviations of sizes, for a tolerance analysis.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class SizeDeviations:
     distribution
         ``"normal"`` or ``"uniform"``.
     count
-        Number of draws.
+        Number of draws (mechanisms with random sizes).
     seed
         Seed of the random numbers.
 
@@ -77,7 +77,7 @@ class SizeDeviations:
 
     @property
     def worst(self) -> Any:
-        """The deviation of the worst case, one number (rad) or (sizes,).
+        """The deviation of each size in the worst case, one number or (sizes,).
 
         It is three standard deviations of a normal distribution, or the largest deviation
         of a uniform one.

@@ -103,7 +103,11 @@ PROCESSOR_NOTE = "processor"
 
 @dataclass(frozen=True)
 class Sweep:
-    """The task to compute figures of merit of many designs of one mechanism.
+    """The task to compute figures of merit (numbers that rate a design) of many designs.
+
+    A design is the mechanism of a file in which some numbers have other values. A figure is
+    computed from samples by compiled functions (kernels), or from tables of a run of the
+    design.
 
     Attributes
     ----------
@@ -113,12 +117,12 @@ class Sweep:
     document
         The mechanism file whose numbers are varied.
     space
-        The designs.
+        The designs: the numbers that vary and their values.
     merits
         The figures of merit.
     where
         Conditions on variables and figures, such as ``"links_2_arc < links_4_arc"``. Rows
-        that do not meet all of them are left out.
+        (assembly modes of designs) that do not meet all of them are left out.
     study, analyses
         The study by which each design is run, and its analyses. `study` is None if no
         design is run.
@@ -197,7 +201,10 @@ class Sweep:
 
     @cached_property
     def conditions(self) -> tuple[Condition, ...]:
-        """The conditions of `where`.
+        """The conditions that rows of the result must meet, read from the texts of `where`.
+
+        A row is one assembly mode of one design. A condition compares two expressions, such
+        as ``"links_2_arc < links_4_arc"``.
 
         Raises
         ------
@@ -295,9 +302,10 @@ class Sweep:
 
     @cached_property
     def identity(self) -> str:
-        """SHA-256 checksum of `definition`, as a hexadecimal text.
+        """SHA-256 checksum of the definition of the sweep, as a hexadecimal text.
 
-        Each file of a part carries it as a note, so a file of another sweep is recognized.
+        The files of the result contain this checksum. When a sweep is continued, files of
+        another sweep are recognized by it.
         """
         text = json.dumps(as_json(self.definition()), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
@@ -531,10 +539,10 @@ class Sweep:
         return DesignTable.join_by_design([remaining, missing], figure_names)
 
     def _in_file_units(self, design_table: DesignTable) -> Columns:
-        """Return the figures of merit that were computed, as columns (rows,) by name.
+        """Return the columns (rows,) of figures of merit by name, in units of the file.
 
-        A figure whose unit is rad is converted to the unit of the file. Compound units such
-        as rad/s are not converted.
+        A row is one assembly mode of one design. A figure in rad is converted to degrees if
+        the file has degrees. Compound units such as rad/s are not converted.
         """
         columns: Columns = {}
         for merit in self.merits:
@@ -545,9 +553,10 @@ class Sweep:
         return columns
 
     def _meet_conditions(self, columns: Columns, n: int) -> Bools:
-        """Return which of n rows meet the conditions, as an array (n,).
+        """Return (n,) whether each row of a table of designs meets the conditions.
 
-        Conditions that use a column that is not among `columns` are not checked.
+        `columns` has the numbers (n,) by name. Conditions on columns that are not computed
+        yet are not checked.
         """
         applicable = [item for item in self.conditions if item.names <= columns.keys()]
         results = [np.broadcast_to(item.find_met(columns), n) for item in applicable]

@@ -38,11 +38,12 @@ WORKING_SUBFOLDER_NAME = re.compile(r".+")
 
 @contextmanager
 def working_folder(folder: Path, definition: Facts) -> Iterator[str]:
-    """Provide a working folder within the folder of a sweep, in a ``with`` block.
+    """Provide a working folder in the folder of a sweep, to be used in a ``with`` block.
 
-    Parts are written to it and then moved to the folder of the sweep by the command that
-    has locked this folder. No other program can therefore change finished parts. The
-    working folder is deleted at the end of the block.
+    A part (file with the results of successive designs) is written to the working folder.
+    The command that has locked the folder of the sweep then moves the part there. Other
+    programs therefore cannot change finished parts. The working folder is deleted at the
+    end of the block.
 
     Parameters
     ----------

@@ -53,7 +53,8 @@ DISK_FULL_ADVICE = (
 class SweepResult:
     """The result of a sweep: designs, their figures of merit, and tables of their runs.
 
-    The rows are in the files of the parts, and are read when a method asks for them.
+    A sweep computes many designs. A part is a file with the results of successive designs.
+    The rows are read from the files of the parts when a method asks for them.
 
     Attributes
     ----------
@@ -190,16 +191,17 @@ class SweepResult:
     def table_names(self) -> Names:
         """Names of the tables of all runs, such as ``"motion"`` and ``"poles"``.
 
-        A run of a single mechanism gives its files the same names.
+        A run of a single mechanism writes tables with the same names.
         """
         return tuple(self._tables())
 
     @property
     def data_sets(self) -> tuple[Path, ...]:
-        """The folders whose Parquet files together are one table each.
+        """The folders of Parquet files; the files of a folder together are one table.
 
-        The first is that of the table of designs. The others are the tables of the runs, in
-        the order of `table_names`. It is empty if the parts are in a temporary folder.
+        The first folder has the table of designs. The others have the tables of the runs,
+        in the order of `table_names`. There are no folders if the result is in a temporary
+        folder.
         """
         if self.folder is None:
             return ()
@@ -249,10 +251,11 @@ class SweepResult:
         return frame
 
     def _tables(self) -> dict[str, dict[int, Path]]:
-        """Return the paths of the files of each table, by the name of the table.
+        """Return the paths of the files of each table of the runs.
 
-        Each path has the number of its part as a key. A part has no file of a table in
-        which none of its designs has a row.
+        The outer keys are the names of the tables, and the inner keys the numbers of the
+        parts. A part (group of successive designs) has one file of each table, unless none
+        of its designs has a row in it.
         """
         tables: dict[str, dict[int, Path]] = {}
         for number in range(self.sweep.part_count):
@@ -364,7 +367,9 @@ def _lock_folder(parts_folder: Path) -> Iterator[None]:
 
 
 class _Progress:
-    """Computes the missing parts of a sweep, and keeps account of the finished ones.
+    """Computes the missing parts of a sweep and registers the finished ones.
+
+    A part is a group of successive designs with a file of results.
 
     Attributes
     ----------

@@ -57,10 +57,11 @@ Larger: modes are found of rows that are not needed. Smaller: more calls.
 class Synthesis:
     """The designs that a synthesis found, sorted by the first objective.
 
-    With one objective there is one design for each assembly mode and each valley of the
-    objective. With several objectives there is the Pareto front of each mode: the designs
-    for which no other design is better in all objectives. Designs that are the same linkage
-    or its mirror image, perhaps with axes that point the other way, are listed once.
+    With one objective there is one design for each assembly mode (way to assemble the
+    links) and each local minimum. With several objectives there is the Pareto front of each
+    mode: the designs for which no other design is better in all objectives. Designs that
+    are the same linkage or its mirror image, perhaps with axes that point the other way,
+    are listed once.
 
     Attributes
     ----------
@@ -69,22 +70,20 @@ class Synthesis:
     values
         (n, variables) values of the variables, in the units of the file.
     modes
-        (n,) assembly modes: signs of the dyads, or the label that a sweep has for this
-        design if there are other groups.
+        (n,) assembly modes: the signs of the dyads (two links with three R pairs). With
+        other groups of links, the label that a sweep has for this design.
     objectives
-        (n, k) objectives.
+        (n, k) values of the k objectives, which were minimised.
     figures
         Figures of merit (n,) by name, angles in the unit of the file.
     explored
         Number of designs of the sweep.
     feasible
-        Number of rows of the sweep that meet the conditions.
+        Number of rows of the sweep (assembly modes of designs) that meet the conditions.
     before
         (k,) the smallest value of each objective among the rows that meet the conditions.
     tolerance
-        (k,) by how much an objective must be smaller for a design to be better than
-        another. With several objectives, no descent found a design that is better by more
-        than this.
+        (k,) a design counts as better only if an objective is smaller by more than this.
     """
 
     synthesis: Specification
@@ -125,14 +124,14 @@ class Synthesis:
 
 @dataclass(frozen=True)
 class DescentStart:
-    """A point from which a descent starts.
+    """A design and assembly mode from which a descent (local optimisation) starts.
 
     Attributes
     ----------
     mode
-        The assembly mode.
+        The assembly mode (way to assemble the links).
     x
-        (variables,) the point, in units of the ranges.
+        (variables,) the design, with each variable from 0 to 1 over its range.
     """
 
     mode: SynthesisMode
@@ -163,14 +162,15 @@ class ExploredDesigns:
 
 
 def synthesize_dimensions(specification: Specification, starts: int = 12) -> Synthesis:
-    """Find the best designs: a sweep, then descents from its best rows.
+    """Find the best designs: evaluate many designs, then improve the best ones by descents.
 
-    With several objectives the best designs are a front: no other design is better in all
-    objectives. Before the descents, an evolution (NSGA-II, Deb and others 2002, by pymoo)
-    improves this front. After them, descents from other starts try to find a better design
-    for each point of the front. Descents follow exact gradients: SciPy's SLSQP, and cutting
-    planes where objectives have kinks. Each descent keeps its assembly mode and the inputs
-    at which this mode closes.
+    A sweep evaluates the designs, and a descent is a local optimisation. With several
+    objectives the best designs are a front: no other design is better in all objectives.
+    Before the descents, an evolution (NSGA-II, Deb and others 2002, by pymoo) improves this
+    front. After them, descents from other starts try to find a better design for each point
+    of the front. Descents follow exact gradients: SciPy's SLSQP, and cutting planes where
+    objectives have kinks. Each descent keeps its assembly mode and the inputs at which this
+    mode closes.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
     DesignError
         If no design meets the conditions, or there are no gradients.
     EngineError
-        If the designs have no kernel.
+        If no compiled function can evaluate the designs.
     """
     sweep = specification.sweep
     evaluator = _require_gradients(specification)
@@ -498,9 +498,10 @@ def _find_confirmed_optimum(
 def _merge_same_linkages(
     optima: Sequence[LocalOptimum], descent: Descent
 ) -> list[LocalOptimum]:
-    """Return optima sorted by their objectives, and each linkage once.
+    """Return optima (designs) sorted by their objectives, with each linkage only once.
 
-    If several optima are alike (`_are_alike`), only the first in this order remains.
+    Two optima can be the same linkage, or its mirror image, with other numbers (see
+    `_are_alike`). Only the one with the smaller objectives remains.
     """
     different: list[LocalOptimum] = []
     for optimum in sorted(optima, key=lambda item: tuple(item.objectives)):

@@ -77,18 +77,21 @@ class ModeOrigin:
 
 @dataclass(frozen=True, eq=False)
 class SynthesisMode:
-    """An assembly mode that is followed from design to design.
+    """An assembly mode (way to assemble the links) that is followed from design to design.
 
-    If all groups are dyads, a mode is identified by their signs in every design. Otherwise
-    its configurations are tracked along the straight path of the sizes from its origin, in
-    steps that do not jump to another mode. The configurations of a design do therefore not
-    depend on designs that were tried in between.
+    If all groups of links are dyads (two links with three R pairs), the signs of the dyads
+    identify a mode in every design. Otherwise the configurations of a new design are
+    tracked: from a known design, the origin, the sizes change step by step to the new
+    design.
+
+    Tracking always starts at the origin. The result therefore does not depend on designs
+    that were tried in between.
 
     Attributes
     ----------
     label
-        Its label among the modes of a design: the signs of the dyads such as ``"+-"``, or a
-        number and signs.
+        Label of the mode among those of a design: the signs of the dyads such as ``"+-"``,
+        or a number and signs.
     origin
         The known configurations from which all others of this mode are tracked. None if
         signs identify the mode.
@@ -124,9 +127,11 @@ class SynthesisMode:
         return np.repeat(signs[:, None], count, axis=1)
 
     def with_origin(self, design: DesignPoint) -> "SynthesisMode":
-        """Return the same mode, whose configurations are tracked from another design.
+        """Return the same mode with another design as the start from which it is tracked.
 
-        A mode that is identified by the signs of dyads is not tracked, and is returned
+        To track a mode means to follow its configurations while the sizes change step by
+        step. A shorter way from the start takes fewer steps. A mode that is identified by
+        signs of dyads (two links with three R pairs) is not tracked, and is returned
         unchanged.
         """
         if self.origin is None:
@@ -232,9 +237,9 @@ def find_all_modes(
     def append_mode(
         index: int, label: str, design: DesignPoint, configurations: Floats
     ) -> None:
-        """Add a mode to those of the design with this index.
+        """Add an assembly mode to those of the design with this index.
 
-        The configurations are (variables, n) pair variables in rad: at the samples of the
+        `configurations` (variables, n) are the pair variables in rad: at the samples of the
         input, then at the other inputs at which figures of merit are evaluated.
         """
         # The kernel has the closure equations, by which modes are tracked later.

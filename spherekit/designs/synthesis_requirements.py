@@ -59,12 +59,15 @@ class ModeScores:
 
 @dataclass(frozen=True)
 class Specification:
-    """Objectives and conditions of a synthesis, on figures of merit of a sweep.
+    """What a synthesis is to achieve: objectives to minimise and conditions to meet.
+
+    Both are expressions of figures of merit, numbers that rate a design. Precision points
+    are inputs at which the mechanism has wanted values.
 
     Attributes
     ----------
     sweep
-        The designs that are evaluated first, their figures, and the conditions.
+        The designs that are evaluated first, their figures of merit, and the conditions.
     minimise
         The objectives, as expressions of figures and variables.
     matched
@@ -325,7 +328,7 @@ def evolve_fronts(
     max_points: int,
     progress: ProgressReporter,
 ) -> list[tuple[str, Floats]]:
-    """Improve the Pareto front of each mode by an evolution (NSGA-II).
+    """Improve the Pareto front of each assembly mode by an evolution (NSGA-II).
 
     The front of an assembly mode consists of the designs for which no other design is
     better in all objectives. The evolution of each mode starts from its rows in the front
@@ -336,9 +339,10 @@ def evolve_fronts(
     specification
         The objectives and conditions.
     modes
-        (n,) labels of the modes of the rows from which the evolution starts.
+        (n,) labels of the assembly modes of the rows (designs in one mode) from which the
+        evolution starts.
     points
-        (n, variables) the designs of these rows, in units of the ranges.
+        (n, variables) the designs of these rows, each variable from 0 to 1 over its range.
     objectives
         (n, k) their objectives.
     max_points

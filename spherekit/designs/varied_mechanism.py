@@ -109,18 +109,18 @@ class DesignPoint:
     """A design, as numbers that compiled functions of many designs take as arguments.
 
     Such a function is called a kernel, and its arguments that depend on the design are
-    called sizes. They include numbers of masses and loads (`VariedMechanism`).
+    called sizes: arcs and angles, and also numbers of masses and loads.
 
     Attributes
     ----------
     values
         (variables,) values of the variables, in the units of the file.
     sizes
-        (sizes,) sizes of the kernel, in rad and SI units.
+        (sizes,) the arguments of the kernel, in rad and SI units.
     slopes
         (sizes, variables) derivatives of the sizes by the values.
     profiles
-        The profiles, if they are not circles.
+        The profiles of the contacts, if they are not circles.
     """
 
     values: Floats
@@ -136,9 +136,10 @@ class DesignPoint:
         pair_values: Floats,
         revolution_offsets: Floats | None = None,
     ) -> ColumnGradients:
-        """Return the columns of a kernel at samples, and their derivatives by variables.
+        """Return quantities at samples, and their derivatives by the design variables.
 
-        The kernel differentiates its columns by sizes and by columns of profiles. By the
+        A kernel is a compiled function of many designs. It returns the quantities
+        (columns), and their derivatives by sizes and by numbers of contact profiles. By the
         chain rule, these derivatives are multiplied by those of the sizes and profiles by
         the variables, and added.
 
@@ -151,8 +152,8 @@ class DesignPoint:
             arguments of `DesignKernel.evaluate_samples`.
         pair_values
             (n, variables of pairs) configurations (rad) at the samples, NaN if a sample has
-            none. The columns of profiles are evaluated at them. If all profiles are
-            circles, only the number n of configurations is used.
+            none. The profiles are evaluated at them. If all profiles are circles, only the
+            number n of configurations is used.
         """
         profile_columns = None
         if self.profiles is not None:
@@ -204,8 +205,8 @@ class VariedMechanism:
     A kernel is a function that evaluates many designs at once. Its *sizes* are the
     arguments that depend on the design, in this order:
 
-    1. the variables that are sizes of R pairs, unless contacts are replaced,
-    2. numbers that are read from the file of each design and follow the variables: angles
+    1. the variables that are sizes of R pairs, unless contacts are replaced by links, 2.
+    numbers that are read from the file of each design and follow the variables: angles
        of replaced contacts, then numbers of masses and loads.
 
     Attributes
@@ -219,8 +220,8 @@ class VariedMechanism:
     inputs
         Names of the driven pairs.
     equivalent_linkage
-        The mechanism with links instead of contacts of circles. If given, all numbers of
-        designs are read from their files.
+        The mechanism with links instead of contacts of circles. None if contacts are not
+        replaced.
     masses_follow_sizes
         Whether the file states masses by sizes of links, so that masses change with these
         sizes.
@@ -494,13 +495,14 @@ class VariedMechanism:
         return DesignPoint(values, sizes[:, 0], slopes, profiles)
 
     def _variable_size_slopes(self) -> Floats:
-        """Return the derivatives of the sizes that are design variables themselves.
+        """Return the factors from the units of the file to rad and SI units, as a matrix.
 
-        Returns
-        -------
-        (variable sizes, variables) derivatives by the variables. Each variable changes its
-        own size alone. The derivative is the factor from the unit of the file to rad or SI
-        units.
+        The arguments of the compiled functions are called sizes. Some sizes are design
+        variables in other units. The rows are these sizes, and the entries are their
+        derivatives by all variables.
+
+        Returns ------- (variable sizes, variables) derivatives. A variable changes only its
+        own size, so all other entries are zero.
         """
         slopes = np.zeros((len(self.size_variables), len(self.variables)))
         for size, variable in enumerate(self.size_variables):
@@ -558,7 +560,7 @@ class VariedMechanism:
 
     @cached_property
     def _trials(self) -> list[tuple[Floats, Floats]]:
-        """Designs near that of the file, which show what changes with the variables.
+        """Designs near the one in the file, which show what changes with the variables.
 
         All variables are changed at once. Each design is listed with its values
         (variables,), and with the numbers of its contacts, masses and loads as read from
@@ -587,11 +589,11 @@ class VariedMechanism:
 
     @cached_property
     def varied_numbers(self) -> Indices:
-        """Indices of the numbers of contacts, masses and loads that follow the variables.
+        """Indices of numbers of contacts, masses and loads that depend on the variables.
 
-        A number follows the variables if it changes in a trial: a design in which all
-        variables are changed a little (`_trials`). If all these designs are impossible, all
-        numbers count as following.
+        A number depends on the design variables if it changes in a trial: a design in which
+        all variables are changed a little (`_trials`). If all these designs are impossible,
+        all numbers count as dependent.
         """
         if not self._reads_files:
             return np.zeros(0, np.intp)
@@ -700,12 +702,16 @@ class VariedMechanism:
         return None
 
     def _read_varied_numbers(self, values: Floats) -> Floats:
-        """Return the `varied_numbers` of a design (variables,).
+        """Return the numbers of contacts, masses and loads that depend on the variables.
+
+        They are read from the file of the design with the variables `values` (variables,).
 
         Raises
         ------
         SpherekitError
-            If the design is impossible, or another number differs from that of the file.
+            If the design is impossible, or if a number that was found to be constant
+            differs from that of the file. The compiled functions do not apply to such a
+            design.
         """
         numbers = self._read_numbers(values)
         differences = np.delete(numbers - self._nominal_numbers, self.varied_numbers)
@@ -715,11 +721,11 @@ class VariedMechanism:
 
     @cached_property
     def constant_slopes(self) -> list[Floats | None]:
-        """Derivatives of numbers by each design variable, if all designs have the same.
+        """Derivatives that are equal in all designs, of numbers by each design variable.
 
-        The numbers describe contacts, masses and loads (`varied_numbers`). The entry of a
-        variable has the derivative (numbers,) of each number. It is None if the derivatives
-        differ between designs, and have to be computed for each one.
+        The numbers describe contacts, masses and loads (`varied_numbers`). The item of a
+        variable has the derivative (numbers,) of each number. The item is None if the
+        derivatives differ between designs, and are computed for each one.
         """
         return [
             self._find_constant_slopes(k)
@@ -731,9 +737,9 @@ class VariedMechanism:
     def _can_change_numbers(self, variable: DesignVariable) -> bool:
         """Return whether a variable can change a number of a contact, mass or load.
 
-        If it is a number of a mass or load itself, it can. Another variable, such as the
-        size of a link, can do so in two cases: masses follow from the sizes of links, or an
-        equivalent linkage, whose angles depend on sizes, replaces the contacts.
+        There are three such variables. A number of a mass or load changes itself. If masses
+        follow from the sizes of links, sizes change them. If an equivalent linkage replaces
+        the contacts, sizes change the angles of this linkage.
         """
         # `ACTIONS` are the tables of masses and loads in the file.
         is_mass_or_load = variable.path[0] in ACTIONS
@@ -759,9 +765,11 @@ class VariedMechanism:
         return nominal_slopes if agrees else None
 
     def trial_slopes(self, k: int) -> list[Floats]:
-        """Return the derivatives by variable k, at the design of the file and the trials.
+        """Return the derivatives of numbers by variable k, at several designs.
 
-        Each entry (varied numbers,) belongs to one of these designs.
+        The numbers describe contacts, masses and loads. The designs are that of the file
+        and some near it. If the derivatives (varied numbers,) are the same at all of these
+        designs, they count as constant.
         """
         designs = [self.nominal_values, *(design for design, _ in self._trials)]
         return [self._differentiate_numbers(design, k) for design in designs]
@@ -809,8 +817,9 @@ class VariedMechanism:
 
 
 def _without_values(actions: Any) -> Any:
-    """Return masses and loads with all values set to zero, which shows their kinds.
+    """Return masses and loads with all numbers set to zero, to compare their kinds.
 
-    A kernel allows other values of masses and loads, but no other kinds.
+    A kernel (compiled function of many designs) serves designs with other values of masses
+    and loads, but not with other kinds.
     """
     return replace_numbers(actions, lambda number: 0.0)

@@ -53,7 +53,8 @@ SINGLE_PROCESS_HINT = "workers=1 (--workers 1) needs no other process"
 def can_start_workers() -> bool:
     """Return whether this process can start worker processes.
 
-    Frozen programs and those with an embedded interpreter have no Python executable.
+    A worker needs the executable of Python. Programs that contain their own interpreter
+    ("frozen" or embedded) have none.
     """
     return bool(get_executable()) and not getattr(sys, "frozen", False)
 
@@ -63,9 +64,10 @@ def compute_in_processes(
 ) -> Generator[int, None, None]:
     """Compute parts of a sweep in worker processes, and yield the number of each.
 
-    If a worker ends while it computes a part (usually because the system has no memory
-    left), another worker computes the part again. A part that ends
-    `MAX_DEATHS_AMONG_OTHERS` workers is computed last, by a single worker.
+    A part is a group of successive designs. If a worker ends while it computes a part
+    (usually because the system has no memory left), another worker computes the part again.
+    A part at which `MAX_DEATHS_AMONG_OTHERS` workers have ended is computed last, by a
+    single worker, which then has all the memory.
 
     All workers are ended when the generator is closed. If this process ends in any way,
     they end themselves, because their standard input is closed.
@@ -199,9 +201,10 @@ def _sweep_message(sweep: Sweep) -> bytes:
 
 
 class _WorkerProcess:
-    """A worker process and the two pipes to it.
+    """A process that computes parts of a sweep (groups of designs), and two pipes to it.
 
-    The constructor starts the process. `load` must be called before `compute`.
+    One pipe is for messages to the process, the other for its answers. The constructor
+    starts the process. `load` must be called before `compute`.
 
     Attributes
     ----------
@@ -402,7 +405,8 @@ class _Crew:
     def compute_again(self, number: int) -> None:
         """Put the number of a part whose worker ended back into the queue.
 
-        Call this while `events` is iterated, before the next event is taken.
+        `events` yields the numbers of finished parts and the ends of workers. Call this
+        method before the next event is taken, since `events` stops when no part is open.
         """
         self._open_parts += 1
         self._waiting_parts.put(number)

@@ -35,7 +35,7 @@ class Loaded:
 
 @dataclass(frozen=True)
 class Computed:
-    """The answer of a worker to the number of a part: the part is written, or failed.
+    """The answer of a worker on a part (group of designs): it is written, or has failed.
 
     `number` is the number of the part. `error` is the exception that computing it raised,
     None if the part is written.

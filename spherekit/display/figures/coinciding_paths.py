@@ -42,10 +42,10 @@ class DashPosition(NamedTuple):
 
     @property
     def linestyle(self) -> Any:
-        """The dashes of the curve for matplotlib, None for the first one, a full line.
+        """The line style for matplotlib of one of several curves that coincide.
 
-        The others are drawn over it in dashes, each at another offset, so that all colours
-        are visible.
+        The first curve is a full line (None). The others are drawn over it in dashes, each
+        at another offset, so that all colours are visible.
         """
         if not self.position:
             return None
@@ -57,10 +57,14 @@ class DashPosition(NamedTuple):
 def dash_positions(leaders: Sequence[int]) -> list[DashPosition]:
     """Return for each curve its position among the curves that coincide with it.
 
+    Curves that coincide are drawn with dashes side by side, for which their number and the
+    position of each are needed.
+
     Parameters
     ----------
     leaders
-        For each curve the first curve that coincides with it, or the curve itself.
+        For each curve the index of the first curve that coincides with it. For a curve
+        without an earlier one, its own index.
     """
     return [
         DashPosition(

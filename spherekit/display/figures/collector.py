@@ -44,9 +44,8 @@ class LoggedBlock(NamedTuple):
 class Collector:
     """A recorder that keeps the drawings of a run in memory.
 
-    It receives a head, which has the titles of the assembly modes and the scenes that do
-    not move. Then it receives blocks: each has the scene (drawing) of some successive
-    samples.
+    First comes a head, which has the titles of the assembly modes and the scenes that do
+    not move. Then blocks come: each has the scene (drawing) of some successive samples.
 
     Attributes
     ----------
@@ -101,7 +100,7 @@ class Collector:
         return title_by_mode
 
     def scenes(self) -> tuple[Scene, ...]:
-        """Return the scenes in the order in which they came, with the blocks joined.
+        """Return the scenes (drawings of a page) in their order, with the blocks joined.
 
         Blocks of one analysis on one page are successive samples of one scene.
         """

@@ -38,7 +38,7 @@ def draw_columns(
     Parameters
     ----------
     table
-        Declaration of the table.
+        Names, units and kinds of the columns.
     frame
         Its rows, with angles in the unit that `degrees` says.
     x, y

@@ -308,10 +308,10 @@ def _divide(
 
 
 def _plan_planes(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
-    """Yield figures of portraits (plots of one quantity against another).
+    """Yield the figures of portraits (plots of one quantity against another).
 
-    Portraits with equal labels share a figure. It is left out if none of them has a curve,
-    a mark or a path.
+    Portraits with equal labels share a figure. A figure without curves, marks and paths is
+    left out.
     """
     for (_, label), items in _group_items(scenes, Portrait, "label").items():
         has_content = any(
@@ -403,9 +403,10 @@ def _plan_paths(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure
 
 
 def _plan_axodes(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
-    """Yield the axodes of each mode: paths of pole axes in the axes of a link.
+    """Yield a figure of the axodes for each assembly mode (way to assemble the links).
 
-    They are drawn where the link is in the first configuration.
+    Axodes are the paths of the axes of relative rotation (poles), as seen from a link. They
+    are drawn with the link in its first pose.
     """
     for scene in scenes:
         traces = [item for item in scene.primitives if isinstance(item, Trace)]

@@ -191,7 +191,8 @@ def _draw_curve(
 def _has_no_neighbour(has_value: Bools) -> Bools:
     """Return which samples (n,) have a value while the samples before and after have none.
 
-    Such a value would not show as a part of a line.
+    A line connects at least two values. A single value would not be visible in it, so a
+    point is drawn.
     """
     value_before = np.zeros_like(has_value)
     value_before[1:] = has_value[:-1]
