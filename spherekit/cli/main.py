@@ -163,7 +163,8 @@ def _discard_output() -> None:
 def _is_output_error(error: Exception) -> bool:
     """Return whether an error means that standard output takes no more.
 
-    An error of a file has the name of the file; an error of standard output has no name.
+    Such an error occurs, for example, if the disk is full to which stdout is redirected. An
+    error of another file has the name of the file; an error of standard output has no name.
     """
     return (
         isinstance(error, OSError) and error.errno in OUTPUT_ERRORS and not error.filename

@@ -122,6 +122,8 @@ def _mode_titles(modes: Sequence[Any]) -> str:
 
     Modes that have neither names nor signs are listed by number, such as ``0-5``.
 
+    A sign is the way in which a dyad (two links with three R pairs) is assembled.
+
     Parameters
     ----------
     modes

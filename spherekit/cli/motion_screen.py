@@ -55,13 +55,16 @@ LARGE_RATIO = 100.0
 def output_table(summary: Any) -> ScreenTable | None:
     """Return the table of outputs: range, velocity ratio, transmission, places of rest.
 
-    It is None if no output is examined, or if the mechanism can be assembled at no examined
-    sample.
+    The transmission angle tells how well a force is passed on to the output. At a place of
+    rest the output turns back.
+
+    The result is None if no output is examined, or if the mechanism can be assembled at no
+    examined sample.
 
     Parameters
     ----------
     summary
-        The content of ``summary.json``.
+        The content of ``summary.json``, the file with the main results of a run.
     """
     overview = summary["overview"]
     outputs = overview["outputs"]
@@ -173,7 +176,8 @@ def output_words(output: Any) -> str:
     Parameters
     ----------
     output
-        An entry of ``outputs`` of the overview.
+        The description of the output in the summary of a run: its link, its reference link,
+        its name, and whether it is a direction on the link.
     """
     what = "a direction on link" if output["points"] else "link"
     link = link_text(output["link"])
@@ -239,9 +243,11 @@ def _swing_heading(outputs: Sequence[Any], turns: bool) -> str:
 def _swing_text(motion: Any, is_lower_bound: bool) -> str:
     """Return the width of the range of an angle as text in degrees.
 
-    It begins with ``>=`` if the mode ends at a dead centre between samples.
-    It can differ by one in the last digit from the difference of the printed ends, since
-    these are rounded too.
+    The text begins with ``>=`` if the true range may be larger, since the mode ends at a
+    dead centre between samples.
+
+    The printed ends of the range are rounded too, so their difference can differ by one in
+    the last digit.
     """
     swing_deg = math.degrees(motion["highest_rad"] - motion["lowest_rad"])
     text = degrees_text(math.radians(round(swing_deg, 2)))

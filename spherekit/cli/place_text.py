@@ -18,11 +18,10 @@ From this distance on, a place between two samples is also given as an interval.
 
 
 class PlaceText:
-    """Texts of places of the motion of a run.
+    """Texts of places (samples and configurations between samples) of the motion of a run.
 
-    A place identifies a sample, or a configuration between two samples. It is stored as the
-    value of the first input (rad), which is printed in degrees, as the time (s) or as the
-    number of a sample.
+    A place is stored as the value of the first input (rad), which is printed in degrees, as
+    the time (s) or as the number of a sample.
 
     Attributes
     ----------
@@ -31,7 +30,8 @@ class PlaceText:
     name, unit
         Name and printed unit of places. The name of an input is that of its pair.
     sample_step
-        Distance of two examined samples, in rad, in s, or as a difference of their numbers.
+        Distance of two successive samples, in rad, in s, or as a difference of their
+        numbers.
     """
 
     def __init__(self, overview: Any) -> None:
@@ -64,7 +64,7 @@ class PlaceText:
 
     @property
     def step_text(self) -> str:
-        """The distance of samples, such as ``2 deg of input 21``.
+        """The distance of successive samples, such as ``2 deg of input 21``.
 
         It is empty if places are numbers of samples, or if there is only one sample.
         """
@@ -79,7 +79,8 @@ class PlaceText:
     def are_samples_far_apart(self) -> bool:
         """Whether places are inputs and samples are `COARSE_STEP_DEG` or more apart.
 
-        Places between samples are then uncertain.
+        Places between samples are interpolated. They are uncertain if the samples are far
+        apart.
         """
         return self.kind == "input" and math.degrees(self.sample_step) >= COARSE_STEP_DEG
 
@@ -107,9 +108,10 @@ class PlaceText:
 
     @property
     def named(self) -> str:
-        """The name of places in a sentence: ``input 21`` or ``t``.
+        """The name of the quantity that states a place: ``input 21`` or ``t``.
 
-        The name of a pair is often a number, which would be read as a quantity.
+        The name of an input pair is often a number. Without the word "input" it would be
+        read as a quantity.
         """
         return f"input {self.name}" if self.kind == "input" else self.name
 

@@ -29,8 +29,8 @@ class ProgressBar:
     """One line on stderr that shows the activity, a bar and the remaining time.
 
     The line appears with the first report, which comes a few seconds after the beginning,
-    and is erased by `hide`. A report without a state is a message, such as that a process
-    has ended. It is printed as a line of its own and remains on the screen.
+    and is erased by `hide`. A message, such as that a process has ended, is a line of its
+    own and remains on the screen.
     """
 
     def __init__(self) -> None:

@@ -282,7 +282,8 @@ def _run_and_report(
             note(options, f"serving at {recorder.url}; open it with: rerun {recorder.url}")
         # A collector keeps the scenes for the figures and hands them on to the recorder.
         collector = Collector(recorder) if options.figures else None
-        # The setting that meets --tol and its accuracy; empty without --tol.
+        # The way to compute (such as an integrator with its tolerance) that meets --tol,
+        # and its accuracy; empty without --tol.
         choice = _setting_for_tolerance(study, analyses, options)
         engine = options.engine
         if choice and choice["setting"].tolerance is not None:  # chosen for a simulation

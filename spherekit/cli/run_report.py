@@ -207,9 +207,10 @@ def _question(summary: Any) -> str:
 
 
 def _input_words(summary: Any, pair: str) -> str:
-    """Return the name of an input; for a name without letters also the links it turns.
+    """Return the name of an input, with its links if the name has no letters.
 
-    All further lines have the name alone, so the first line says what ``21`` is.
+    A name such as ``21`` alone would not tell that it is a pair. The first line of the
+    report explains it, and the other lines have the name alone.
     """
     if any(character.isalpha() for character in pair):
         return pair
@@ -413,7 +414,7 @@ def _describe_unapplied_limits(summary: Any) -> Lines:
 
 
 def _describe_meetings(summary: Any) -> Lines:
-    """Return lines for the inputs at which assembly modes meet, each with its sentence.
+    """Return sentences on the inputs at which assembly modes (ways to assemble) meet.
 
     These inputs are computed from the equations, so they can be between samples.
     """
@@ -574,9 +575,11 @@ def _warnings(summary: Any) -> Lines:
 
 
 def _status_warnings(summary: Any) -> Lines:
-    """Return a line for each status that is not OK: count, places, cause and cure.
+    """Return a line for each status other than OK: count, places, cause and cure.
 
-    Rows of the motion come first, then pole axes, then rows of the tables of analyses.
+    A status tells whether a configuration or a result could be computed. The lines are
+    first on configurations, then on pole axes (axes of the relative rotation of two links),
+    then on the tables of analyses.
     """
     return [
         *_row_warnings(summary),
@@ -628,8 +631,9 @@ def _row_warnings(summary: Any) -> Lines:
 
 
 def _pole_warnings(summary: Any) -> Lines:
-    """Return a line for each status of pole axes that is not OK.
+    """Return a line for each cause for which axes of relative rotation have no result.
 
+    The poles (axes of the relative rotation of two links) have a status at each sample.
     NO_POLE is no failure: the two links do not rotate relative to each other.
     """
     count_by_status = summary["pole_status"]

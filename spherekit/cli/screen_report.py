@@ -177,7 +177,7 @@ def _widths_with_whole_cells(
 def _longest_words(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[int]:
     """Return the length of the longest word of each column, at least 1.
 
-    It is the least width of the column, because words are not broken.
+    A heading counts too. Words are not broken, so this is the least width of the column.
     """
     lengths: list[int] = []
     for number, heading in enumerate(headings):

@@ -78,7 +78,7 @@ def describe_singularities(summary: Any) -> Lines:
 
 
 class _Statement(NamedTuple):
-    """Sentences on singularities of one type.
+    """Sentences on the singularities of one type (I or II) for the report of a run.
 
     Attributes
     ----------
@@ -274,14 +274,17 @@ def _list_nearest_samples(mode: int, entry: Any) -> Iterator[_NearestSample]:
 
 
 def _describe_type_1(summary: Any, number: int) -> _Statement:
-    """Return sentences on singularities of type I of an output.
+    """Return sentences on configurations in which an output loses a direction of motion.
+
+    These are the singularities of type I. With one input, the output is at rest there while
+    the input moves.
 
     Parameters
     ----------
     summary
-        The content of ``summary.json``.
+        The content of ``summary.json``, the file with the main results of a run.
     number
-        Position of the output among those of the overview.
+        Index of the output in the summary.
     """
     overview = summary["overview"]
     outputs = overview["outputs"]
@@ -306,8 +309,8 @@ def _describe_type_1(summary: Any, number: int) -> _Statement:
     extent = _extent(summary)
 
     # The least singular value of the output's velocity Jacobian is 0 at type I. A mode can
-    # be singular everywhere, even without any motion of the output, or at some places.
-    # `jacobians` has the other modes, one of which comes nearest to a singularity.
+    # be singular everywhere or at some places. `jacobians` is for the sentence on the mode
+    # that comes nearest to a singularity.
     modes_at_rest: list[int] = []
     modes_singular_everywhere: list[int] = []
     modes_by_place: dict[str, list[int]] = {}
@@ -399,12 +402,13 @@ def _describe_type_1(summary: Any, number: int) -> _Statement:
 
 
 def _rests_throughout(motion: Any) -> bool:
-    """Return whether an output has one pose at all samples, and velocity ratios of 0.
+    """Return whether an output never moves: one pose at all samples, velocity ratios of 0.
 
     Parameters
     ----------
     motion
-        The entry of the output in ``outputs`` of an assembly mode.
+        The least and largest angle (rad) and velocity ratios of the output in an assembly
+        mode, from the summary of a run.
     """
     ratios = [*motion["lowest_ratio"], *motion["highest_ratio"]]
     swing_rad = motion["highest_rad"] - motion["lowest_rad"]

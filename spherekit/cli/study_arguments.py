@@ -178,8 +178,8 @@ def read_angle(option: str, text: str, angle_unit: "AngleUnit") -> float:
 def mechanism_options(options: Namespace) -> list[str]:
     """Return ``--input``, ``--lock`` and ``--crossings`` as words of a command line.
 
-    The commands `run`, `page` and `export` have these options. A next step that repeats
-    them is about the same motion.
+    The commands `run`, `page` and `export` have these options. A run suggests further
+    commands to the user. With these words they compute the same motion.
     """
     words = []
     for pair in options.input or []:

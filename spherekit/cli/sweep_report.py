@@ -146,7 +146,9 @@ def _sample_distance(sweep: "Sweep") -> str:
 def _ranked_rows(frame: Any) -> Any:
     """Return the rows by whose figures of merit designs are ranked.
 
-    These are the rows of modes that exist at all samples, or all rows if there are none.
+    A row is an assembly mode of a design. Ranked are the modes that exist at all samples,
+    or all modes if there are none. Figures of a mode that ends depend on how near the last
+    sample is to the end.
 
     Parameters
     ----------
@@ -199,7 +201,7 @@ def _count_rows(frame: Any, is_valid: Any, where: tuple[str, ...]) -> str:
 
 
 def _design_words(frame: Any) -> str:
-    """Return the numbers of the designs of some rows: `` (designs 9-12)``.
+    """Return the numbers of the designs in some rows as text, such as `` (designs 9-12)``.
 
     The text is empty if it would be longer than `MAX_DESIGN_WORDS_LENGTH`.
     """
@@ -218,9 +220,9 @@ def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
     Parameters
     ----------
     result
-        The sweep.
+        The results of the sweep.
     frame
-        The rows by which designs are ranked.
+        The rows that are ranked, one for each assembly mode of each design.
     """
     sweep = result.sweep
     units = sweep.units()
@@ -262,6 +264,7 @@ def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
                 printed_designs.append(row["design"])
                 same_design = values[values["design"] == row["design"]]
                 difference = (same_design[figure] - row[figure]).abs()
+                # Modes of the design with the same value share a line of the table.
                 is_equal = difference <= EQUAL * max(abs(row[figure]), ROUNDING)
                 modes = ", ".join(same_design[is_equal]["mode"].astype(str))
                 is_first = len(printed_designs) == 1

@@ -96,9 +96,9 @@ def validate_file(name: str, lock_texts: Sequence[str] | None = None) -> Facts:
     Parameters
     ----------
     name
-        Path or shipped name.
+        Path of the file, or the name of a shipped one.
     lock_texts
-        The values of ``--lock``.
+        The values of ``--lock``: pairs that are locked, with their angles.
 
     Raises
     ------

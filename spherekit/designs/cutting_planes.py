@@ -76,13 +76,14 @@ def minimize_largest(
     Parameters
     ----------
     functions
-        Function of a point (n,) that returns objectives and limits, or None where they are
-        not defined. A gradient at a kink is that of one side.
+        Function of a point (n,) that returns objectives, limits (which must not be
+        positive) and their gradients. None where they are not defined. A gradient at a kink
+        is that of one side.
     x
         (n,) first point. A limit that is violated at this point may remain violated by as
         much.
     min_decrease
-        The descent ends when the predicted decrease is smaller.
+        The method ends when the predicted decrease of the maximum is smaller.
 
     Returns
     -------
@@ -136,10 +137,10 @@ def _predict_step(
 ) -> tuple[Floats, float]:
     """Return the step of largest predicted decrease, by a linear program.
 
-    The unknowns are the step s and the number d, the decrease with opposite sign, which is
-    minimised. Each objective f with the gradient g at a point p that was tried gives the
-    inequality f + g (x + s - p) <= largest + d. For limits, ``LIMIT_ALLOWANCE * d`` and the
-    allowed limit take the places of d and of the largest objective.
+    The linear program minimises d, the change of the largest objective, by the choice of
+    the step s. Each objective f with the gradient g at a point p that was tried gives the
+    inequality f + g (x + s - p) <= largest + d. For a limit, d becomes ``LIMIT_ALLOWANCE *
+    d``, and the largest objective becomes the value that the limit may have.
 
     Parameters
     ----------

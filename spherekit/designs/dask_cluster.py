@@ -323,7 +323,7 @@ def _read_answer(
     Raises
     ------
     DesignError
-        If several workers ended while they held this part, the worker could not load the
+        If several workers ended while they had this part, the worker could not load the
         sweep, or the connection to the scheduler is lost.
     Exception
         The error that computing the part raised on the worker.
@@ -414,8 +414,8 @@ class PartComputer:
         The sweep.
     folder
         Absolute path of the folder on the user's machine in which the parts are written.
-        Its name is random. If the worker finds a folder at this path, it is therefore the
-        same folder on a shared disk.
+        Its name is random. If the worker finds a folder at this path, the worker therefore
+        knows that it is the same folder on a shared disk.
     versions
         The versions of the software on the user's machine, as `code_identity` returns them.
     """

@@ -108,14 +108,14 @@ class DescentValues:
 
 
 class CandidateStarts(NamedTuple):
-    """Designs from which another descent may start.
+    """Designs from which another descent (local optimisation) may start.
 
     Attributes
     ----------
     points
         (n, variables) the designs, in units of the ranges of the variables (0 to 1).
     objectives
-        (n, k) their objectives.
+        (n, k) values of the k objectives, which are minimised.
     """
 
     points: Floats
@@ -123,7 +123,9 @@ class CandidateStarts(NamedTuple):
 
 
 class ExpressionValues(NamedTuple):
-    """Objectives and conditions at values of their arguments.
+    """Objectives and conditions of a design, with derivatives by their arguments.
+
+    The arguments are the design variables and the figures of merit.
 
     Attributes
     ----------
@@ -146,16 +148,17 @@ class Descent:
     specification
         The objectives, the conditions and the ranges of the variables.
     rows
-        Columns of the table of designs, with designs that are tried as other starts.
+        Columns of the table of n evaluated designs, each in one assembly mode. Some are
+        tried as further starts.
     objectives
         (n, k) objectives of these rows.
 
     Attributes
     ----------
     points
-        (n, variables) the rows as points, in units of the ranges.
+        (n, variables) the designs, with each variable from 0 to 1 over its range.
     modes
-        (n,) labels of their assembly modes.
+        (n,) labels of their assembly modes (ways to assemble the links).
     scales
         (k,) scale of each objective, by which objectives are compared: its width along the
         rows if there are several objectives, otherwise its smallest absolute value.
@@ -342,12 +345,13 @@ class Descent:
         """Return the point at which a descent of the first objective ends.
 
         The other objectives must not increase (the epsilon-constraint method; Haimes,
-        Lasdon and Wismer 1971). The mode must close at as many samples as at the start.
+        Lasdon and Wismer 1971). The mechanism must close in this assembly mode at as many
+        samples as at the start.
 
         Parameters
         ----------
         x
-            (variables,) the first point.
+            (variables,) the first design, each variable from 0 to 1 over its range.
         mode
             The assembly mode.
 
@@ -370,8 +374,9 @@ class Descent:
         def slack(y: Floats) -> Floats:
             """Return the constraints, as numbers that must not be negative.
 
-            They are the fraction of samples at which the mode closes, less that at the
-            start; the conditions; and the decreases of the other objectives.
+            There are three kinds. The fraction of samples at which the loops close must not
+            fall below that at the start. The conditions must be met. The other objectives
+            must not increase.
             """
             values = self.evaluate(y, mode)
             decreases = start_objectives[1:] - values.functions.objectives[1:]
@@ -588,8 +593,8 @@ def is_better(
 ) -> bool:
     """Return whether an optimum is better than another one, within a tolerance (k,).
 
-    It is better if one of its objectives is smaller by more than the tolerance and none is
-    larger by more than the tolerance.
+    An optimum has k objectives, which are minimised. It is better if an objective is
+    smaller by more than the tolerance, and none is larger by more than the tolerance.
     """
     decrease = other_optimum.objectives - optimum.objectives
     return bool(np.all(decrease >= -tolerance) and np.any(decrease > tolerance))

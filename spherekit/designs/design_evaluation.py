@@ -125,14 +125,17 @@ class DesignMotion:
 
 
 class TrackingStart(NamedTuple):
-    """The start of all paths along which solutions are tracked from design to design.
+    """The known solutions from which solutions of all other designs are computed.
+
+    The sizes change step by step from one design to another, and the solutions of the
+    closure equations are followed (tracked).
 
     Attributes
     ----------
     path_kernel
-        The closure equations of all designs.
+        The closure equations, with the sizes of a design as arguments.
     solutions
-        All their solutions for one design.
+        All complex solutions of these equations for one design.
     """
 
     path_kernel: PathKernel
@@ -140,13 +143,17 @@ class TrackingStart(NamedTuple):
 
 
 class DesignEvaluator:
-    """Computes figures of merit of designs of one topology.
+    """Computes figures of merit (numbers that rate a design) of designs of one mechanism.
 
-    One kernel serves all designs if the varied numbers are sizes of R pairs, masses or
-    loads. If every group of links that are placed together is a dyad (two links and three
-    R pairs), the kernel is in closed form. Otherwise all complex solutions of the closure
-    equations are tracked from design to design. Designs that no kernel covers, and designs
-    of which a solution is lost, are analysed one by one.
+    All designs have the same links and pairs, and differ in varied numbers. A kernel is a
+    function that evaluates many designs at once. It serves if the varied numbers are sizes
+    of R pairs, masses or loads.
+
+    The kernel is in closed form if every group of links that are placed together is a dyad
+    (two links and three R pairs). Otherwise all complex solutions of the closure equations
+    are tracked from design to design.
+
+    Other designs, and designs of which a solution is lost, are analysed one by one.
 
     Parameters
     ----------
@@ -224,7 +231,7 @@ class DesignEvaluator:
         self.kernel, self._tracking_start = self._make_kernel()
 
     def _check_torque_tables(self) -> None:
-        """Check that tables of torques over time contain the times of all samples.
+        """Raise an error if a table of torques over time lacks the time of a sample.
 
         The times matter only if a figure depends on loads, such as a driving torque.
         """
@@ -286,10 +293,11 @@ class DesignEvaluator:
 
     @property
     def _can_replace_contacts(self) -> bool:
-        """Whether one linkage of R pairs moves like the mechanism with contacts.
+        """Whether one linkage of R pairs can replace the mechanism with sliding contacts.
 
-        Its sizes are read from the file of each design, so all numbers may vary except
-        directions of outputs, for which its equations have no arguments.
+        It has the same motion. Its sizes are computed from the file of each design, so all
+        numbers may vary except directions of outputs. Its equations have no arguments for
+        these.
         """
         varied_mechanism = self.varied_mechanism
         has_linkage = varied_mechanism.equivalent_linkage is not None
@@ -409,11 +417,15 @@ class DesignEvaluator:
 
     @property
     def has_signs_of_runs(self) -> bool:
-        """Whether modes have the same signs of dyads as in a run of the design.
+        """Whether assembly modes have the same signs as in a run of one design.
 
-        Tracked modes are numbered instead. A kernel that replaces contacts by links between
-        the centres of circles has the signs of these links, which a run does not have.
-        Without a kernel each design is analysed with its contacts, as in a run.
+        A sign is the way in which a dyad (two links with three R pairs) is assembled. Signs
+        are compared to find a mode of a sweep in a run. There are two cases without equal
+        signs:
+
+        Modes that are found by tracking solutions have numbers. A kernel (function for many
+        designs) that replaces contacts by links has signs of these links, which a run does
+        not have.
         """
         if self.tracks_solutions:
             return False
@@ -659,8 +671,8 @@ class DesignEvaluator:
         Returns
         -------
         table
-            The rows of all designs that are not lost. A design that closes in no mode has
-            one row too.
+            A row for each mode of each design that is not lost. A design that closes in no
+            mode has one row too.
         lost_designs
             Indices of the designs of which tracking has lost a solution.
         """
@@ -797,10 +809,12 @@ class DesignEvaluator:
     def find_signed_mode_offsets(
         self, kernel: DesignKernel, prepared: Floats, signs: Sequence[float]
     ) -> Floats:
-        """Return the revolution offsets of a mode of designs whose groups are all dyads.
+        """Return the whole revolutions to add to angles of an assembly mode of n designs.
 
-        The closed form gives angles in (-pi, pi]. A revolution offset is the multiple of
-        2 pi to be added to such an angle so that it is continuous along the samples.
+        The mode is given by the signs of its dyads (two links with three R pairs), so the
+        angles are known in closed form, in (-pi, pi]. A revolution offset is the multiple
+        of 2 pi that makes an angle continuous along the samples. Loads such as springs
+        depend on it.
 
         Parameters
         ----------
@@ -811,9 +825,9 @@ class DesignEvaluator:
         signs
             The sign of each dyad.
 
-        Returns
-        -------
-        (unwrapped pairs, samples + points, n) offsets (rad).
+        Returns ------- (unwrapped pairs, samples + points, n) offsets (rad). Unwrapped
+        pairs are those whose revolutions matter. Points are further inputs, at which
+        figures of merit are wanted.
         """
         rows = self.figures.rows
         input_count = len(self.inputs)
@@ -867,7 +881,10 @@ class DesignEvaluator:
             )
 
     def make_kernel_mechanism(self, values: Floats) -> Mechanism:
-        """Return the mechanism of a design, with links instead of sliding contacts.
+        """Return the mechanism of a design, in which links replace sliding contacts.
+
+        A link between the centres of two circles moves the links like their contact does.
+        The kernel (function for many designs) is for this mechanism with R pairs alone.
 
         Parameters
         ----------
@@ -993,9 +1010,10 @@ class DesignEvaluator:
     # One design after the other.
 
     def _evaluate_one_by_one(self, values: Floats) -> DesignTable:
-        """Return the figures of designs (variables, n), in the units of the file.
+        """Return the figures of merit of designs, each with a position analysis of its own.
 
-        A design whose analysis raises an error gets one row with the reason.
+        `values` (variables, n) are the varied numbers of n designs in the units of the
+        file. A design whose analysis raises an error gets one row with the reason.
         """
         parts = []
         for number, design in enumerate(values.T):
@@ -1008,14 +1026,15 @@ class DesignEvaluator:
         return DesignTable.join_by_design(parts, self.figures.names)
 
     def _evaluate_mechanism(self, mechanism: Mechanism) -> DesignTable:
-        """Return the figures of the mechanism of one design, with a kernel of its own.
+        """Return the figures of the mechanism of one design, by functions of its own.
 
         The links are placed in closed form if possible. Otherwise a search finds the
         assembly modes, and the kernel computes quantities from their configurations.
 
-        Returns
-        -------
-        A row for each mode in which the design closes, or one row if it never closes.
+        A kernel is a function that computes quantities at many samples at once.
+
+        Returns ------- A row for each assembly mode in which the loops close, or one row if
+        they never close.
         """
         if not self._is_over_constrained and self.samples.crossings == "end":
             assembly = plan_assembly(mechanism.with_inputs(*self.inputs))
@@ -1113,7 +1132,8 @@ class DesignEvaluator:
 def _values_by_mode(motion: Motion) -> Floats:
     """Return the pair variables (variables, samples, modes) of a motion in rad.
 
-    The rows of a motion are sorted by assembly mode and then by sample.
+    A motion has a row for each sample in each assembly mode (way to assemble the links),
+    sorted by mode and then by sample.
     """
     variable_count = motion.values.shape[1]
     values = motion.values.reshape(-1, motion.samples, variable_count)

@@ -35,21 +35,13 @@ digits are lost, have no rates.
 
 
 class DesignKernel:
-    """A function of designs, samples and assembly modes that returns quantities.
+    """Functions that compute quantities of many designs, samples and modes at once.
 
-    `prepare` takes the sizes (sizes, n) of designs and returns everything that is the same
-    at all samples of a design, (k, n). `evaluate` takes one array, whose rows are these
-    arguments in this order:
+    Designs differ in sizes. An assembly mode is one way to assemble the links. `prepare`
+    takes the sizes (sizes, n) of n designs. It returns (k, n) numbers that depend on the
+    sizes alone, so that they are not computed again at every sample.
 
-    1. the sample: inputs, their rates and accelerations, and the time (`sample_names`),
-    2. the `position_arguments`,
-    3. the columns of profiles, if profiles are not circles,
-    4. the revolution offsets (rad) of the `unwrapped_pairs`,
-    5. what `prepare` returns.
-
-    It returns first the `reach_count` numbers that are not negative if every dyad closes,
-    then the `columns`, then their derivatives by each size if `gradients` were asked for,
-    and last `DesignExpressions.relative_loop_residual` if it was asked for.
+    `evaluate` takes one array, whose rows are these arguments in this order:
 
     1. the sample: inputs, their rates and accelerations, and the time (`sample_names`),
     2. the `position_arguments`,
@@ -177,8 +169,10 @@ class DesignKernel:
     def evaluate_angles(self) -> ArrayFunction:
         """Function that returns angles (rad) of passive pairs, without whole revolutions.
 
-        It returns the `reach_count` numbers as `evaluate` does, then the variables (rad) of
-        the `unwrapped_pairs` without revolutions. It ignores the revolution offsets.
+        It takes the arguments of `evaluate` and ignores the revolution offsets. It returns
+        the `reach_count` numbers, which are not negative if the dyads close, then the
+        variables of the `unwrapped_pairs`. From these angles the revolution offsets are
+        found.
         """
         # `_output_expressions`: reach numbers, then outputs of `evaluate`, then the angles.
         reach_numbers = self._output_expressions[: self._square_count]
@@ -250,7 +244,10 @@ class DesignKernel:
 
 
 class KernelOutputs(NamedTuple):
-    """The outputs of a kernel of a mechanism with redundant constraints.
+    """Quantities at n configurations, and how well the rates satisfy the loop equations.
+
+    A mechanism with redundant constraints has several possible choices of equations. The
+    residual shows which choice is best.
 
     Attributes
     ----------
@@ -265,14 +262,15 @@ class KernelOutputs(NamedTuple):
 
 
 class RedundantKernel:
-    """A kernel of one design with redundant constraints; it is used like `DesignKernel`.
+    """Computes quantities of one design with redundant constraints, like `DesignKernel`.
 
-    Rates follow from independent equations that are chosen at a configuration. At other
-    configurations the chosen equations may depend on each other, although all equations
-    together determine the rates. Therefore there is a kernel for each choice, and each row
-    is taken from the kernel whose rates violate the equations of all loops least. Columns
-    that follow from rates are NaN if every kernel exceeds `MAX_LOOP_RESIDUAL`. Angles
-    and axes do not depend on the choice.
+    Rates follow from independent equations, which are chosen at a configuration. At another
+    configuration the chosen equations may depend on each other. Therefore there is a kernel
+    (function of many samples) for each choice.
+
+    Each sample is taken from the kernel whose rates violate the equations of all loops
+    least. Quantities that follow from rates are NaN if every kernel exceeds
+    `MAX_LOOP_RESIDUAL`. Angles and axes do not depend on the choice.
 
     Parameters
     ----------

@@ -168,12 +168,14 @@ def unwrap_along_one_input(
     q: Floats,
     repeats: bool,
 ) -> Floats:
-    """Return the revolution offsets of angles along a single input.
+    """Return the whole revolutions to add to pair angles, so that they are continuous.
 
-    The offset of an angle is the multiple of 2 pi that is added to it, so that the sum is
-    continuous along the input, from the anchor on. Whole revolutions of the input (laps)
-    are taken off first: the angles are followed over one lap, and what they gain in it is
-    added for each lap.
+    An offset is the multiple of 2 pi that is added to an angle in (-pi, pi]. The sum is
+    continuous along the only input, from the anchor on. Loads such as wound springs depend
+    on it.
+
+    If configurations repeat, the angles are followed over one revolution of the input (a
+    lap). What they gain in a lap is added for each lap.
 
     Parameters
     ----------
@@ -290,10 +292,10 @@ def _accumulate_growth(
 
 
 def _replace_minus_half_revolution(angles: Floats) -> Floats:
-    """Return reduced angles (rad), of which those that are -pi up to rounding become pi.
+    """Replace angles of -pi, up to rounding, by pi, the other name of the same angle.
 
-    Reduced angles are in (-pi, pi]. After the change, rounding does not decide about a
-    revolution.
+    All `angles` (rad) are in (-pi, pi]. Without this, rounding would decide whether an
+    angle of half a revolution counts as one revolution more or less.
     """
     # The count is -1 for angles that are -pi up to rounding, and 0 for all others.
     return angles - TURN * count_revolutions(angles)
@@ -364,14 +366,15 @@ def _unwrap_from_mode_end(
 def unwrap_along_several_inputs(
     angles_at: AngleFunction, design_count: int, anchor: Floats, q: Floats, points: Floats
 ) -> Floats:
-    """Return the revolution offsets of angles along several inputs.
+    """Return the whole revolutions to add to pair angles, so that they are continuous.
 
-    The offset of an angle is the multiple of 2 pi that is added to it, so that the sum is
-    continuous from sample to sample. Each sample is reached from the sample before on a
-    straight path of the inputs, the first one from the anchor. Points are reached from the
-    nearest sample. If a design cannot be followed on this path, as it does not close all
-    along, the straight path from the anchor is tried. If it cannot be followed on this path
-    either, its offset is such that the sum is in (-pi, pi].
+    An offset is the multiple of 2 pi that is added to an angle in (-pi, pi]. The sum is
+    continuous from sample to sample.
+
+    Each sample is reached from the sample before on a straight path of the inputs, the
+    first one from the anchor. Points are reached from the nearest sample. If a design does
+    not close all along such a path, the straight path from the anchor is tried. If this
+    fails too, the sum is left in (-pi, pi].
 
     Parameters
     ----------
@@ -386,10 +389,8 @@ def unwrap_along_several_inputs(
     points
         (m, inputs) further inputs (rad).
 
-    Returns
-    -------
-    (pairs, k + m, n) offsets (rad) at the samples and then at the points, of the angles (by
-    pairs) that `angles_at` returns. They are zero where a design does not close.
+    Returns ------- (pairs, k + m, n) offsets (rad) of the angles at the samples and then at
+    the points. They are zero where a design does not close.
     """
     targets = np.concatenate([q, points])
     # The sample from which each target is reached. The first target is reached from the

@@ -93,13 +93,13 @@ class RunTable(NamedTuple):
 
 
 class DesignRuns:
-    """Runs designs and computes figures of merit from the tables of the runs.
+    """Runs many designs and computes figures of merit from the tables of the runs.
 
-    Any analysis of any mechanism is possible. Figures of a kernel, a function that
-    evaluates many designs at once, can be added. Runs give numbers to assembly modes,
-    whereas kernels identify them by the signs of dyads. If a mode of the run and a mode of
-    the kernel are certainly the same, their figures share a row. Other modes have rows of
-    their own.
+    A figure of merit is a number that rates a design. Any analysis of any mechanism is
+    possible. Figures of a kernel, a function that evaluates many designs at once, can be
+    added. Runs give numbers to assembly modes, whereas kernels identify them by the signs
+    of dyads. If a mode of the run and a mode of the kernel are certainly the same, their
+    figures share a row. Other modes have rows of their own.
 
     Parameters
     ----------
@@ -571,8 +571,8 @@ class DesignRuns:
     def _input_columns(self, rows: "pd.DataFrame") -> list[str]:
         """Return the names of the columns of inputs that the table of a run has, if any.
 
-        The column is ``q`` if there is one input. With several there is ``q_PAIR`` for
-        each.
+        The column is ``q`` if there is one input. With several inputs there is a column
+        ``q_PAIR`` for each.
         """
         pairs = [item.pair for item in self.study.mechanism.inputs]
         names = ["q", *(f"q_{pair}" for pair in pairs)]
@@ -586,11 +586,11 @@ class DesignRuns:
         return rows[names].to_numpy(dtype=float)
 
     def _index_of_input(self, merit: FigureOfMerit, rows: "pd.DataFrame") -> int:
-        """Return the index of the input whose value a reduction returns.
+        """Return the index of the input whose value is the figure of merit.
 
-        "argmin" and "argmax" return the value of an input where the expression is smallest
-        or largest. With several inputs the user names the pair of one input, which is
-        stored as `place`. In all other cases the first input is taken.
+        The reductions "argmin" and "argmax" return the input at which an expression is
+        smallest or largest. With several inputs the user names the pair of one input, which
+        is stored as `place`. In all other cases the index is 0.
         """
         names = self._input_columns(rows)
         named_column = f"q_{merit.place}"
@@ -598,10 +598,11 @@ class DesignRuns:
 
 
 def _are_rows_used(merit: FigureOfMerit, inputs: Array) -> Bools:
-    """Return (rows,) whether the reduction of a figure uses each row.
+    """Return (rows,) whether a figure of merit is computed from each row of a table.
 
-    "at" returns the value at given inputs, stored as `point`, so it uses only their row.
-    All other reductions use all rows. `inputs` (rows, inputs) are those of the rows.
+    The reduction "at" takes the value at the inputs `point`, so it uses only the row of
+    these inputs. All other reductions use all rows. `inputs` (rows, inputs) are the inputs
+    (rad) of the rows.
     """
     if not merit.point:
         return np.ones(len(inputs), bool)
@@ -632,10 +633,10 @@ def _assembly_number(mode: TableMode) -> float:
 
 
 def _label_beside_kernel(mode: TableMode) -> str:
-    """Return the label of a mode of a run, such as "run 2", in a table with other modes.
+    """Return a label, such as "run 2", of an assembly mode that only a run has found.
 
-    A kernel, which evaluates many designs at once, has computed the other modes. It labels
-    them by signs or numbers. The prefix shows that this mode is none of them.
+    The other modes in the table were computed by a kernel (function of many designs), which
+    labels them by signs or numbers. The prefix "run" shows that this mode is none of them.
     """
     prefix = RUN_MODE_PREFIX if mode.column == ASSEMBLY else WORKING_MODE_PREFIX
     return f"{prefix} {mode.label}"
@@ -702,7 +703,7 @@ def _column_units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Uni
 
 
 def _closing_fraction(count_by_status: Mapping[str, int]) -> float:
-    """Return the fraction of samples at which an assembly mode closes.
+    """Return the fraction of samples at which the loops close in an assembly mode.
 
     Parameters
     ----------

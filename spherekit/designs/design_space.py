@@ -139,7 +139,9 @@ def range_variation(
 
 @dataclass(frozen=True)
 class DesignSpace:
-    """A numbered set of designs, which is the same in every process and at every call.
+    """A numbered set of designs (choices of sizes), the same in every process.
+
+    Processes that share the work therefore need only the numbers of their designs.
 
     Attributes
     ----------

@@ -37,14 +37,16 @@ OK = "OK"
 
 
 class StencilPoint(NamedTuple):
-    """A value of a difference quotient.
+    """A point at which a function is evaluated for a difference quotient.
+
+    The derivative is the weighted sum of the values at such points, divided by the step.
 
     Attributes
     ----------
     offset
-        Its difference from the value at which the derivative is computed, in steps.
+        Difference of the variable from the place of the derivative, in steps.
     weight
-        Its weight in the sum that is divided by the step.
+        Weight of the function value in the sum.
     """
 
     offset: float
@@ -316,10 +318,11 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
 
 
 def default_size_keys(mechanism: Mechanism) -> Names:
-    """Return the keys of all arcs and angles, or of all axes in a reference pose.
+    """Return the keys of the sizes that vary by default, such as ``"links.2.arc"``.
 
-    Links with two axes on one line are left out, because no small change of their sizes
-    keeps the axes on one line.
+    These are all arcs and angles of links, or the axes of all pairs in a reference pose.
+    Links with two axes on one line are left out, because the axes would not stay on one
+    line.
     """
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry):

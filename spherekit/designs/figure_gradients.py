@@ -47,10 +47,11 @@ class FigureValues:
 
 
 class FigureGradients:
-    """Computes figures of merit and their derivatives by the design variables.
+    """Computes figures of merit of a design and their derivatives by the design variables.
 
-    The derivative of a smallest or largest value is that at the sample where it occurs. At
-    a kink, where another sample takes over, it is that of one side.
+    Syntheses minimise figures of merit with these gradients. The derivative of a smallest
+    or largest value is that at the sample where it occurs. Where two samples have the
+    extreme value, the derivative of one of them is taken.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ class FigureGradients:
         )
 
     def evaluate(self, values: Floats, mode: SynthesisMode) -> FigureValues:
-        """Return the figures of a design in a mode, and their derivatives.
+        """Return the figures of a design in an assembly mode, and their derivatives.
 
         A figure is a reduction, such as the maximum or mean, of an expression over samples.
         Its derivative is found by the chain rule, as a product of three: the derivatives of
@@ -100,8 +101,8 @@ class FigureGradients:
             return FigureValues(figures, gradients, 0.0)
         samples = kernel_figures.rows.T
         position_arguments = mode.position_arguments(design, len(kernel_figures.rows))
-        # If the position arguments are signs of dyads there are no profiles, and only the
-        # number of pair values counts.
+        # Only profiles that are not circles need the pair values. If the position arguments
+        # are signs of dyads, there are none, and any array of this length will do.
         columns = design.evaluate_gradients(
             self._kernel,
             samples,
@@ -177,9 +178,11 @@ class FigureGradients:
         return self._offsets_by_configurations(design, position_arguments)
 
     def _offsets_by_signs(self, design: DesignPoint, signs: Sequence[float]) -> Floats:
-        """Return the offsets (unwrapped pairs, samples + points) in a mode given by signs.
+        """Return the whole revolutions (rad) of pair angles in a mode given by signs.
 
-        `signs` has the sign of each dyad, 1 or -1.
+        The offsets (unwrapped pairs, samples + points) are multiples of 2 pi, which make
+        the angles continuous along the samples. `signs` has the sign of each dyad (two
+        links with three R pairs), 1 or -1 for the two ways to assemble it.
         """
         # The evaluator computes offsets of several designs. Here there is one.
         prepared_of_designs = self._kernel.prepare(design.sizes[:, None])

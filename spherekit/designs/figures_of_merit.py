@@ -247,9 +247,10 @@ class DesignSamples:
 
 @dataclass(frozen=True)
 class DesignTable(ArrayRows):
-    """Figures of merit of designs: a row for each assembly mode in which a design closes.
+    """Figures of merit of designs: a row for each assembly mode in which the loops close.
 
-    A design that closes in no mode has one row without figures.
+    An assembly mode is one way to assemble the links. A design that closes in no mode has
+    one row without figures.
 
     Attributes
     ----------
@@ -371,7 +372,8 @@ def _evaluate_all_modes(
 ) -> Floats:
     """Return the outputs (k, r, n) of a kernel for arguments (a, r, n).
 
-    There are r samples and n modes. The kernel itself takes them as one axis.
+    `arguments` has a values for each of r samples and n modes, and the result has k. The
+    kernel (a function of many configurations) takes samples and modes as one axis.
     """
     argument_count, sample_count, mode_count = arguments.shape
     outputs = kernel.evaluate(arguments.reshape(argument_count, -1))
@@ -418,7 +420,7 @@ def failed_design(problem: SpherekitError, names: Sequence[str]) -> DesignTable:
 
 
 class QuantitiesOfModes(NamedTuple):
-    """Quantities of n assembly modes at r samples or points.
+    """Values of named quantities in n assembly modes at r samples or other inputs.
 
     Attributes
     ----------
@@ -433,7 +435,10 @@ class QuantitiesOfModes(NamedTuple):
 
 
 class KernelFigures:
-    """Figures of merit that are reductions of the outputs of a kernel over samples.
+    """Figures of merit, each computed from quantities of a kernel at all samples.
+
+    A kernel is a function that evaluates quantities of many designs at once. A figure is a
+    reduction, such as the maximum, of an expression of these quantities over the samples.
 
     Parameters
     ----------
@@ -575,9 +580,10 @@ class KernelFigures:
                 raise DesignError(f"{mechanism.name}: {merit.name}: {fault}")
 
     def select_rows(self, merit: FigureOfMerit) -> Indices:
-        """Return the indices of the `rows` over which a figure is reduced.
+        """Return the indices of the samples from which a figure of merit is computed.
 
-        They are all samples, or the one point of a figure at given inputs.
+        They are indices of `rows`, which has all samples and then further points. A figure
+        such as ``at(theta_41, 0.5)`` uses one point, and any other figure all samples.
         """
         sample_count = len(self.samples.rows)
         if not merit.point:

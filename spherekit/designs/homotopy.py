@@ -176,10 +176,10 @@ class ClosureProblem:
 
 @dataclass(frozen=True)
 class DesignPaths:
-    """Paths along which the sizes and the inputs of a mechanism change.
+    """Paths along which sizes and inputs change, to follow solutions of closure equations.
 
     There are n paths. Along each, a parameter increases from 0 at the start to 1 at the
-    end. Arrays of a single column instead of n apply to all paths.
+    end. An array with one column instead of n applies to all paths.
 
     Attributes
     ----------
@@ -194,7 +194,8 @@ class DesignPaths:
         An imaginary detour leads around real inputs at which solutions meet, because
         tracking would fail at these inputs.
     profiles
-        The columns of profiles along the paths; None if all profiles are circles.
+        The numbers of the contact profiles along the paths; None if all profiles are
+        circles.
     """
 
     kernel: PathKernel
@@ -268,7 +269,7 @@ def track_solutions(
     profiles: ProfileColumns | None = None,
     contraction: float = COMPLEX_CONTRACTION,
 ) -> tuple[Array, Bools]:
-    """Track solutions of the closure equations along paths of sizes and inputs.
+    """Follow solutions of the closure equations while sizes and inputs change.
 
     The path parameter goes from 0 to 1, and sizes and inputs go from start to end with it.
     Each step predicts the configuration by a parabola through the last three and corrects
@@ -281,8 +282,8 @@ def track_solutions(
     kernel
         The closure equations of the topology.
     start
-        (variables, n) solutions (rad) at the start of n paths. Along paths of real
-        solutions the determinant of the equations keeps its sign.
+        (variables, n) solutions (rad) at the start of n paths. If they are real, a change
+        of the sign of the determinant is taken for a jump to another solution.
     sizes
         Sizes at the start and at the end, (k, n), or (k, 1) if all paths share them.
     inputs
@@ -290,9 +291,9 @@ def track_solutions(
     detour
         (inputs, 1) by how much the inputs (rad) deviate from the straight path halfway.
     profiles
-        The columns of profiles along the paths, if profiles are not circles.
+        The numbers of the contact profiles along the paths, if profiles are not circles.
     contraction
-        Largest ratio of successive Newton steps.
+        Largest ratio of successive Newton steps that is accepted.
 
     Returns
     -------
@@ -358,7 +359,7 @@ def track_solutions(
 
 
 class PathHistory:
-    """The last three points of each of n paths, from which the next one is predicted.
+    """The last three points of each of n paths, from which the next point is predicted.
 
     Attributes
     ----------
@@ -381,6 +382,10 @@ class PathHistory:
 
     def set_first_slope(self, paths: Indices, next_values: Array, parameter: float) -> None:
         """Set the slopes at the start from configurations near it.
+
+        The slopes are the change of the configuration per path parameter. They predict the
+        next point of a path, and before the first step there are no points from which they
+        follow.
 
         Parameters
         ----------
@@ -455,10 +460,11 @@ class PathCorrection:
     determinant: Array
 
     def contracts(self, contraction: float) -> Bools:
-        """Return (m,) whether Newton's method converges to the predicted solution.
+        """Return (m,) whether Newton's method stays at the predicted solution on m paths.
 
         The first step must be short. The second step must be shorter than the first one
-        times `contraction`. Otherwise the method may lead to another solution.
+        times `contraction`. Otherwise the method may lead to another solution, and the step
+        along the path is halved.
         """
         is_short = self.first_length < MAX_FIRST_NEWTON_STEP_RAD
         return is_short & (
@@ -649,6 +655,8 @@ def find_start_solutions(kernel: PathKernel, sizes: Floats) -> StartSolutions | 
     of other links. Elimination, an algebraic method, gives all solutions of a group, real
     and complex, at random real inputs. They are then tracked to complex inputs, where
     solutions are well apart.
+
+    From these solutions the solutions of all other designs are tracked.
 
     Parameters
     ----------

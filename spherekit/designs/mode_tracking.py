@@ -227,11 +227,11 @@ def _collect_modes(
     mode_ids: Integers,
     is_lost: Bools,
 ) -> TrackedModes:
-    """Collect the configurations of each mode, and sort and label the modes.
+    """Collect the configurations of each assembly mode, and sort and label the modes.
 
-    The columns of the arrays are the solutions of all designs, those of the same design
-    next to each other. Solutions with the same identifier at different samples are one
-    assembly mode.
+    A column of the arrays is one tracked solution of the closure equations. The solutions
+    of a design are next to each other. Solutions with the same identifier at different
+    samples are one assembly mode.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ def _collect_modes(
     mode_ids
         (samples, columns) identifier of the mode of each real solution, or `NO_MODE`.
     is_lost
-        (designs,) whether the design is lost.
+        (designs,) whether a solution of the design could not be tracked.
 
     Returns
     -------
@@ -285,7 +285,10 @@ def _collect_modes(
 
 
 class _SolutionTracker:
-    """Tracks all solutions of many designs from one sample of the inputs to another.
+    """Follows all solutions of many designs from one sample of the inputs to another.
+
+    The solutions are those of the closure equations. Assembly modes are real solutions that
+    are connected.
 
     Attributes
     ----------
@@ -481,7 +484,7 @@ def _track_along_detour(
 
 @dataclass(frozen=True)
 class CleanedSolutions:
-    """Solutions of the closure equations without imaginary parts that are only rounding.
+    """Solutions of the closure equations; tiny imaginary parts from rounding are removed.
 
     Attributes
     ----------

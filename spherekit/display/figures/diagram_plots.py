@@ -62,9 +62,10 @@ def draw_diagrams(items: Sequence[tuple[Scene, Diagram]], sheet: Sheet) -> Figur
 
 
 def _path_look(diagram: Diagram, point: int) -> Look:
-    """Return how the path of a point is drawn.
+    """Return the line style of the path of a point in a plane figure, for matplotlib.
 
-    Points of the tone 0 have the colour of text. Others have colours of their own.
+    A tone is a number that states the colour. Points of the tone 0 have the colour of text,
+    and the others follow each other in a list of colours.
     """
     if diagram.tones[point] == 0:
         return {"color": style.INK}

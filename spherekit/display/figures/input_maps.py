@@ -59,9 +59,10 @@ def find_grid(axes: Sequence[Axis]) -> list[Floats] | None:
 
 
 def path_axis(axes: Sequence[Axis]) -> Axis:
-    """Return one axis for samples on a path of inputs: the length along the path.
+    """Return one axis for a plot over samples on a path of the inputs: its length so far.
 
-    With one input it is the axis of this input.
+    With one input it is the axis of this input. With several inputs it is the distance
+    along the path in the space of the inputs.
     """
     if len(axes) == 1:
         return axes[0]
@@ -71,7 +72,7 @@ def path_axis(axes: Sequence[Axis]) -> Axis:
 
 
 def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
-    """Return a figure of one quantity over two inputs, in every mode.
+    """Return a figure with maps of a quantity over two inputs, one for each assembly mode.
 
     With more than two inputs, there are maps at the first, the middle and the last value of
     each further input. If a quantity has both signs, its colours are symmetrical about

@@ -76,7 +76,7 @@ def as_data_url(figure: Figure) -> str:
 
 @dataclass(frozen=True)
 class Sheet:
-    """The width of the figures of a run, and the titles of its assembly modes.
+    """Makes the figures of a run; it has their width and the titles of the assembly modes.
 
     Attributes
     ----------
@@ -342,7 +342,7 @@ def add_colour_bar(
 
 
 def set_degree_ticks(panel: Axes, *units: str) -> None:
-    """Set ticks that divide a revolution on long axes in degrees.
+    """Set ticks such as 0, 90, 180 on axes in degrees that cover a wide range.
 
     Parameters
     ----------

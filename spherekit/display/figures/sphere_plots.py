@@ -129,9 +129,9 @@ def draw_sphere(
 def _choose_rim(farthest_angle: float) -> float:
     """Return the angle (rad) from the centre of a map to its rim.
 
-    The rim is one of the circles of the graticule, and contains all directions to be shown.
-    If the farthest direction is on a circle, the next circle is the rim. Otherwise rounding
-    would decide.
+    The rim is one of the circles of the grid, and contains all directions to be shown. If
+    the farthest direction is on a circle, the next larger circle is the rim. Otherwise
+    rounding would decide between the two.
 
     Parameters
     ----------
@@ -184,9 +184,10 @@ def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
 
 
 def _choose_hemisphere(arrows: Sequence[Arrow]) -> SphereView:
-    """Return the view of the hemisphere about a ground axis that shows axes best.
+    """Return the view, along an axis of the ground, that shows the given axes best.
 
-    It is the ground axis along which the directions have the largest components.
+    The axes (directions at all samples) are drawn on a hemisphere. Its middle is the ground
+    axis x, y or z along which they have the largest components.
     """
     directions = np.concatenate([arrow.directions for arrow in arrows])
     squared_components = np.nansum(directions**2, axis=0)
@@ -195,9 +196,11 @@ def _choose_hemisphere(arrows: Sequence[Arrow]) -> SphereView:
 
 
 def _visible_path(arrow: Arrow, view: SphereView) -> Floats:
-    """Return the path (samples and gaps, 3) of an axis on the visible side of the sphere.
+    """Return the path of an axis on the hemisphere that a map shows.
 
-    The path has a gap (NaN) where the axis continues on the other side of the rim.
+    An axis meets the sphere at two opposite points, of which one is visible. At the rim the
+    path continues at the opposite point. There the result (samples and gaps, 3) has a row
+    of NaN.
     """
     path = turn_to_side(arrow.directions, view.frame[2])
     is_jump = np.vecdot(path[1:], path[:-1]) < 0.0
@@ -267,8 +270,8 @@ def _draw_graticule(panel: Any, view: SphereView, title: str) -> None:
 def _choose_colour_scale(values: Floats, unit: str) -> Normalize:
     """Return the scale of the colours of values.
 
-    Small whole numbers, such as numbers of modes, have a colour each. Other values have
-    continuous colours.
+    Small whole numbers, such as counts of assembly modes, have a colour each. Other values
+    have continuous colours.
     """
     low, high = choose_map_range(values, unit)
     are_whole = unit == "" and np.all(values == np.round(values))
@@ -359,14 +362,14 @@ def _draw_sphere_map(
 
 
 def _cartesian_mesh(polar_points: Floats, triangles: Indices) -> Triangulation:
-    """Return a mesh of the plane in Cartesian coordinates.
+    """Return a mesh of triangles in Cartesian coordinates from points in polar ones.
 
     Parameters
     ----------
     polar_points
         (n, 2) azimuth (rad) and radius. Points that no triangle uses may be NaN.
     triangles
-        (m, 3) numbers of points.
+        (m, 3) indices of the corner points of each triangle.
     """
     # A `Triangulation` needs finite points, so NaN becomes zero.
     azimuth, radius = np.nan_to_num(polar_points).T
@@ -374,11 +377,11 @@ def _cartesian_mesh(polar_points: Floats, triangles: Indices) -> Triangulation:
 
 
 def _cartesian_transform(panel: Any) -> Any:
-    """Return the transform from Cartesian coordinates of a polar panel to the paper.
+    """Return the transform from Cartesian map coordinates to the paper in a polar panel.
 
-    Shading within triangles needs an affine transform. That of matplotlib from polar
-    coordinates consists of a first part, which makes them Cartesian and is not affine, and
-    of three affine parts in the attributes that are added here.
+    Shaded triangles need an affine transform. matplotlib transforms polar coordinates in
+    four parts. The first part makes them Cartesian and is not affine. The other three are
+    affine, and are put together here.
     """
     return panel.transProjectionAffine + panel.transWedge + panel.transAxes
 

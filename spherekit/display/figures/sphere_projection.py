@@ -38,7 +38,7 @@ between the two directions of an axis on the rim.
 
 
 class Projection(NamedTuple):
-    """An azimuthal projection.
+    """An azimuthal projection: a map of directions that keeps the azimuth about its centre.
 
     Attributes
     ----------
@@ -121,7 +121,9 @@ class SphereView:
 
 
 def frame_about(directions: Floats) -> Floats:
-    """Return the frame (3, 3) of a map about the ground axis nearest to directions.
+    """Return the frame (3, 3) of a map about the ground axis nearest to some directions.
+
+    The rows are unit vectors to the right, up, and out of the map.
 
     Parameters
     ----------
@@ -211,5 +213,8 @@ def _choose_nearer(direction: Floats, reference: Floats) -> Floats:
     """Return a direction (3,) or its opposite, whichever is nearer to another direction.
 
     The direction itself is returned if the reference is NaN.
+
+    On the rim of a map both ends of an axis are visible. This choice keeps its path without
+    jumps.
     """
     return -direction if direction @ reference < 0.0 else direction

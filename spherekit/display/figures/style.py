@@ -108,9 +108,11 @@ def look() -> AbstractContextManager[None]:
 
 
 def page_look(page: Page) -> Look:
-    """Return how the curves of a page are drawn: those of a mode in its colour.
+    """Return the line style of the curves of a page, which shows one assembly mode.
 
-    If modes have the same colour, the first has solid lines and the others have dashes.
+    A mode has the colour of its number. If two modes have the same colour, the first has
+    solid lines and the other dashes. Curves of pages that are not for a mode have the
+    colour of text.
     """
     if not isinstance(page, int):
         return {"color": INK, "linestyle": "-"}

@@ -88,12 +88,12 @@ class PageText(NamedTuple):
 
 
 class PageMaker:
-    """Makes the page of one mechanism.
+    """Makes the interactive HTML page of one mechanism.
 
     Attributes
     ----------
     keys
-        Keys of the numbers that have sliders.
+        Keys, such as ``"links.2.arc"``, of the numbers of the file that have sliders.
     notes
         What the page leaves out, in sentences.
     """
@@ -429,9 +429,10 @@ class PageMaker:
     def _wound_pairs(self) -> list[str]:
         """The passive pairs whose whole turns the page counts.
 
-        They are the pairs on whose angle loads depend, as that of a spring does. The page
-        counts turns only for a mechanism with one input. It counts none if modes pass
-        through crossings, since turns are counted along modes with constant signs.
+        They are the pairs (joints) on whose angle loads depend, such as those with a
+        spring. The page counts turns only with one input. If assembly modes pass through
+        crossings, no turns are counted, because the count follows a mode with constant
+        signs.
         """
         if len(self._inputs) > 1 or self._crossings == "pass":
             return []
@@ -494,8 +495,9 @@ class PageMaker:
         computed_names
             The quantities that the page computes at every sample.
         has_closed_form
-            Whether positions follow from signs of dyads. If not, modes are followed by
-            Newton's steps, which pass no crossings.
+            Whether positions are computed in closed form, from the signs of dyads (two
+            links with three R pairs). If not, modes are followed by Newton steps, which
+            pass no crossings.
         """
         mechanism = self._mechanism
         page_quantities = self._page_quantities

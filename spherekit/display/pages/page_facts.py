@@ -134,10 +134,10 @@ def quantity_facts(mechanism: Mechanism, name: str, unit: str) -> Facts:
 
 
 def natural_scale(mechanism: Mechanism, unit: str) -> float:
-    """Return the scale of quantities of a unit, in that unit; 0.0 if there is none.
+    """Return the typical size of quantities with a unit, in that unit; 0.0 if unknown.
 
-    The page draws changes that are far smaller than the scale, such as rounding, as a
-    level line.
+    The page draws a curve as a level line if its changes are far smaller than this size.
+    Such changes are rounding errors.
     """
     if unit in ("", "rad", "1/rad"):
         return 1.0

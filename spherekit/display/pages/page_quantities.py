@@ -17,14 +17,14 @@ COORDINATE_NAMES = "xyz"
 
 
 class OutputPath(NamedTuple):
-    """A path on the sphere that the page draws.
+    """The path of a direction of an output on the sphere, which the page draws.
 
     Attributes
     ----------
     vector
         Name of the direction, to which "_x", "_y" and "_z" are added for its components.
     link
-        Name of the link that carries it.
+        Name of the link on which the direction is fixed.
     """
 
     vector: str
@@ -64,7 +64,7 @@ class ReversiblePole(NamedTuple):
 
 
 class PageQuantities:
-    """Names of the quantities that a page needs or shows.
+    """Names of the quantities that an interactive page computes or shows.
 
     Parameters
     ----------
@@ -161,10 +161,11 @@ class PageQuantities:
 
     @cached_property
     def _reversible_poles(self) -> list[ReversiblePole]:
-        """The pole axes whose sense the page chooses, for each input that moves.
+        """The poles whose sense along the axis the page chooses, for each input that moves.
 
-        Link a relative to b, and b relative to a, are two poles, because their quantities
-        have different names. The suffix at the end of these names says which input moves.
+        A pole is the axis of the relative rotation of two links. Link a relative to b, and
+        b relative to a, are two poles, because their quantities have different names. The
+        suffix at the end of these names says which input moves.
         """
         reversible_poles: list[ReversiblePole] = []
         for link, reference in permutations(self._mechanism.links, 2):
@@ -174,7 +175,7 @@ class PageQuantities:
         return reversible_poles
 
     def _has_pair_axis(self, link: str, reference: str) -> bool:
-        """Return whether the pole axis of two links is the axis of a pair between them.
+        """Return whether the axis of relative rotation of two links is that of a joint.
 
         The mechanism file states the sense of such an axis, so the page does not choose it.
         """

@@ -78,12 +78,15 @@ def find_label_owners(directions: Floats) -> Integers:
 def _join_names(names: Sequence[str], label_owners: Integers) -> list[str]:
     """Return the label of each arrow of one picture.
 
+    Arrows that cover each other share a label, which is at one of them and lists their
+    names.
+
     Parameters
     ----------
     names
         The names of the arrows.
     label_owners
-        (arrows,) for each name the number of the arrow in whose label it is.
+        (arrows,) for each name the index of the arrow that has the label with this name.
     """
     names_by_owner: list[list[str]] = [[] for _ in names]
     for name, owner in zip(names, label_owners, strict=True):

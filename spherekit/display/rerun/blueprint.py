@@ -100,12 +100,12 @@ class Layout:
     sphere_view_paths
         Page and path of everything that is seen in the view of the sphere.
     overrides
-        Page and path of entities with another appearance, and that appearance: hidden, or
-        visible for the last samples.
+        Page and path of things that are not drawn as usual, and how: hidden, or visible for
+        the last samples.
     pages_with_findings
         Pages that show results of analyses, in the order in which they arrived.
     plots
-        The views beside the sphere.
+        The charts and diagrams beside the sphere.
     scales
         Page and path of scales of colours.
     comparisons
@@ -291,7 +291,8 @@ class Layout:
     def _comparison_page(self) -> rrb.Container:
         """Return the page of the charts that show all assembly modes together.
 
-        Each chart has the cursor of the same chart of the first mode.
+        Each chart has a cursor at the present sample: that of the same chart of the first
+        mode.
         """
         views = []
         for path, title in self.comparisons.items():

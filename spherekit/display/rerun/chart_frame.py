@@ -74,7 +74,7 @@ ANGLE_STEPS = (1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 
 
 @dataclass(frozen=True)
 class FrameSide:
-    """An axis of a frame as it is drawn.
+    """The title and the ticks of one axis of a chart.
 
     Attributes
     ----------
@@ -244,14 +244,16 @@ def fraction_of_range(values: Floats, low: float, high: float) -> Floats:
 
 
 def place_in_frame(points: Floats, width: float = PORTRAIT_WIDTH) -> Floats:
-    """Return points (..., 2) in the units of a chart, y down.
+    """Convert points from fractions of the frame of a chart to units of the chart.
+
+    The result (..., 2) has y down, with the origin in the upper left corner of the frame.
 
     Parameters
     ----------
     points
-        Points with coordinates from 0 to 1 in the frame, y up.
+        (..., 2) coordinates from 0 to 1 in the frame, with y up.
     width
-        Width of the frame.
+        Width of the frame, in units of the chart.
     """
     return points * [width, -FRAME_HEIGHT] + [0.0, FRAME_HEIGHT]
 

@@ -25,7 +25,7 @@ from spherekit.scenes.scene import Axis, InputMarks, Scene, Series
 
 
 class Charts:
-    """The charts of all pages of a recording.
+    """Draws the charts of all pages of a recording for the viewer rerun.
 
     Attributes
     ----------

@@ -64,12 +64,14 @@ from the scale to the middles of its numbers."""
 
 @dataclass(frozen=True)
 class SeriesBlock:
-    """Some consecutive rows of a series.
+    """Values of a plotted quantity (series) at some consecutive samples.
+
+    A recording is written block by block. The blocks are joined when the chart is drawn.
 
     Attributes
     ----------
     axes
-        The values (rows,) over which the series is drawn: one axis, or two for a map.
+        The values (rows,) over which the quantity is drawn: one axis, or two for a map.
     series
         The series with its values (rows,).
     """
@@ -80,7 +82,7 @@ class SeriesBlock:
 
 @dataclass
 class Chart:
-    """Curves over one axis, or one series over two axes: a map.
+    """A chart of the viewer: curves over one axis, or a map of one quantity over two axes.
 
     Attributes
     ----------
@@ -89,7 +91,8 @@ class Chart:
     axes
         The axes over which it is drawn, with the first block of their values.
     curves
-        The blocks of each series so far, by the path of the series.
+        The blocks of each series (plotted quantity) so far, by the path of the series in
+        the recording.
     tints
         The colour of each series.
     legend_columns
@@ -111,8 +114,8 @@ class Chart:
     def width(self) -> float:
         """The width of the frame, which leaves space for the legend.
 
-        The first call fixes the number of columns of the legend. Later curves do not change
-        it, since the cursor was placed by this width.
+        The first call fixes the number of columns of the legend. It stays the same if
+        curves are added later, since the cursor was placed by this width.
         """
         if self.is_map:
             return PORTRAIT_WIDTH
@@ -155,7 +158,9 @@ class Chart:
         return self.width * fraction_of_range(values, *self.axes[0].extent)
 
     def cursor_columns(self, axis_values: Sequence[Floats]) -> Columns:
-        """Return the rows of the cursor: a line in a plot, or a point on a map.
+        """Return the cursor, which marks the present sample: a line, or a point on a map.
+
+        The result has one cursor for each row (sample), in the form of the library rerun.
 
         Parameters
         ----------
@@ -356,7 +361,9 @@ def dot_style() -> rr.Points2D:
 
 
 def legend_places(width: float, count: int) -> Floats:
-    """Return places (count, 2) for names in one column to the right of a frame.
+    """Return the positions (count, 2) of the names of the legend, right of a frame.
+
+    They are in units of the chart, in one column.
 
     Parameters
     ----------

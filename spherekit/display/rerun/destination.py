@@ -50,7 +50,7 @@ def check_place(path: Path) -> None:
 
 
 class FileOutput:
-    """A recording file, which gets its own name only when it is complete.
+    """Writes a recording to a file, which gets its own name only when it is complete.
 
     The library rerun has a file writer of its own. If the disk is full, this writer only
     prints a line to the error stream, and waiting for it may last for ever. Here rerun
@@ -119,11 +119,11 @@ class FileOutput:
             raise OSError(errno.EAGAIN, "another run is recording there")
 
     def _connect_pipe(self) -> None:
-        """Make the pipe, and let rerun write the recording into it.
+        """Make the pipe through which rerun writes the recording.
 
-        This object keeps the end from which the copying thread reads. rerun opens the other
-        end once more and owns what it has opened. The first descriptor of that end is
-        closed, so that the pipe ends when rerun closes its own.
+        A thread of this object reads the pipe at one end. rerun opens the other end, the
+        writing end, once more under its own number. Therefore the first number of the
+        writing end is closed here. The pipe then ends when rerun closes its own.
         """
         self._read, write_end = os.pipe()
         try:
@@ -213,7 +213,7 @@ class FileOutput:
     def _raise_copy_error(self) -> None:
         """Raise `OutputError` if the copying thread could not write to the disk.
 
-        The part file, in which something is missing, is then removed.
+        The incomplete file ``NAME.rrd.part`` is then removed.
         """
         if self._error is not None:
             self._finish_copy()
@@ -226,7 +226,7 @@ class FileOutput:
 
 @dataclass
 class LiveOutput:
-    """Another program that gets the recording while it is made, or a notebook at its end.
+    """Sends a recording to a running viewer during the run, or to a notebook at its end.
 
     It has the same methods as a recording file (`FileOutput`), so that both can be used
     alike.
@@ -238,10 +238,10 @@ class LiveOutput:
     place
         Name of the program in messages.
     check
-        Raises `OutputError` if the program cannot be reached. Its argument states whether
-        the recording begins. Otherwise the connection exists and may have been lost.
+        Raises `OutputError` if the program cannot be reached. Its argument is true at the
+        beginning of the recording, and false if an existing connection is checked.
     sink
-        Returns rerun's sink for the program; None for a notebook.
+        Returns the object by which rerun sends data to the program; None for a notebook.
     """
 
     stream: rr.RecordingStream
@@ -280,8 +280,8 @@ class LiveOutput:
     def close(self, keep: bool) -> str:
         """Disconnect from the program, and return an empty text.
 
-        `FileOutput.close` returns a note on the file that it keeps. A program has no such
-        file, so `keep` has no effect and there is no note.
+        `keep` has no effect. `FileOutput.close` has the same parameter and returns a note
+        on the file that remains. Here no file remains, so there is no note.
         """
         if self.sink is not None:
             self.stream.disconnect()
@@ -386,6 +386,8 @@ def _speaks_http2(host: str, port: int) -> bool:
     """Return whether a server at a port speaks HTTP/2, as gRPC servers do.
 
     rerun itself would wait for seconds, or for ever if another kind of server listens.
+
+    The check avoids this wait: rerun connects only to a server that passes it.
     """
     try:
         with socket.create_connection((host, port), timeout=PROBE_TIMEOUT_S) as probe:
@@ -419,7 +421,7 @@ def below(path: str, suffix: str) -> str:
 
 
 class Outputs:
-    """Several destinations that all get the same data.
+    """Several destinations of a recording (files, viewers) that all get the same data.
 
     Attributes
     ----------
@@ -428,7 +430,7 @@ class Outputs:
     entities
         Paths at which anything was logged.
     known_paths
-        Paths of `log_first` so far.
+        Paths at which `log_first` has logged something.
     rows
         Number of rows logged.
     """
@@ -468,8 +470,8 @@ class Outputs:
         Parameters
         ----------
         error
-            The error that ended the recording, if any. It gets a note on the part of the
-            recording that is kept. Without rows nothing is kept.
+            The error that ended the recording, if any. It gets a note on the file that
+            remains with a part of the recording. Without rows (samples) no file remains.
         """
         for destination in self.destinations:
             kept_note = destination.close(keep=self.rows > 0)

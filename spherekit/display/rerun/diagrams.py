@@ -176,7 +176,9 @@ def _visible_colours(diagram: Diagram, is_visible: Bools) -> np.ndarray:
 
 
 def _leader_columns(places: Floats, name_places: Floats, is_visible: Bools) -> Columns:
-    """Return the leaders, from each visible point to its name.
+    """Return the lines that lead from each visible point to its name, for each row.
+
+    A row is one sample. The result is in the form of the library rerun.
 
     Parameters
     ----------
@@ -199,9 +201,10 @@ def _line_columns(diagram: Diagram) -> Columns:
 
 
 def _reading_columns(diagram: Diagram) -> Columns:
-    """Return the legend of each row: each point with its two readings, such as angles.
+    """Return the legend of a diagram for each row (sample): each point with two angles.
 
-    The legend lists the first `MAX_LISTED_READINGS` points, in degrees.
+    The two readings of a point are angles, printed in degrees. At most the first
+    `MAX_LISTED_READINGS` points are listed.
     """
     assert diagram.readings is not None
     readings = np.degrees(diagram.readings[:, :MAX_LISTED_READINGS])

@@ -311,11 +311,12 @@ def check_rows(primitive: Primitive, count: int) -> None:
 
 
 def rows_for_path(primitive: Primitive) -> Floats | None:
-    """Return the positions in all rows through which a curve is drawn, or None.
+    """Return the positions at all samples through which a curve is drawn, or None.
 
-    The curve shows how a primitive has moved. It is drawn after the last row of a recording
-    (`draw_path`). The rows are directions (rows, 3), or points (rows, 2) of a portrait as
-    fractions of its width and height. The result is None if the primitive gets no curve.
+    The curve shows how a drawn object has moved. It is drawn after the last sample of a
+    recording (`draw_path`). The positions are directions (rows, 3), or points (rows, 2) of
+    a plot (portrait) as fractions of its width and height. The result is None if the object
+    gets no curve.
     """
     match primitive:
         case Trace(directions=rows) | Arrow(directions=rows, path_shown=True):
@@ -412,7 +413,7 @@ def failure_columns(is_failed: Bools) -> Columns:
 
 
 def _point_columns(positions: Floats, has_point: Bools) -> Columns:
-    """Return rows with one point each, or none.
+    """Return points for the viewer rerun, one for each row (sample) or none.
 
     Parameters
     ----------
@@ -543,7 +544,7 @@ def _draw_sphere_map(item: SphereMap) -> Stills:
 
 
 def _draw_surface(surface: Surface) -> Stills:
-    """Yield a surface over three quantities, scaled to a cube, with its labelled edges.
+    """Yield the drawings of a surface over three quantities, in a cube with labelled edges.
 
     The three quantities have different ranges, so each axis is scaled by itself to the side
     of the cube. Without triangles the surface is drawn as points.

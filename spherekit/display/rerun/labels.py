@@ -160,8 +160,10 @@ def facing(focus: Floats | None) -> Sight:
 def project(sight: Sight, points: Floats) -> Floats:
     """Return the perspective image (..., 2) of points (..., 3), to the right and up.
 
-    A point at p from the eye is imaged at d (p . right, p . up) / (p . forward). With the
-    distance d of the target from the eye, lengths at the target keep their size.
+    `sight` is the position of the eye, the target that it looks at, and the direction up. A
+    point at the vector p from the eye is imaged at d (p . right, p . up) / (p . forward). d
+    is the distance of the target from the eye, so that lengths at the target keep their
+    size.
     """
     eye, target, up = sight
     view_vector = target - eye
@@ -174,9 +176,10 @@ def project(sight: Sight, points: Floats) -> Floats:
 
 
 class Names:
-    """Chooses places for the names on one page so that they cover each other little.
+    """Chooses places for the names of links and joints on one page.
 
-    Each name is placed away from the names and dots that were placed before it.
+    The names should cover each other little. Each name is placed away from the names and
+    dots that were placed before it.
     """
 
     def __init__(self, sight: Sight) -> None:
@@ -250,7 +253,7 @@ class Names:
         return boxes
 
     def _place_costs(self, request: _NameRequest) -> Floats:
-        """Return the costs (k,) of the possible places of a name.
+        """Return the costs (k,) of the k possible places of a name. The lowest is best.
 
         The cost of a place is the sum of
 

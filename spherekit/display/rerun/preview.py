@@ -95,7 +95,8 @@ def _mode_titles(modes: Iterable[AssemblyMode]) -> dict[int, str]:
     """Return the title of each assembly mode by its number.
 
     The label of a mode has a sign for each group of links: + or - for a group of two links,
-    "~" for a larger one. A label of "~" only does not distinguish modes and is left out.
+    "~" for a larger one. A label without + and - does not distinguish modes and is left
+    out.
     """
     titles = {}
     for mode in modes:

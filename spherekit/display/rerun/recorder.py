@@ -316,19 +316,19 @@ class RerunRecorder:
         inputs: Floats | None = None,
         times: Floats | None = None,
     ) -> None:
-        """Record one block of samples of one mode, or the rows of a page of its own.
+        """Record a scene (drawing) at a block of samples, of a mode or of another page.
 
         Parameters
         ----------
         scene : Scene
-            Primitives with n rows each. Primitives that do not move may be among them.
+            Drawn objects (primitives), which have n rows each: one for each sample. Objects
+            that do not move may be among them.
         samples : array (n,)
             Numbers of the samples.
         inputs : array (n,) rad, optional
             Input values; required if `start` got any.
         times : array (n,) s, optional
             Times; required if `start` got any.
-
         """
         charts_of_recording = self._open_charts
         layout = charts_of_recording.layout
@@ -551,7 +551,7 @@ class RerunRecorder:
     def _introduce_scene_without_motion(self, scene: Scene) -> None:
         """Log the drawings of a scene that does not move, such as the ground or texts.
 
-        A link, here the ground, is drawn with its name and the names of its pairs (joints).
+        The ground is drawn with its name and the names of its pairs (joints).
         """
         names = self._names_of_new_links(scene)
         for primitive in scene.primitives:
@@ -583,11 +583,11 @@ class RerunRecorder:
         return self._find_names(scene.page).place_names(new_bodies)
 
     def _find_names(self, page: Page) -> Names:
-        """Return the object that places the names on a page.
+        """Return the object that chooses the places of names on a page.
 
-        It remembers where names are, so that new ones do not cover them. What belongs to
-        the page None is shown on all pages. A new page therefore begins with a copy that
-        remembers the names of the page None.
+        It remembers where names are, so that new names do not cover them. The page None
+        stands for everything that all pages show. A new page therefore begins with a copy
+        of the object of the page None.
         """
         if page not in self._names:
             self._names[page] = deepcopy(self._names[None])
@@ -630,12 +630,12 @@ class RerunRecorder:
     def _add_to_layout(
         self, page: Page, path: str, primitive: Primitive, has_findings: bool
     ) -> None:
-        """Add a new primitive to the views of the window that show it.
+        """Add a new drawn object (primitive) to the views of the window that show it.
 
-        Primitives on the sphere share the view of the sphere. Charts, diagrams and surfaces
-        get a view of their own among the plots, and graphs and texts among the panels. The
-        views are made when the layout is sent to the viewer, so functions that make them
-        are stored.
+        Objects on the sphere share the view of the sphere. Charts, diagrams and surfaces
+        get a view of their own among the plots, and graphs and texts among the panels.
+        Views are created when the layout is sent to the viewer. Until then the functions
+        that create them are stored.
 
         Parameters
         ----------
@@ -692,10 +692,11 @@ class RerunRecorder:
                 layout.panels.append((page, view))
 
     def _send_layout(self, is_final: bool = False) -> None:
-        """Send the layout to viewers; to files when it has grown enough, and at the end.
+        """Send the layout of the window to the destinations of the recording.
 
-        A layout has an entity for every series of every assembly mode. If a file got one
-        for each mode, it would grow with the square of their number.
+        Viewers get each new layout. Files get one only when it has grown enough, and at the
+        end. A layout has an entry for every plotted quantity of every assembly mode. With a
+        layout for each mode, a file would grow with the square of their number.
         """
         size = len(self._outputs.known_paths)
         destinations = self._outputs.live

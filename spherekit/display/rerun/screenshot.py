@@ -98,7 +98,7 @@ def screenshot(
     size : (width, height)
         Size of the window in points; the picture may have two pixels to a point.
     front : sequence of str, optional
-        Titles of pages and tabs to bring to the front, such as ``Compare``.
+        Titles of pages and tabs to select before the picture is taken, such as ``Compare``.
 
     """
     recording = recording_at(recording)

@@ -49,9 +49,11 @@ class InputTimeline:
 
 
 def input_timeline(inputs: Floats) -> InputTimeline:
-    """Return the coarsest timeline on which all inputs (n,) rad are whole numbers of ticks.
+    """Return the coarsest time axis on which all inputs (n,) rad are whole numbers.
 
-    If even thousandths of a degree are too coarse, they are taken and inputs are rounded.
+    The viewer plays samples along an axis of whole numbers. The resolution is a degree or a
+    part of it. If even thousandths of a degree are too coarse, they are taken and inputs
+    are rounded.
     """
     # Axes: resolution, input.
     ticks = np.multiply.outer(TICKS_PER_DEGREE, np.degrees(inputs))
