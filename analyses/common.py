@@ -289,7 +289,7 @@ def merge_largest(
 
 
 def continue_load_angles(batch: Batch) -> Motion:
-    """Return the configurations of a batch with unwrapped angles of some pairs.
+    """Return the configurations of a batch, in which some angles have all their turns.
 
     Loads such as springs depend on the whole rotation of a pair, with all its turns. The
     angles of the pairs on which loads depend are therefore continued from row to row. The

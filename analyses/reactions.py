@@ -316,7 +316,8 @@ class ReactionAnalysis(AbstractAnalysis):
                 },
             )
         lacking = result.lacking
-        # Links that no pair holds at the centre of the sphere, since all their pairs float.
+        # A floating pair lets its links slide along the axis. If all pairs of a link float,
+        # no pair fixes the link at the centre of the sphere.
         slides = np.any(result.slides, axis=0)
         summary = {
             "pairs": pairs,

@@ -552,8 +552,9 @@ def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator
     samples = result.samples
     orientation_error = _largest_finite(samples.orientation_error)
     # `rotation.end` is the status at the angle `rotation.reached`, beyond which the
-    # mechanism does not follow. It is OK if the whole rotation is reached. Another one of
-    # the possible orientations at the end may be reachable, so they are suggested.
+    # mechanism does not follow. It is OK if the whole rotation is reached. If the mechanism
+    # stops earlier, another orientation at the end may be reachable. So the warning
+    # suggests the other orientations.
     if rotation.end != Status.OK:
         input_at_dead_centre = dead_centre(rotation)
         cause = ""
@@ -589,7 +590,8 @@ def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator
         (inputs,) = rotation.at([theta]).inputs
         for name, q in zip(rotation.inputs, inputs, strict=True):
             if np.isfinite(q):
-                # Adding zero turns a negative zero into zero.
+                # Adding zero turns a negative zero into zero, which is printed without a
+                # minus sign.
                 location += f", {name} = {np.degrees(q) + 0.0:.4f} deg"
         yield (
             f"The rotation meets a type II singularity at {location}, where the "

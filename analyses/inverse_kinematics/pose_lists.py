@@ -157,8 +157,8 @@ def read_poses(
         _check_pose_count(len(table.rows), where)
     except AnalysisError:
         if not solver.labels:
-            # The output cannot be solved for poses at all. This call raises an error with
-            # the reason, which is more useful than the present one.
+            # If the output cannot be solved for poses at all, this call raises an error
+            # with the reason. That error is more useful than the present one.
             solver.inverse(np.zeros((0, 3, 3)), ())
         raise
     gives_inputs = table.terms == solver.mechanism.input_pairs

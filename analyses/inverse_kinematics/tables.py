@@ -225,7 +225,8 @@ def forward_columns(
     input_rows = np.concatenate([solutions.row, inputs_without_pose])
     order = np.argsort(input_rows, kind="stable")
     input_number = input_rows[order]
-    # The solution of each row of the table; -1 refers to a row of NaN after all solutions.
+    # The number of the solution of each row of the table. Inputs without a pose have -1:
+    # the last row, which is NaN, is appended to the solutions.
     solution_number = np.where(order < len(solutions.row), order, -1)
 
     def fill_rows(values: Floats) -> Floats:

@@ -195,8 +195,9 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
         for point in sampled.report.points
         if (point.curve, point.output) == (number, links)
     ]
-    # The extremes of the output are at its singularities of type I. The last sample is just
-    # before the end, because the end of a closed curve is its start.
+    # The samples include all singularities of type I, where the output reaches its
+    # extremes. The last sample is just before the end, because the end of a closed curve is
+    # its start.
     s = np.linspace(0.0, curve.length * (1.0 - 1e-12), OUTPUT_SAMPLES_PER_CURVE)
     s = np.unique(np.append(s, [point.s for point in points]))
     angle_on_curve = sampled.output_angle(number, output, s)
@@ -213,7 +214,8 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
     low, high = np.degrees([np.min(angle), np.max(angle)])
     swing = _format_degrees(high - low)
     reverses = any(point.output_turns for point in points)
-    # Open curves with an end of status OK were ended at the greatest length.
+    # An open curve with an end of status OK was not followed further, because it had
+    # reached the greatest length.
     is_unfinished = not curve.closed and Status.OK in curve.ends
     if swing == "0":
         return "rests" + (

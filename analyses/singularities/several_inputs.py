@@ -696,7 +696,7 @@ class SeveralInputs:
         # 3. The loci of each output: curves or surfaces of singular configurations.
         loci: dict[str, list[Locus]] = {name: [] for name in outputs}
         for number, (kind, name) in enumerate(searches):
-            # Searches that remain, with that of the aspects.
+            # Number of searches that remain, including the search for aspects.
             remaining = len(searches) - number + (aspect_samples > 0)
             share = time_limit.part(1.0 / remaining, f"singularities {of_kind(kind)}")
             loci[name].append(self._search_locus(kind, name, section, share))

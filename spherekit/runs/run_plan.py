@@ -91,13 +91,14 @@ class RunPlan:
     refused
         Reason why an analysis is not run, by its name.
     requests
-        The poles to evaluate, for each input that moves while the others are locked.
+        The poles (axes of relative rotation of two links) to evaluate, for each input that
+        moves while the others are locked.
     setting
         How velocities are computed.
     source
         Computes the motion of blocks. A `BatchRunner` is faster for many samples.
     block_size
-        Number of samples in a block.
+        Number of samples in a block (samples that are evaluated together).
     whole_analyses
         Names of the analyses that read all samples at once. There is one block then.
     max_poles

@@ -525,8 +525,9 @@ def _trade_parameters(
             candidates, compare, sample_ratio=1.0, trade_options=trade_options
         )
         # Comparing the reference with itself gives the scale of errors. The compared column
-        # has either positions (`places`), such as inputs (rad) at which something happens,
-        # or other numbers, whose errors are relative to the largest one.
+        # has either positions (`places`) or other numbers. Positions are, for example,
+        # inputs (rad) at which something happens. Errors of other numbers are relative to
+        # the largest one.
         (deviation,) = compare(reference)
         scale_words = "absolute rad" if parameter_trade.places else "over the largest"
         columns.setdefault(deviation.column, (scale_words, deviation.scale))
@@ -638,8 +639,8 @@ def _compare_column(
     for key in shared_keys:
         both = [reference_numbers[key], numbers[key]]
         if parameter_trade.places:
-            # A tiny negative angle modulo a turn is rounded to a turn, which is outside of
-            # the periodic box. The second operation makes it 0.
+            # The search needs angles below a whole turn. A tiny negative angle modulo a
+            # turn is rounded to a whole turn, and the second operation changes this to 0.
             both = [values % TURN % TURN for values in both]
         for first, second in (both, both[::-1]):
             distances, _ = cKDTree(first, **tree_options).query(second)

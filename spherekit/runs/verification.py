@@ -606,8 +606,9 @@ class Verifier:
     ) -> dict[str, Facts]:
         """Count for each quantity how many numbers have errors within their error bounds.
 
-        A run gives error bounds for pole directions, rates and their derivatives. Here the
-        true errors are known from a reference in many digits.
+        A pole is the axis about which one link rotates relative to another. A run gives
+        error bounds for pole directions, rates and their derivatives. Here the true errors
+        are known from a reference in many digits.
 
         Parameters
         ----------
@@ -632,7 +633,8 @@ class Verifier:
             self._requests,
             pole_fields,
             reference.pole_fields,
-            # Without poles there are reference values of the first input, but no requests.
+            # If no poles are requested, the reference still has values for the first input.
+            # They are then skipped.
             strict=False,
         ):
             moving = motion.mechanism.pairs[exact.driven].name

@@ -156,8 +156,8 @@ class LocusPointSearch:
             # The rest of the time is for following curves or surfaces from the points.
             slice_limit = self.time_limit.part(TIME_SHARE_OF_SLICES)
             self.section = cut(solver, ranges_of(mechanism), slices_of_each, slice_limit)
-        # The course of the search, from which it is decided when it ends, and which
-        # `completeness` reports.
+        # Counters of the search. They decide when the search ends, and `completeness`
+        # reports them.
         self._random_starts = 0
         self._singular_points = 0
         self._searched_slice_curves = 0

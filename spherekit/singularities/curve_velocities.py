@@ -107,9 +107,10 @@ class LinkMotion:
     motion
         The configurations.
     w, dw
-        (n, bodies, 3) angular velocity relative to body 0, and its derivative by the
-        parameter of the motion. `dw` is NaN in rows in which the second derivatives of the
-        variables are NaN.
+        (n, bodies, 3) angular velocity of each link (body) relative to body 0, the ground,
+        and its derivative by the parameter of the motion. Velocities are per unit rate of
+        this parameter, such as the arc length of a curve. `dw` is NaN in rows in which the
+        second derivatives of the variables are NaN.
     rounding
         (n,) bounds of the rounding errors of w. Near a crossing of curves, with the
         reciprocal condition number k of the equations, the configuration itself has an

@@ -162,7 +162,8 @@ class SampledSingularities:
         output_links = [link for output in outputs for link in output]
         part = find_placing_part(position_analysis, output_links)
         self.position_analysis = part.position_analysis
-        # For each assembly mode of the part, those of the whole mechanism that contain it.
+        # For each assembly mode of the part, the assembly modes of the whole mechanism that
+        # contain this mode.
         self._whole_modes = part.whole_modes
         # Number of the variable of the input, among all variables of the part.
         self._driven = self.position_analysis.solver.input_variable
@@ -184,8 +185,8 @@ class SampledSingularities:
         # row at a crossing is on no curve. The status of such a row says so.
         distances = self._distances_to_crossings(part_values)
         self.status = self._decide_status(distances)
-        # `crossed` says whether a row is exactly a crossing, one whose configuration is
-        # known.
+        # `crossed` says whether a row is itself a crossing. This is known only for
+        # crossings whose configuration was computed.
         is_at_crossing = distances.located_crossing < AT_CROSSING_RAD
         is_on_no_curve = self.curve < 0
         self.crossed = is_on_no_curve & is_at_crossing

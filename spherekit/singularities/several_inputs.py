@@ -351,7 +351,7 @@ def _input_coefficients(
     pair = motion.assembly.inputs[position]
     reference_link, input_link = mechanism.ends[pair]
     output_links = (output.link, output.relative_to)
-    # The poles of any two of the four links.
+    # Request the poles of any two of the four links.
     pole_request = request(
         mechanism,
         mechanism.pairs[pair].name,
@@ -822,7 +822,7 @@ def what_vanishes(
     for row in np.flatnonzero(result.type == RowType.SELF_MOTION).tolist():
         moving_links = _describe_self_motion(motion.rows(slice(row, row + 1)), output)
         phrases_by_row[row] = [moving_links]
-    # Rows in which nothing vanishes get the reason.
+    # Rows in which nothing vanishes get a text that says why no reason was found.
     for row, phrases in enumerate(phrases_by_row):
         if phrases:
             continue

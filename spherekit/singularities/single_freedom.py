@@ -126,7 +126,8 @@ class SingleFreedomSingularities:
     Raises
     ------
     PlanError
-        If the mechanism has several inputs, a link is unknown, or two are one.
+        If the mechanism has several inputs, if a link is unknown, or if the two links of a
+        relative motion are the same.
     """
 
     def __init__(
@@ -418,8 +419,8 @@ class SingleFreedomSingularities:
         notes = explain_doubts(rests, types, is_input=output_links == self.input)
         link_motion = curve_motion.links_at(rests.s)
         relations = self._check_types(output, link_motion, types)
-        # A rate changes its sign at a simple zero: the motion reverses. At a double zero it
-        # does not.
+        # At a simple zero a rate changes its sign, so the motion reverses. At a double zero
+        # the sign stays the same.
         input_turns = rests.input_rests & ~rests.input_is_double
         output_turns = rests.output_rests & ~rests.output_is_double
         is_double = rests.input_is_double | rests.output_is_double
@@ -805,8 +806,8 @@ def find_input_output_rests(
     _, output_double, output_errors = output_zeros
     is_input_better = input_errors <= output_errors
     s, _, errors = np.where(is_input_better, input_zeros, output_zeros)
-    # If both rest at one point, this point may be either of the two zeros. So its error is
-    # at least their distance.
+    # If both rest at one point, both zeros are estimates of this point. So the error of the
+    # point is at least their distance.
     errors = np.maximum(errors, distance)
     order = np.argsort(s, kind="stable")
     # 1.0 for a double zero, 0.0 for a simple one, NaN for a missing one.

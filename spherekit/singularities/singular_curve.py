@@ -30,7 +30,7 @@ LocusFunction = Callable[[LocusPoints], Floats]
 
 @dataclass(frozen=True)
 class SingularCurve:
-    """A curve of singular configurations through verified nodes.
+    """A curve of singular configurations through verified nodes (computed points).
 
     Its parameter is the arc length in the space of all pair variables. Each node has a
     singular motion: unit rates in which the inputs or the output rest.

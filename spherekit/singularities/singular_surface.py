@@ -190,7 +190,8 @@ class SingularSurface:
         edges, _ = list_edges(self.triangles)
         (crossing_edges,) = np.nonzero(is_inside[edges[:, 0]] != is_inside[edges[:, 1]])
         ends = edges[crossing_edges]
-        # Linear interpolation: the part of the edge from its first end to the limit.
+        # Linear interpolation gives the position of the limit on the edge: 0 at its first
+        # end, 1 at its second.
         first_distance, second_distance = np.abs(margin[ends]).T
         part = first_distance / (first_distance + second_distance)
         guess = self._interpolate(ends, part[:, None])
@@ -204,10 +205,11 @@ class SingularSurface:
         variable = driven[input_position]
         unit_vectors = np.eye(guess.values.shape[1])
         tangents = self.nodes.tangents[ends[:, 0]]
-        # The tangent plane is that at the first end of the edge. It only selects one of the
-        # singular configurations with this input, so it need not be that at the point.
-        # (k, 2) is the change of the input along the two basis vectors of the plane. Turned
-        # by 90 deg in this plane, it is the direction along which the input is constant.
+        # The tangent plane is that at the first end of the edge. This is accurate enough,
+        # because the second equation only selects one of the singular configurations with
+        # this input. (k, 2) is the change of the input along the two basis vectors of the
+        # plane. Turned by 90 deg in this plane, it is the direction along which the input
+        # is constant.
         input_gradient = tangents[:, variable]
         level_coordinates = input_gradient[:, ::-1] * [-1.0, 1.0]
         second_rows = np.vecmat(level_coordinates, np.swapaxes(tangents, 1, 2))

@@ -342,7 +342,8 @@ def tangent_space(
         overlap_left, _, overlap_right = np.linalg.svd(overlap)
         part_basis = part_basis @ (overlap_left @ overlap_right)
     elif rows == rank and dimension:
-        # The sign of the determinant of [J; basis^T], whose other factors are positive.
+        # The sign of the determinant of [J; basis^T]. Its other factors are positive
+        # singular values.
         sense = np.linalg.det(svd.left) * np.linalg.det(svd.right)
         part_basis[:, :, -1] *= np.where(sense < 0.0, -1.0, 1.0)[:, None]
 

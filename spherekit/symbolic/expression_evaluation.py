@@ -60,9 +60,9 @@ def array_function(
         Number type in which to compute, at least. The function uses the type of its
         argument if that has more digits.
     """
-    # The operations are a list that is processed for each block. The alternative, Python
-    # code with as many lines, would have to be compiled first. That takes longer than
-    # running it once, and as much memory again.
+    # The operations are a list that a loop processes. Python code with one line for each
+    # operation would have to be compiled first. Compiling takes longer than running the
+    # code once.
     program = _write_program(outputs, inputs)
     names = [
         *program.constants,
@@ -233,8 +233,8 @@ class _Program:
 def _write_program(outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]) -> _Program:
     """Return expressions as a sequence of operations on named values.
 
-    Each node is computed once. Names of intermediate values are used again as soon as
-    possible, so that few rows of work memory are needed.
+    Each node (operation) of the expressions is computed once. Names of intermediate values
+    are used again as soon as possible, so that few rows of work memory are needed.
 
     Parameters
     ----------

@@ -198,13 +198,15 @@ def _frame_from_sizes(
     link: str,
     pair: str,
 ) -> Exprs:
-    """Return the frame (3, 3) of a pair in a link that is given by arcs and angles.
+    """Return the frame (3, 3) of a pair in a link that is described by arcs and angles.
+
+    An arc is the angle between two axes of the link.
 
     The columns of the frame are the zero direction of the pair, a perpendicular direction
     and the axis, in link axes. The first axis of the link is z. The reference arc of the
-    first axis leads to the second axis, and that of every other axis comes from the first
-    one. The zero direction points along the reference arc. The zero angle of the pair is
-    not included.
+    first axis leads to the second axis. The reference arc of every other axis comes from
+    the first axis. The zero direction points along the reference arc. The zero angle of the
+    pair is not included.
 
     Parameters
     ----------

@@ -164,7 +164,8 @@ def carried_vectors(
                 first + second, ends[0], slide=cross(first, second)
             )
         else:
-            # The link that is placed first (`depth`) has the shorter expressions.
+            # The link with the smaller `depth` is placed earlier and has the shorter
+            # expressions, so its frame is used.
             is_second_first = placed[ends[0]].depth > placed[ends[1]].depth
             carrier_side = sides[1] if is_second_first else sides[0]
             carrier = ends[1] if is_second_first else ends[0]

@@ -254,7 +254,8 @@ class DecimalRates:
             # the relative error of |v|, and both are at most `direction_error`.
             direction_error = v_error / speed
             change_error = (dv_error + 2.0 * direction_error * dv_size) / speed
-            # Where v may be zero within its error, its direction can be any.
+            # If v may be zero within its error, any direction is possible, so the bound is
+            # infinite.
             direction_bound = np.where(speed <= v_error, np.inf, direction_error)
         bounds = {
             "direction": direction_bound,
@@ -352,8 +353,8 @@ def _solve_rates(motion: Motion, driven: int, is_known: Bools, axes: Array) -> D
     )
     dw = sum_along_paths(changes[:, :, None] * axes + direction_change)
 
-    # Bounds by norms. A loop or path has at most `count` pairs, and each axis may have an
-    # error. These bounds are much too large, but with 33 digits that does no harm.
+    # The bounds use norms. A loop or path has at most `count` pairs, and each axis may have
+    # an error. The bounds are much too large, but still small with 33 digits.
     inverse = left_inverse(passive_equations.astype(float))
     sensitivity = np.linalg.norm(inverse, axis=(1, 2))
     is_known = is_known & (sensitivity < MAX_RATE_SENSITIVITY)

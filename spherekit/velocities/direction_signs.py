@@ -211,7 +211,8 @@ def apply_continuous_signs(
         Signs at the end of the previous block of rows. It is updated in place.
     """
     n = len(motion)
-    # The axis of a pair has its sign already, and two links of one body have no pole.
+    # Some poles need no sign here: the axis of a pair has its sign already, and two links
+    # of one body have no pole (None).
     settled_poles = {None, *axis_pairs(request.plan)}
     poles = [
         pole for pole in request.poles if request.plan.pole(*pole) not in settled_poles
@@ -399,7 +400,8 @@ def continue_signs(
     directions, v, dv = evaluate_poles(all_rows)
     has_several_inputs = motion.inputs.shape[1] > 1
     if has_several_inputs:
-        # dv is the derivative by one input, and not along the path of all inputs.
+        # dv is the derivative by one input, not along the path of all inputs. So it is
+        # replaced by 0.
         dv = np.zeros_like(v)
     coordinate = motion.sample.astype(float) if has_several_inputs else motion.inputs[:, 0]
     has_direction = all_finite(directions, 0)
@@ -444,7 +446,7 @@ def continue_signs(
             row_signs = _add_signs_at_rest(
                 rows, pole_directions, moving, moving_signs, resting
             )
-            # All rows between two compared ones have the sign of the first.
+            # Rows between two compared rows have the sign of the first of these.
             row_counts = np.diff(rows, append=end_row)
             signs[pole_index, rows[0] : end_row] = np.repeat(row_signs, row_counts)
     return look_up_signs

@@ -210,7 +210,8 @@ def _close_dyad(
         + cross(a, c) * normal_factor
     )
 
-    # The depth ranks links by the length of their expressions, which are now the longest.
+    # The depth ranks links by the length of their expressions. Those of the dyad are now
+    # the longest.
     depth = 1 + max(orientation.depth for orientation in orientations)
     for body, outer_direction, body_axes in (
         (1, a, first_body_axes),

@@ -133,7 +133,8 @@ def assign_elimination_orders(
             order = choose_elimination_order(jacobians[remaining[:1]], passive)
             is_suited = find_suited(order, remaining)
         if order is None or not np.any(is_suited):
-            # One configuration is left over, so the loop always makes progress.
+            # This configuration is left without an order. So each pass removes at least one
+            # configuration, and the loop ends.
             left_over.append(remaining[:1])
             remaining = remaining[1:]
         else:
@@ -142,8 +143,8 @@ def assign_elimination_orders(
     if not assigned:
         return []
 
-    # The choice of pivots is not exhaustive, so an order that was chosen for other
-    # configurations can suit one that is left over.
+    # Not all pivots are tried in the choice. So an order that was chosen for other
+    # configurations may still suit a configuration that is left over.
     remaining = np.concatenate([*left_over, remaining])
     for number, (order, rows) in enumerate(assigned):
         is_suited = find_suited(order, remaining)
@@ -210,8 +211,8 @@ def choose_elimination_order(
         columns = [c for c in columns if c not in chosen]
         # Express the variables of the pivot by the others, and insert them into the loops
         # that remain. The pseudo-inverse also serves pivots with fewer than three
-        # variables. The three equations of their loop then repeat each other, so that a
-        # solution of some is one of all.
+        # variables. The three equations of the loop then repeat each other, and a solution
+        # of the independent ones solves all three.
         axes = remaining[:, loop][:, :, chosen]
         solved = np.linalg.pinv(axes) @ remaining[:, loop]
         remaining[:, loops] -= remaining[:, loops][..., chosen] @ solved[:, None]

@@ -23,10 +23,10 @@ def find_group_loops(
     """Return independent loops of a group: one for each leaf, then the others.
 
     A group is a set of bodies that are closed together, such as a dyad. A leaf is a body
-    that two pairs join to two different other bodies, neither of which is a leaf too. A
-    dyad therefore has one leaf. Only one loop passes through a leaf, so the variables of
-    its two pairs occur in this loop only. The other loops are closed by pairs outside a
-    spanning tree of the bodies that are no leaves.
+    that two pairs join to two different other bodies. These two must not be leaves. A dyad
+    therefore has one leaf. Only one loop passes through a leaf, so the variables of its two
+    pairs occur in this loop only. The other loops are closed by pairs outside a spanning
+    tree of the bodies that are no leaves.
 
     Parameters
     ----------

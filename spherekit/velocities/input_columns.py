@@ -256,7 +256,7 @@ class InputColumns:
         )
 
         # The velocity coefficient of a pair is a component along its axis. Its error is the
-        # error of the rate and that of the term.
+        # error of the rate plus the error of the term a_i r_i.
         self._rate_errors = [
             error + term_error
             for error, term_error in zip(rate_errors, rate_term_errors, strict=True)
@@ -271,8 +271,9 @@ class InputColumns:
 
         dw_square = sum((dot(dw, dw) for dw in self._dw), 0.0)
         self.dw_error = sum(self._dw_errors, 0.0) / root(1.0 + dw_square)
-        # Errors of directions are added to this sum when the poles are written. The sum is
-        # at most `MAX_CERTIFIED_ERROR_RAD` only if no single error exceeds its limit.
+        # Each error is scaled so that its limit is `MAX_CERTIFIED_ERROR_RAD`. Errors of
+        # directions are added when the poles are written. If the sum is at most the limit,
+        # so is every error.
         self._error_sum = self.dw_error * (MAX_CERTIFIED_ERROR_RAD / MAX_CERTIFIED_DW_ERROR)
 
     @property

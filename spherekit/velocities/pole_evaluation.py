@@ -232,7 +232,8 @@ def _add_pole(
     is_on_planned_route = bool(row_velocities.planned_w)
     is_open = ~(errors["direction_error"] < USABLE_DIRECTION)
     takes_planned = ~has_failed & (is_open | is_on_planned_route)
-    # If constraints repeat each other, great circles can coincide except for rounding.
+    # If constraints repeat each other, great circles can coincide except for rounding, and
+    # their intersection is meaningless.
     groups = row_velocities.motion.assembly.groups
     has_redundant_group = any(group.redundant for group in groups)
     if np.any(takes_planned) and (is_on_planned_route or not has_redundant_group):
@@ -315,8 +316,8 @@ def _take_planned_direction(
     # The new direction points to the side of the present one, if there is one.
     is_opposite = ~is_open & (dot_columns(direction, planned_direction) < 0.0)
     planned_direction = planned_direction * np.where(is_opposite, -1.0, 1.0)
-    # The bounds of the plan assume axes that are known up to rounding. Here axes have the
-    # error of the configuration.
+    # The bounds of the plan assume axes that are known up to rounding. Here the axes also
+    # have the error of the configuration, which is added.
     motion = row_velocities.motion
     configuration_error = np.fmin(motion.orientation_error, motion.fold_error)
     planned_error = planned_poles.errors[body_pole] * np.maximum(

@@ -201,7 +201,8 @@ class PlannedPoles:
         first = np.zeros(n, dtype=np.intp)
         if count > 2:
             first = np.argmin(errors, axis=0)
-        # An index array beside `rows` gives (n, 3), which is transposed.
+        # Indexing with the arrays `first` and `rows` gives (n, 3), so the result is
+        # transposed to (3, n).
         first_normal = circles[first, :, rows].T
         # The sines of the angles between the first circle and all circles.
         sine = norm_columns(cross_columns(first_normal, circles))

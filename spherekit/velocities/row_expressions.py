@@ -145,7 +145,8 @@ class RowExpressions(VelocityEquations):
         self.link_turns = self.turns_along_paths(self.variable_shifts)
 
         # The opening of a loop about one axis: the closure residual, and the rounding of
-        # the axes of the pairs in the longest loop. Two more roundings are allowed for.
+        # the axes of the pairs in the longest loop. As a margin, two more roundings are
+        # added.
         rounding = EPS * (2.0 + tree.longest_loop)
         component_opening = self.residual + rounding
         # The closure residual that rounding alone can cause. A contact has two profiles,

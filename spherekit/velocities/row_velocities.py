@@ -403,8 +403,8 @@ class RowVelocities:
 
         # The bounds of `rounding` are linear in the opening of the loops. The terms of
         # second order are in proportion to the number in Kantorovich's theorem. The theorem
-        # says nothing about numbers above its limit. They, and NaN, are replaced by the
-        # limit.
+        # says nothing about numbers above its limit. These numbers, and NaN, are replaced
+        # by the limit.
         second_order = SECOND_ORDER_FACTOR * np.fmin(
             self._bound("kantorovich_number")[rows], MAX_KANTOROVICH_NUMBER
         )
@@ -444,8 +444,8 @@ class RowVelocities:
         tree = self.motion.linearisation.tree
         # The rounded axes of all pairs on a way add up to a tilt at its end, at most `EPS`
         # for each. `longest_loop` and `longest_path` are the largest numbers of variables
-        # in a loop, and on the way from the ground to a link. The bounds have two more
-        # terms than these numbers.
+        # in a loop, and on the way from the ground to a link. As a margin, the bounds have
+        # two more terms.
         loop_error = EPS * (2.0 + tree.longest_loop)
         axis_error = EPS * (2.0 + tree.longest_path)
         # Closed loops are open by these tilts. Rows that Newton's method did not close stay

@@ -184,7 +184,8 @@ class Transmission:
             # such rows are computed by singular values.
             inverse = left_inverse(loops)
             motion_per_misfit = output_motion @ inverse
-            # Negated, so that NaN counts as too large.
+            # The condition is negated because comparisons with NaN are false. So NaN counts
+            # as too large.
             is_weak = ~(max_abs(inverse, (1, 2)) < MAX_INVERSE_ENTRY)
             motion_per_misfit[is_weak] = _output_motion_per_opening(
                 output_motion[is_weak], loops[is_weak]
