@@ -317,7 +317,8 @@ class Formulas:
         One step of Newton's method, as terms: the variables of all pairs after the step,
         followed by the closure residual (rad) before it. Empty in closed form.
     variables
-        Three tuples: the symbols of the motion, of the mode values and of the sizes.
+        Three tuples with the symbols of all arguments: of the motion, of the mode values
+        and of the sizes.
     tables
         Stored series of functions that results or the step contain, such as profiles.
     title

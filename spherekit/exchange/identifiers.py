@@ -69,7 +69,7 @@ class NameRules:
         return name
 
     def is_taken(self, name: str) -> bool:
-        """Return whether a text cannot be used as a name.
+        """Return whether a text cannot be used as a name in the generated source code.
 
         It may be no name at all, a word of the language, or the name of an argument, an
         intermediate term or a helper function in the generated sources.

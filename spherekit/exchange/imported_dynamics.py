@@ -230,7 +230,7 @@ class ImportedDynamics:
         Parameters
         ----------
         has_masses
-            Whether the imported mechanism has masses; gravity is left out otherwise.
+            Whether the imported mechanism has masses. Without masses, gravity is left out.
         """
         tables: dict[str, Table] = {}
         for name, table in self._list_loads(has_masses):

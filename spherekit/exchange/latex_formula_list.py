@@ -48,7 +48,7 @@ class SymbolMeaning(NamedTuple):
 
 
 class FormulaList:
-    """The formulas written so far, and the symbols and quantities that they define.
+    """The formulas of a LaTeX document so far, and the symbols that they define.
 
     The label of a link is its name if all names are numbers of at most two digits,
     otherwise its position from 1 on. Labels of links are the indices of symbols.
@@ -92,7 +92,8 @@ class FormulaList:
     def join_labels(self, link_a: int, link_b: int) -> str:
         """Return the index of a symbol that belongs to two links, given by numbers.
 
-        A comma separates the labels only if one of them has two digits.
+        The labels are those of the links, such as "2" and "1" in the index 21. A comma
+        separates the labels only if one of them has two characters or more.
         """
         label_a = self.link_labels[link_a]
         label_b = self.link_labels[link_b]

@@ -804,9 +804,10 @@ class PositionFormulas:
         return axis.azimuth.cosine * j - axis.azimuth.sine * i
 
     def _tangent_symbol(self, link: int, pair: int) -> ExpressionNode:
-        """Return the symbol of the unit tangent to the reference arc of a link at a pair.
+        """Return the symbol of a tangent from which the angle of a pair is measured.
 
-        This arc leads from the axis of the pair to the first other axis of the link.
+        It is the unit tangent, at the axis of the pair (joint), to the reference arc of the
+        link. This arc leads from the axis of the pair to the first other axis of the link.
         """
         link_label = self._formula_list.link_labels[link]
         return make_symbol(rf"\mathbf{{t}}^{{{link_label}}}_{{{self._pair_labels[pair]}}}")

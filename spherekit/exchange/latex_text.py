@@ -234,8 +234,8 @@ def _print_negative(positive: LatexText) -> LatexText:
 def _print_square(base: LatexText) -> LatexText:
     """Return the square of an expression as LaTeX.
 
-    Without brackets, the exponent would seem to belong to the last part of the base. Only
-    the name of a variable needs no brackets, unless it ends with an exponent itself.
+    Without brackets, the exponent would seem to belong only to the last part of the base.
+    Only the name of a variable without an exponent of its own needs no brackets.
     """
     text = base.text
     if not base.is_variable or base.has_exponent:

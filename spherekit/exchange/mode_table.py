@@ -490,11 +490,12 @@ def _select_well_conditioned_rows(
     crossing_inputs: Floats,
     includes_neighbours: bool,
 ) -> Motion:
-    """Choose configurations at which the formulas are compared with an assembly mode.
+    """Choose configurations of an assembly mode at which formulas are tested.
 
-    Near a dead centre the variables are inaccurate, and Newton's method may converge to
-    another mode. Therefore only the better conditioned half of the configurations in each
-    interval is used: those whose `sensitivity` is at most the median.
+    The formulas must give the same configurations as the mechanism. Near a dead centre the
+    variables are inaccurate, and Newton's method may converge to another mode. Therefore
+    only the better conditioned half of the configurations in each interval is used: those
+    with a `sensitivity` up to the median.
 
     Parameters
     ----------
@@ -506,12 +507,12 @@ def _select_well_conditioned_rows(
     crossing_inputs
         Inputs (rad) that divide the range into intervals.
     includes_neighbours
-        Whether the accurate rows next to each border are chosen as well.
+        Whether the accurate configurations next to each crossing are chosen as well.
 
     Returns
     -------
-    Rows of the mode, in the order of the samples: about `COMPARED_INPUTS`, or
-    `LEAST_COMPARED_INPUTS` in each interval if that is more.
+    Configurations (rows) of the mode, in the order of the samples: about `COMPARED_INPUTS`,
+    or `LEAST_COMPARED_INPUTS` in each interval if that is more.
 
     Raises
     ------

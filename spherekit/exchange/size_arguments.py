@@ -245,9 +245,10 @@ def _choose_motion(formulas: Formulas) -> Floats:
 
 
 def _stack_mode_values(formulas: Formulas) -> Floats:
-    """Return the numbers that select each assembly mode in formulas, (values, modes).
+    """Return the numbers (values, modes) that select each assembly mode in formulas.
 
-    They are the signs of the dyads in closed form, otherwise pair variables.
+    An assembly mode is one way to assemble the links. The numbers are the signs of the
+    dyads (groups of two links) in closed form, otherwise approximate pair variables.
     """
     modes = formulas.modes
     return np.array([mode.values for mode in modes]).T.reshape(-1, len(modes))

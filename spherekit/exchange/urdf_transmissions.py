@@ -99,8 +99,8 @@ def read_transmissions(
     Returns
     -------
     driven
-        A joint for each motor that turns one joint alone, otherwise a wheel by which the
-        motor turns two joints.
+        A joint for each motor that turns one joint alone. A motor in a differential turns
+        two joints together by a wheel; the wheel then takes the place of the joint.
     notes
         Sentences on transmissions of unknown types.
 

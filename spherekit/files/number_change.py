@@ -341,9 +341,10 @@ def is_angle(document: Document, key: str) -> bool:
 
 
 def number_at(document: Document, path: KeyPath) -> float:
-    """Return the number at a path: keys and indices that lead to it.
+    """Return the number at a path in a mechanism file.
 
-    The result is 0 if the file does not have the number, or a table that would contain it.
+    A path consists of the keys and indices that lead to the number. The result is 0 if the
+    file leaves out the number, or a table on the path to the number.
     """
     value: Any = document.data
     for step in path:

@@ -380,7 +380,7 @@ def _unusable_numbers(data: Table) -> Iterator[_Fault]:
 
 
 def _explain_error(error: Any, kind: Kind) -> Iterator[_Fault]:
-    """Yield the faults in a file that an error of the library jsonschema stands for.
+    """Translate an error of the library jsonschema into messages about a file.
 
     Parameters
     ----------

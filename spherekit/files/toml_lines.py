@@ -140,7 +140,8 @@ class _KeyScanner:
     def _start_value(self, table: KeyPath) -> None:
         """Record the line of the key whose parts were read, and begin to read its value.
 
-        A dotted key such as ``a.b`` has a path for each part, within the path `table`.
+        A dotted key such as ``a.b`` has two parts, and both ``a`` and ``a.b`` get this
+        line. The path `table` of the present table is put in front.
         """
         self.key_path = table
         for key in self.key_parts:

@@ -54,8 +54,8 @@ get as many cells as allowed.
 class ArcLength:
     """The arc length s of a curve as a function of its parameter u.
 
-    The speed is a Legendre series on each panel of parameters, in the panel's own position
-    x from -1 to 1. The series are integrated exactly.
+    The range of u is divided into panels. On each panel the speed is a Legendre series in
+    the position x in the panel, from -1 to 1. The series are integrated exactly.
 
     Attributes
     ----------
@@ -129,7 +129,7 @@ class ArcLength:
     def _find_parameters(self, s: Floats) -> Floats:
         """Return the parameters u (n,) at arc lengths s (n,), by iteration.
 
-        This is slower than `invert`, which interpolates the results.
+        `invert` is faster: it interpolates the parameters that are computed here.
         """
         panel = np.searchsorted(self.starts[1:-1], s, side="right")
         length_in_panel = s - self.starts[panel]
@@ -221,7 +221,7 @@ def measure_arc_length(path: FourierPath | SplinePath, edges: Floats) -> ArcLeng
 def integrate_rate(
     rate: Callable[[Floats], Floats], edges: Floats, rounding: Floats | None = None
 ) -> ArcLength:
-    """Return the integral of a function, such as a speed, as a function of its parameter.
+    """Return the integral of a function, such as the arc length from a speed.
 
     Each panel is sampled at Gauss-Legendre nodes, which give a Legendre series. Panels are
     halved until the last coefficients of their series are negligible.

@@ -523,6 +523,8 @@ class BorderSegments(ArrayRows):
         def evaluate_margins(fraction: Floats, points: Indices) -> Floats:
             """Return all margins (k, margins) at heights over some points of chords.
 
+            A margin is a function that is at least 0 inside the region.
+
             `points` (k,) are numbers of the m points. The height over each of them is
             `fraction` (k,) of its largest searched height, negative right of the chord.
             """

@@ -38,6 +38,8 @@ Its arc length is almost the whole length of the curve, because of rounding.
 class CurveSamples:
     """Samples of a curve between which its frame rotates by equal angles.
 
+    The frame of the curve has the tangent, the normal and the point as columns.
+
     Attributes
     ----------
     arc_lengths
@@ -137,8 +139,9 @@ def _find_starts(curves: tuple[Curve, Curve]) -> Floats:
 def _frame_cosines(first_frames: Floats, second_frames: Floats) -> Floats:
     """Return the cosines (n, m) of the angles between frames (n, 3, 3) and (m, 3, 3).
 
-    The trace of the rotation R_1 R_2^T between two frames is 1 + 2 cos(angle). It is the
-    sum of the products of the elements of R_1 and R_2.
+    A frame is a rotation matrix. The trace of the rotation R_1 R_2^T between two frames is
+    1 + 2 cos(angle). The trace is also the sum of the products of the elements of R_1 and
+    R_2.
     """
     traces = first_frames.reshape(-1, 9) @ second_frames.reshape(-1, 9).T
     return 0.5 * (traces - 1.0)
@@ -215,9 +218,9 @@ def _frame_differences(
 def _frame_rotation_rates(point: CurvePoint) -> Floats:
     """Return the rotation (m, 3) of the frame of a curve per unit of arc length.
 
-    The frame has the columns tangent t, normal n = p x t and point p. With the geodesic
-    curvature k, dp/ds = t and dt/ds = k n - p. The rotation w = n + k p gives both: w x p =
-    t and w x t = k n - p.
+    At each of m points, the frame has the columns tangent t, normal n = p x t and point p.
+    With the geodesic curvature k, dp/ds = t and dt/ds = k n - p. The angular velocity w = n
+    + k p gives both: w x p = t and w x t = k n - p.
     """
     normal = point.frame[:, :, 1]
     direction = point.frame[:, :, 2]

@@ -101,8 +101,9 @@ def quintic_panels(
         `order` is the order of the derivative: 0 returns the points of the spline. The
         parameters u have any shape (...).
         """
-        # The last panel that starts at or before u. Beyond the ends it is the first or the
-        # last panel.
+        # The spline is a polynomial on each panel between two knots. Complex parameters
+        # have a derivative in the imaginary part, so panels are found from the real parts.
+        # Beyond the ends of the spline, its first or last panel is used.
         panel = np.searchsorted(np.real(knots[1:-1]), np.real(u), side="right")
         powers = (u - knots[panel])[..., None] ** np.arange(6.0 - order)
         factors = _POWER_DERIVATIVES[order, order:, None] * coefficients[panel, order:]

@@ -23,7 +23,7 @@ class EdgeCrossings:
     points
         (c, 3) unit vectors.
     margins
-        (c,) number of the margin that is zero at each crossing.
+        (c,) number of the margin that is zero at each of the c crossings.
     """
 
     def __init__(self) -> None:

@@ -387,8 +387,8 @@ def axes_about(centre: ArrayLike) -> Floats:
 def _length(vector: Floats) -> Any:
     """Return the length of a vector (3,), real or complex.
 
-    A complex vector carries its derivative as a complex step. The sum of the squares is
-    formed without conjugation, so that the imaginary part of the length is its derivative.
+    A complex vector has a derivative in its imaginary part (complex step). The squares are
+    summed without conjugation, so that the imaginary part of the length is its derivative.
     """
     return np.sqrt(dot(vector, vector))
 

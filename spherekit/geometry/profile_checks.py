@@ -199,7 +199,8 @@ def check_no_self_intersection(path: SplinePath) -> None:
 def _sample_panels(path: SplinePath, samples_per_panel: int) -> Floats:
     """Return points (m, 3) of a curve, evenly spaced in the parameter of each panel.
 
-    A panel is the part between two knots. Its first knot is a sample, its last one is not.
+    A panel is the part of the spline between two knots. The first knot of each panel is a
+    sample. The last knot is the first knot of the next panel, so it is left out.
     """
     fractions = np.arange(samples_per_panel) / samples_per_panel
     panel_starts = path.knots[:-1, None]

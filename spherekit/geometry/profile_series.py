@@ -108,8 +108,8 @@ class ProfileSeries:
     def evaluate(self, s: Floats) -> Floats:
         """Return the columns (8, n) at arc lengths s (n,); NaN beyond an open end.
 
-        The columns of this series are the rows of the result: tangent (3), point (3),
-        geodesic curvature k and dk/ds.
+        The arc length of a closed profile is reduced to one turn. The rows of the result
+        are the tangent (3), the point (3), the geodesic curvature k and dk/ds.
         """
         values = self.series.evaluate(np.mod(s, self.length) if self.closed else s)
         if not self.closed:

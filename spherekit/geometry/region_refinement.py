@@ -328,7 +328,9 @@ class RegionRefinement:
     def border_loops(self) -> list[Indices]:
         """Return the closed curves of the border, as segment numbers in their order.
 
-        A segment is the border in one triangle, or a part of it up to a corner.
+        A segment is the border of the region in one triangle of the mesh. A corner in a
+        triangle divides its border into two segments. Each loop is an array of segment
+        numbers.
         """
         segment_count = len(self.segments.start)
         next_segment = self._find_next_segments()

@@ -283,9 +283,10 @@ def close_dyad(
 
 
 def _body_frame(outer: Floats, middle: Floats) -> Floats:
-    """Return frames (n, 3, 3) of bodies with z along the outer axis, x to the middle axis.
+    """Return frames (n, 3, 3) with z along the outer axis and x to the middle axis.
 
-    If both axes lie on one line, the x axis is any direction perpendicular to them.
+    The body is a link of a dyad (two links with a middle joint and two outer joints). If
+    both axes lie on one line, the x axis is any direction at right angles to them.
     """
     with np.errstate(invalid="ignore"):
         frames = frame_toward(outer, middle)

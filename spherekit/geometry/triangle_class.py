@@ -162,14 +162,11 @@ def classify_triangles(
       triangle. The width of the cone leaves room for corners of `MIN_CORNER_RAD`.
     - Otherwise it is open: a part of the region, or a hole in it, may be hidden there.
     - Margins may be NaN at some samples. The sign of such a margin is certain if its other
-    samples have one sign and vary little (see `STEADY_RATIO`). A margin that is NaN at all
-    samples counts as positive. A sample counts as outside if some margins are NaN there and
-    no margin is negative. A triangle with such samples is outside if all samples are of
-    this kind. It is broken if no margin is negative at any sample, and otherwise open.
-      vary by less than their smallest size (see `STEADY_RATIO`), this sign is certain. A
-      margin that is NaN at all samples counts as positive. A sample with a NaN and without
-      a negative margin is outside. A triangle with such samples is outside if all samples
-      are of this kind, broken if no margin is negative at any sample, and open otherwise.
+      samples have one sign and vary little (see `STEADY_RATIO`). A margin that is NaN at
+      all samples counts as positive. A sample counts as outside if some margins are NaN
+      there and no margin is negative. A triangle with such samples is outside if all
+      samples are of this kind. It is broken if no margin is negative at any sample, and
+      otherwise open.
 
     Parameters
     ----------

@@ -440,7 +440,7 @@ def find_near_real_angles(equations: Numbers, incidence: Bools) -> tuple[Complex
 def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
     """Return all complex solutions of n systems of trigonometric equations.
 
-    A system has t equations in t angles. When all angles but the first angle x are
+    A system has t equations in t angles. If all angles except the first angle x are
     eliminated, the eliminant remains: a trigonometric polynomial in x. With the degree d
     its terms are e^(ikx) with k from -d to d, so it has 2 d roots e^(ix). The solutions of
     a system are complete if 2 d different ones are found. Most systems of three equations

@@ -30,8 +30,8 @@ def cross(a: Array, b: Array) -> Array:
 def dot(a: Array, b: Array) -> Array:
     """Return the scalar products (...) of vectors (..., 3).
 
-    The products are added in a fixed order, so a vector gives the same bits alone as in an
-    array of many.
+    The products are always added in this order. A vector therefore gives exactly the same
+    result alone and in a large array.
     """
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 

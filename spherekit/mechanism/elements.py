@@ -347,7 +347,7 @@ class Source:
     citation
         The publication.
     assumed
-        Assumptions that were added to it.
+        Assumptions about what the publication leaves open.
     """
 
     citation: str

@@ -213,11 +213,11 @@ class Bearings(BearingFriction):
 class ContactFriction(BearingFriction):
     """Coulomb friction of a sliding contact, which follows from its normal force.
 
-    All forces are described by their moments about the centre of the sphere. A normal force
-    N at the distance r from the centre has the moment r N (N m), which is called the push.
-    The moment of the friction force is the coefficient times the push. It acts against the
-    rate v (rad/s) at which the second link slides along the first, and is smoothed by
-    tanh(v / speed). The sliding velocity at the contact is r v.
+    A normal force N at the distance r from the centre of the sphere has the moment r N (N
+    m), called the push. Forces are stated by such moments. The moment of the friction force
+    is the coefficient times the push. It acts against the rate v (rad/s) at which the
+    second link slides along the first. The factor tanh(v / speed) smooths its jump at v =
+    0. The sliding velocity at the contact is r v.
 
     Attributes
     ----------

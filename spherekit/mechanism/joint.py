@@ -260,9 +260,9 @@ class Joint(ABC):
 class Revolute(Joint):
     """An R pair (hinge).
 
-    The orientations of its links are related by R_second = R_first A_first A_second^T, with
-    R from link axes to ground axes. The frames of the pair in its two links are A_first =
-    first Z(v) and A_second = second, where Z(v) is the rotation by the variable v (rad)
+    The orientations of both links are related by R_second = R_first A_first A_second^T,
+    with R from link axes to ground axes. The frames of the pair in its two links are
+    A_first = first Z(v) and A_second = second. Z(v) is the rotation by the variable v (rad)
     about z.
 
     The axis is the third column of the frames (`axis_column`). It is also the pole axis of
@@ -340,9 +340,10 @@ class Revolute(Joint):
 class Sliding(Joint):
     """A sliding contact of two profiles, whose tangents agree at the contact point.
 
-    The variables are the arc lengths of the contact point along both profiles. The frame of
-    the pair in each link is the moving frame of its profile at this arc length: tangent,
-    normal and contact point. The links are placed so that both frames coincide.
+    A profile is a curve on the unit sphere, fixed in a link. The variables are the arc
+    lengths of the contact point along both profiles. The frame of the pair (joint) in each
+    link has the tangent, the normal and the contact point as columns. The links are placed
+    so that both frames coincide.
 
     Attributes
     ----------
@@ -442,8 +443,9 @@ class Sliding(Joint):
 class Rolling(Joint):
     """A rolling contact of two profiles, whose tangents agree at the contact point.
 
-    Its single variable is the arc length from `start` along both profiles. A rolling
-    contact is therefore a sliding contact whose two arc lengths change at the same rate.
+    A profile is a curve on the unit sphere, fixed in a link. The single variable is the
+    rolled length: the arc length from `start`, equal along both profiles. A rolling contact
+    is therefore a sliding contact in which both arc lengths change at the same rate.
 
     Attributes
     ----------

@@ -318,8 +318,9 @@ def _convert_python_tree(
 ) -> Node:
     """Return a syntax tree of Python as a tree of `Node`.
 
+    Expressions of loads are parsed by Python's parser, and only a small grammar is allowed.
     A `Node` is a number, the name of a variable, or a tuple of an operator or function and
-    its arguments. Calls whose arguments are all numbers are replaced by their value.
+    its arguments. Calls with numbers only are replaced by their value.
 
     Parameters
     ----------

@@ -89,8 +89,8 @@ class Gravity(Load):
 
     kind = "gravity"
     field_kinds = MappingProxyType({"acceleration": "vector"})
-    # A load is a magnitude times moments on links. Here the magnitude is the number 1, and
-    # the moments of the weights have the unit.
+    # A load is a magnitude times moments on links. Here the magnitude is 1, and the moments
+    # of the weights have the unit N m.
     velocity_unit = "N m"
 
     name: str

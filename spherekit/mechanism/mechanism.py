@@ -310,9 +310,10 @@ class Mechanism:
         return summary + pair_table + link_table
 
     def _arcs_text(self, link: str) -> str:
-        """Return the arcs of a link in degrees, such as ``41-21: 60``.
+        """Return the arcs of a link in degrees as text, such as ``41 to 21: 60``.
 
-        It is empty if the geometry is given by a reference pose, or the link has no arcs.
+        An arc is the angle between the first axis of the link and another axis. The text is
+        empty if the geometry is given by a reference pose, or if the link has no arcs.
         """
         if not isinstance(self.geometry, SizeGeometry) or link not in self.geometry.links:
             return ""

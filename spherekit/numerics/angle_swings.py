@@ -110,7 +110,8 @@ class PathSwing(NamedTuple):
     swing
         Difference of the largest and the smallest angle (rad).
     low_sample, high_sample
-        Indices of the first samples at which the angle is smallest and largest.
+        Indices of the samples at which the angle is smallest and largest, the first of
+        several.
     """
 
     swing: float

@@ -448,7 +448,8 @@ def fitting_matrix(degree: int) -> Floats:
 def trim_series(series: Floats, threshold: float) -> Floats:
     """Return a series without its last terms of absolute size up to the threshold.
 
-    The first two terms are always retained.
+    A shorter series is faster to evaluate. Terms are removed from the end while their
+    absolute size is at most the threshold. The first two terms always remain.
     """
     (large,) = np.nonzero(np.abs(series) > threshold)
     return series[: np.max(large + 1, initial=2)]

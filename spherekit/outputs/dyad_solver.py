@@ -267,14 +267,14 @@ class GearedKinematics(ClosedKinematics):
 
 
 class _GearedMode:
-    """One working mode of a mechanism with wheels, at n poses (a `ModeAtPoses`).
+    """One working mode (way to assemble the legs) of a mechanism with wheels.
 
     Parameters
     ----------
     kinematics
         The closed form of the output.
     wheelless_mode
-        The mode of the mechanism without the wheels.
+        The mode of the mechanism without the wheels, at n poses of the output.
     """
 
     def __init__(self, kinematics: GearedKinematics, wheelless_mode: ModeAtPoses) -> None:
@@ -358,8 +358,8 @@ class _GearedMode:
     def type_1(self) -> Floats:
         """(n, inputs) measures of type I, 0 where an input can move with a resting output.
 
-        The measure is the inverse of the largest rate of the input per unit angular
-        velocity of the output.
+        The measure of an input is the least angular speed of the output per unit rate of
+        this input: 1 / (largest rate of the input per unit angular velocity of the output).
         """
         return 1.0 / np.linalg.norm(self.rates, axis=2)
 

@@ -216,7 +216,7 @@ class DyadConfigurations:
 
 
 class ForwardKinematics:
-    """The forward kinematics of one declared output, with any number of inputs.
+    """The forward kinematics of an output: its poses at given inputs.
 
     Attributes
     ----------

@@ -187,8 +187,9 @@ class NearestPoseSearch:
     ----------
     margins
         Function that returns margins of poses, one for each limit of the mechanism. A
-        margin is negative beyond the limit. Margins guide the search. They are smooth
-        across the border of the workspace, or NaN outside.
+        margin is negative beyond the limit, or NaN where the limit has no value. Margins
+        guide the search and are smooth across the border of the workspace, if they exist
+        beyond the border.
     is_inside
         Function that takes poses (n, 3 or 4) and returns which are reachable (n,). It is
         the exact test that the result must pass.
@@ -278,11 +279,12 @@ class NearestPoseSearch:
     ) -> Floats | None:
         """Improve several starts, and return the best reachable result.
 
-        The method is sequential quadratic programming (SQP): minimise |v|^2 / 2 with
-        margins >= 0, where v are the coordinates around the target and a margin is negative
-        beyond a limit of the mechanism. In each step, the margins of all active starts are
-        linearised. The linearised problem gives a step, and a line search with an exact
-        penalty function decides how much of it is used.
+        The target is the pose that should be reached. The method is sequential quadratic
+        programming (SQP): it minimises |v|^2 / 2 with all margins at least 0. Here v are
+        the coordinates around the target, and a margin is what is left to a limit of the
+        mechanism. In each step the margins are replaced by linear functions. The solution
+        of this simpler problem gives a step. A line search decides how much of the step is
+        used; it weighs |v| against violated margins (exact penalty function).
 
         Parameters
         ----------

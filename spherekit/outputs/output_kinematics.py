@@ -285,7 +285,7 @@ class OutputKinematics:
 class ClosedKinematics(OutputKinematics, ABC):
     """An output whose poses are solved in closed form, without a starting configuration.
 
-    The reach of its legs and the joint limits decide which poses it reaches.
+    Joint limits and the reach of the legs decide which poses the output reaches.
     """
 
     @property

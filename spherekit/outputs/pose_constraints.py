@@ -338,7 +338,7 @@ class _AngleRange:
     low, high
         Smallest and largest angle (rad).
     source
-        Name of the constraint in messages.
+        Name of the constraint, such as a leg or a range set by the user, for messages.
     """
 
     low: float

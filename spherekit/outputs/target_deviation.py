@@ -643,8 +643,8 @@ class TargetDeviation:
         loops.
 
         This equation is differentiated once and twice by theta. Each derivative has the
-        form stiffness @ unknown = force: the unknown is the first or second derivative of
-        the variables, and `force` has all terms without it. `_solve_motion` solves it.
+        form stiffness @ unknown = force. The unknown is the first or second derivative of
+        the variables, and `force` has all other terms. `_solve_motion` solves it.
         """
         d = self.remaining_rotation
 

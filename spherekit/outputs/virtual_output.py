@@ -276,10 +276,10 @@ def _add_to_sizes(
 
 @dataclass(frozen=True)
 class VirtualPairFrames:
-    """The frames of a virtual pair in its two links.
+    """The frames of a virtual pair (joint that fixes the output) in its two links.
 
-    A frame is a (3, 3) matrix. Its columns are the unit vectors x, from which the pair
-    angle is counted, y, and z, the pair axis. Their components are in the axes of the link.
+    A frame is a (3, 3) matrix with the unit vectors x, y and z as columns, in the axes of
+    the link. z is the axis of the pair, and the pair angle is counted from x.
     """
 
     in_first_link: Floats

@@ -527,9 +527,10 @@ class WorkingMode:
         return self._vector_of_dyad_link(link, x, y, z)
 
     def _vector_of_posed_link(self, x: float, y: float, z: float) -> Floats:
-        """Return a vector of the link whose orientation the poses give, in base axes.
+        """Return a vector of the posed link (placed by the poses) in base axes (3, n).
 
-        The vector (3, n) is x, y, z times the three axes of the link.
+        The components x, y, z are in the axes of the link. The result is the sum of the
+        three axes of the link, multiplied by x, y and z.
         """
         assert self.posed_rotation is not None
         # Index 0 of the orientation (3, 3, n) is the axis of the link. Components and poses
@@ -926,7 +927,8 @@ class WorkingMode:
     def axes(self, count: int) -> Floats:
         """Return the axes (n, count, 3) of the first `count` pairs in base axes.
 
-        They are NaN where the mode has no configuration.
+        Axes are NaN at poses at which the mode (one way to assemble the links) has no
+        configuration.
         """
         axes = np.empty((len(self.status), count, 3))
         for pair in range(count):

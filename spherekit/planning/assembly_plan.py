@@ -83,8 +83,8 @@ def driven_at(mechanism: Mechanism, names: str | Sequence[str] | None = None) ->
 class Group(NamedTuple):
     """Bodies that become one body when all their pairs are closed together.
 
-    Three kinds of numbers occur here: numbers of links of the mechanism, numbers of its
-    pairs, and positions in the lists `bodies` and `pairs`.
+    Links and pairs (joints) have numbers in the mechanism. A body (links that are rigid
+    with each other) has a position in `bodies`, and a pair a position in `pairs`.
 
     Attributes
     ----------

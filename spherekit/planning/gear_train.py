@@ -336,11 +336,11 @@ def _find_constants_of_least_rolling(
 ) -> TrainConstants | None:
     """Return the constants of the assembly in which wheels have rolled least.
 
-    Wheels can be put together with different teeth in contact. So the point of contact is
-    known along each circle only up to whole turns. Of all assemblies, the one with the
-    smallest rolled lengths at inputs of zero is chosen. The independent contacts determine
-    the angles of all followers (the pairs that turn with the wheels and are not driven), so
-    their turns are chosen first. The wheels of the other contacts then have to fit to these
+    Wheels can be assembled with different teeth in contact. The point of contact on each
+    circle is therefore known only up to whole turns. The assembly with the smallest rolled
+    lengths at inputs of zero is chosen. Followers are the pairs (joints) that turn with the
+    wheels and are not driven. The independent contacts determine their angles, so their
+    whole turns are chosen first. The wheels of the other contacts then have to fit these
     angles.
 
     Parameters

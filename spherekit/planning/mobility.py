@@ -183,10 +183,10 @@ class PebbleGame:
         The whole mechanism must have one degree of freedom as well, and no rigid part may
         contain both bodies.
 
-        A pebble is a degree of freedom of a body that no constraint has taken. Four of them
-        are free: three for the motion of the mechanism as a whole, and one for the relative
-        motion. They are moved to the two bodies. The set consists of all bodies to which
-        constraints lead from there.
+        A pebble is a degree of freedom of a body that no constraint has used up. Four
+        pebbles are free: three for the motion of the mechanism as a whole, and one for the
+        relative motion. They are moved to the two bodies. The set consists of all bodies
+        that constraints reach from these two.
         """
         rigid_part = self.find_rigid_part(body_a, body_b)
         assert rigid_part is None, "rigid parts are merged before"
@@ -414,10 +414,10 @@ def _play_with_locked_inputs(
 ) -> tuple[tuple[int, ...], PebbleGame]:
     """Merge the links that cannot move relative to each other while inputs are locked.
 
-    A body is a set of links that are rigidly joined. First, locked pairs join links to
-    bodies. The pebble game (`PebbleGame`) counts degrees of freedom of any set of bodies,
-    from the graph alone. It finds further sets that the other pairs make rigid. Each of
-    these sets is merged to one body.
+    A body is a set of links that are rigid with each other. First, locked pairs (joints)
+    join links to bodies. The pebble game (`PebbleGame`) counts degrees of freedom of any
+    set of bodies, from the graph alone. It finds further sets of bodies that are rigid.
+    Each of these sets becomes one body.
 
     Parameters
     ----------
