@@ -316,8 +316,8 @@ def _take_planned_direction(
     # The new direction points to the side of the present one, if there is one.
     is_opposite = ~is_open & (dot_columns(direction, planned_direction) < 0.0)
     planned_direction = planned_direction * np.where(is_opposite, -1.0, 1.0)
-    # The bounds of the plan assume axes that are known up to rounding. Here the axes also
-    # have the error of the configuration, which is added.
+    # The bounds of the plan assume axes that are known up to rounding. Here the axes can
+    # have a larger error, that of the configuration, so the bounds grow in proportion.
     motion = row_velocities.motion
     configuration_error = np.fmin(motion.orientation_error, motion.fold_error)
     planned_error = planned_poles.errors[body_pole] * np.maximum(
