@@ -38,8 +38,8 @@ def acting_links(mechanism: Mechanism) -> frozenset[int]:
 def wound_pairs(mechanism: Mechanism) -> Names:
     """Return the R pairs (revolute joints) whose angles appear in loads.
 
-    A load such as a spring differs after a whole revolution of the pair. The angles of
-    these pairs therefore must not be reduced to one turn.
+    A load such as a spring differs after a whole revolution of the pair. The whole
+    revolutions of these pairs are therefore counted.
     """
     used_names = _used_names(mechanism)
     return tuple(pair for pair in mechanism.angles if f"theta_{pair}" in used_names)
