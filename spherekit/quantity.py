@@ -75,7 +75,7 @@ class Dimension:
         return (*names, "rpm") if self.time_power == 1 else tuple(names)
 
     def unit_of_file(self, angle_unit: AngleUnit) -> str:
-        """Return the unit of a number that a file states without a unit.
+        """Return the unit of a number of this dimension that a file states without a unit.
 
         `angle_unit` is the unit of angles of the file, such as deg.
         """
@@ -142,9 +142,10 @@ Seconds = Annotated[float, FieldUnit("rad", DURATION)]
 
 
 def field_unit_of(annotation: Any) -> FieldUnit | None:
-    """Return the unit that the type of a parameter states, or None if it states none.
+    """Return the unit that the type annotation of a parameter states, or None without one.
 
-    The type may be a union with None, or a tuple whose items have the unit.
+    The unit is a `FieldUnit` in ``Annotated``. The type may be a union with None, or a
+    tuple with items that have the unit.
     """
     if get_origin(annotation) is Annotated:
         for extra in annotation.__metadata__:

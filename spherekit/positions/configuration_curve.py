@@ -466,7 +466,7 @@ class ArcCurve(Chords):
     def dead_points(self, variable: int) -> Zeros:
         """Return all arc lengths s at which a pair variable v is stationary: dv/ds = 0.
 
-        There the pair stops and turns back. The result is empty if the variable is constant
+        There the pair stops for a moment. The result is empty if the variable is constant
         along the whole curve.
         """
 

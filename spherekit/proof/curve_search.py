@@ -72,7 +72,7 @@ class ArmUse:
     def leads_out(self, side: int) -> bool:
         """Return whether the arm leads farther away from the range of the input.
 
-        An arm is a branch of a curve that leaves a crossing. `side` says where the crossing
+        An arm is a branch of a curve that leaves a crossing. `side` says where the arm
         is: 1 above the range, -1 below it, 0 within it. Above the range the input must grow
         along the arm, below the range it must decrease. Within it the result is False.
         """

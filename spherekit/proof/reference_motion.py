@@ -329,21 +329,21 @@ class _SignChange:
     is_at_start: bool
 
     def reverts_at_once(self, last_switch: int | None) -> bool:
-        """Return whether a switch changes back to the case that it has just left.
+        """Return whether a switch changes back at once to the side that it has just left.
 
-        Then the motion cannot continue in either case, for example if dry friction stops
-        it.
-
-        `last_switch` is the number of the switch that has changed at the end of the step
-        before; None if none has.
+        A switch is a place in a load where the formula changes with a sign, such as dry
+        friction. Then the motion cannot continue on either side, for example because
+        friction stops it. `last_switch` is the number of the switch that changed at the end
+        of the previous step. None if no switch changed there.
         """
         return self.is_at_start and self.switch == last_switch
 
 
 def _evaluate_series(coefficients: Array, x: Array) -> Array:
-    """Return Legendre series with coefficients (count, ...) at positions x (n,).
+    """Return values (n, ...) of Legendre series at positions x (n,) in [-1, 1].
 
-    `legval` of NumPy is not used, since it rounds its factors to float64.
+    `coefficients` (count, ...) begin with that of degree 0. `legval` of NumPy is not used,
+    since it rounds its factors to float64.
     """
     return legvander(x, len(coefficients) - 1) @ coefficients
 
@@ -541,12 +541,12 @@ class ExactSimulation:
     ) -> tuple[Array, list[Array]]:
         """Return the generalised force of the loads, and the conditions of their switches.
 
-        A load has a magnitude (a table or an expression) and a velocity with which it does
-        work, such as the rate of a pair. The generalised force by the coordinate is the sum
-        over all loads of the magnitude times this velocity per unit rate of the coordinate.
-        A switch is an `abs`, `sign`, `min` or `max` in an expression. Its condition is the
-        term whose sign decides; it keeps a given side, so that the load is smooth. Numbers
-        in expressions count as exact float64 numbers.
+        The coordinate is the pair variable by which the motion is described. A load has a
+        magnitude (a table or an expression) and a velocity with which it does work, such as
+        the rate of a pair. The generalised force is the sum over all loads of the magnitude
+        times this velocity per unit rate of the coordinate. A switch is an `abs`, `sign`,
+        `min` or `max` in an expression. Its condition is the term with the deciding sign.
+        Each switch stays on a fixed side, so that the load is smooth.
 
         Parameters
         ----------
@@ -589,9 +589,9 @@ class ExactSimulation:
         def take_side(condition: Array) -> Any:
             """Record the condition (n,) of the next switch, and return its side.
 
-            The load is computed with this side, +1 or -1, as the sign of the condition,
-            even at times at which the condition has the other sign. If no `sides` are
-            given, the result is the present sign of each value.
+            A switch is a function such as `abs` in a load. The load is computed as if the
+            condition had the sign of this side, +1 or -1, at all times. So the load is
+            smooth within a step. If `sides` is None, the present signs are returned.
             """
             number = len(conditions)
             conditions.append(np.atleast_1d(condition))
@@ -1106,6 +1106,6 @@ def _solve_free_variables(
 def _largest(balls: Any) -> float:
     """Return the largest magnitude of an array of numbers, 0 if it is empty.
 
-    The numbers are balls. Their error bounds are left out.
+    The numbers are balls (numbers with a bound of their error). The bounds are ignored.
     """
     return np.max(np.abs(centre_floats(balls)), initial=0.0)

@@ -54,8 +54,10 @@ Key = TypeVar("Key")
 
 @dataclass(frozen=True)
 class ExactRows:
-    """Reference values of n rows while one input moves at unit rate, the others locked.
+    """Very accurate values of n rows, with which computed rows are compared.
 
+    A row is one configuration of a motion. One input moves at unit rate, the others are
+    locked.
     Vectors and rotations are in ground axes. Values are balls, which are numbers with a
     bound of their error, with the digits of `arithmetic`. They are NaN in rows whose status
     is not OK.
@@ -114,7 +116,7 @@ class ExactRows:
 
     @property
     def slopes(self) -> Array:
-        """`dw`, if it was requested.
+        """`dw`, the derivatives of the angular velocities by the input, if requested.
 
         Raises
         ------
@@ -262,7 +264,7 @@ def exact_rows_by_input(
 
 
 def _nan_unless(is_good: Bools, balls: Array) -> Array:
-    """Return numbers (n, ...), with NaN in the rows in which `is_good` (n,) is false.
+    """Return a copy of an array (n, ...) with NaN in the rows where `is_good` is false.
 
     The numbers are balls: each has a bound of its error.
     """
@@ -311,8 +313,9 @@ def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
 def _largest_distance_from_row(motion: Motion) -> Floats:
     """Return the distances (n,) up to which a solution counts as that of its row (rad).
 
-    A correct row may differ from the solution by the error bound of the motion. The bound
-    is an estimate, so twice the bound is allowed. It is not finite for rows without one.
+    The solution is computed in high precision from a row of the motion. A correct row may
+    differ from it by the error bound of the motion. This bound is an estimate, so twice the
+    bound is allowed. Rows without a finite bound get the smallest distance.
     """
     error = motion.configuration_error
     allowed_error = np.where(np.isfinite(error), 2.0 * error, 0.0)
@@ -385,10 +388,11 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
 
 
 def _orient_unit_vectors(vectors: Array, toward: Floats) -> Array:
-    """Return unit vectors (n, 3) along given vectors, on the side of the vectors `toward`.
+    """Return unit vectors (n, 3) along given vectors, with the sense of those in `toward`.
 
-    The vectors (n, 3) are balls, which are numbers with a bound of their error. The result
-    is NaN where `toward` (n, 3) is NaN.
+    An axis has two opposite directions. The one at less than 90 degrees from `toward`
+    (n, 3) is chosen. The vectors (n, 3) are balls, which are numbers with a bound of their
+    error. The result is NaN where `toward` is NaN.
     """
     is_opposite = np.sum(centre_floats(vectors) * toward, axis=1) < 0.0
     sign = np.where(is_opposite, -1.0, 1.0)
@@ -451,8 +455,8 @@ def _has_direction(size: Floats, rounding: Floats) -> Bools:
 def _velocity_rounding(reference: ExactRows) -> Floats:
     """Return the rounding errors (n,) of angular velocities, in the unit of their size.
 
-    Angular velocities solve linear equations, whose condition number multiplies the
-    rounding. The unit is that of `_relative_size`.
+    Angular velocities solve linear equations. The rounding of the arithmetic is multiplied
+    by the condition number of their matrix. The unit is that of `_relative_size`.
     """
     return reference.arithmetic.eps * reference.condition
 
@@ -582,9 +586,10 @@ def exact_field(reference: ExactRows, request: Request, field: PoleField) -> Pol
         dw = {link: reference.slopes[:, link] for link in field.dw}
 
     def status_of(codes: SmallIntegers) -> SmallIntegers:
-        """Return status codes (n,) of the rows: the given ones where a reference exists.
+        """Return status codes (n,) of the rows, where rows without a reference have failed.
 
-        Rows without a reference get the code of `reference.status`, which says why.
+        Such rows get the code of `reference.status`, which says why. Other rows keep their
+        code in `codes` (n,).
         """
         has_reference = reference.status == Status.OK
         return np.where(has_reference, codes, reference.status).astype(np.int8)
@@ -635,7 +640,8 @@ def _all_nan(field_values: Mapping[Key, Floats]) -> dict[Key, Floats]:
 def _component_along(vectors: Array, directions: Array) -> Array:
     """Return the components (n,) of vectors (n, 3) along unit vectors (n, 3).
 
-    Where the direction is NaN it is the length of the vector.
+    Where the direction is NaN (unknown), the result is the length of the vector. All
+    numbers are balls (numbers with a bound of their error).
     """
     has_no_direction = ~np.all(np.isfinite(centre_floats(directions)), axis=1)
     lengths = vector_lengths(exact_centres(vectors))

@@ -98,8 +98,9 @@ class CertifiedRoot:
     def attracts(self, approximation: Sequence[complex]) -> bool:
         """Return whether an approximation (rad) is so near that Newton's method leads here.
 
-        This is certain within half of `unique`, up to whole turns: there the derivatives
-        change so little that each step at least halves the distance.
+        `approximation` has the complex angles of the unknowns. Newton's method surely leads
+        here from distances below half of `unique`, up to whole turns. There each step at
+        least halves the distance.
         """
         offset = np.array(approximation) - [complex(angle) for angle in self.centre]
         distance = np.abs(wrap(offset.real) + 1j * offset.imag)
@@ -187,9 +188,11 @@ def _improve_root(
 def _evaluate(
     equations: ArcEquations, x: Array, known_angles: Sequence[Ball]
 ) -> tuple[Array, Array]:
-    """Return F (k,) and F' (k, k) by the unknowns, at values x (k,) of the unknowns.
+    """Return the closure equations F (k,) and their derivatives F' (k, k) at unknowns x.
 
-    All numbers are balls, which are numbers with a bound of their error.
+    x (k,) are values of the unknown angles (rad), by which F is differentiated.
+    `known_angles` are those of inputs and wheels. All numbers are balls, which are numbers
+    with a bound of their error.
     """
     values, slopes = equations.evaluate([*x, *known_angles])
     return values, slopes[:, : equations.unknown_count]

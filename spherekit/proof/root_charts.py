@@ -96,11 +96,11 @@ class Polynomials:
 
 @dataclass(frozen=True)
 class ChartRoots:
-    """Complex points, such as roots of a system, each coordinate in its better chart.
+    """Complex points, such as roots of a system of equations, that may be at infinity.
 
-    The coordinates are e^(i angle) of the k unknown angles of the system. The chart is this
-    number or its inverse, whichever has a magnitude of at most 1, so that a coordinate at
-    infinity is stored as 0.
+    The coordinates are e^(i angle) of the k unknown angles of the system. Each is stored in
+    one of two charts: this number, or its inverse. The chart with a magnitude of at most 1
+    is used, so that a coordinate at infinity is stored as 0.
 
     Attributes
     ----------
@@ -344,7 +344,8 @@ class ChartRoots:
 def _derivative_factor(exponents: Indices, order: int) -> Floats:
     """Return the factor of z^(p - order) in a derivative of z^p, for exponents p.
 
-    It is 1 for order 0, p for order 1 and p (p - 1) for order 2 (falling factorial).
+    z is e^(i angle) of an unknown. The factor is 1 for order 0, p for order 1 and p (p - 1)
+    for order 2.
     """
     factor = np.ones(exponents.shape)
     for step in range(order):
@@ -438,8 +439,9 @@ def apply_matrices(matrices: Array, vectors: Array) -> Array:
 def _bound_rounding(polynomials: Polynomials, rows: Indices) -> Floats:
     """Return error bounds (n, k) of polynomial values at points with all |z| at most 1.
 
-    The bounds cover the errors of the coefficients and the rounding of the sums. `rows`
-    (n,) are the numbers of the sets of given values to which the points belong.
+    The bounds cover the errors of the coefficients and the rounding of the sums. There are
+    k polynomials in z = e^(i angle) for each set of values of the given variables. `rows`
+    (n,) is the number of the set to which each point belongs.
     """
     magnitudes = [
         np.abs(array).reshape(len(array), -1) for array in polynomials.coefficients
@@ -585,9 +587,10 @@ class KnownAngleChanges:
         )
 
     def upper_bounds(self) -> Floats:
-        """Return bounds (boxes, known angles), in rad, of the changes from the centre.
+        """Return bounds (boxes, known angles) of how far known angles move in a box (rad).
 
-        They are valid for all points of the box.
+        Each box is one of the inputs. Known angles are functions of the inputs. Their
+        changes from the centre are bounded for all points of the box.
         """
         # A linear function changes most towards a corner of the box.
         linear_change = apply_matrices(np.abs(self.rates), self.input_half_widths)
@@ -642,6 +645,7 @@ def enclose_roots(
 ) -> RootTubes:
     """Return tubes about approximate roots with exactly one root for each input.
 
+    A tube is a neighbourhood of the linear motion (axis) of a root over a box of inputs.
     P are the polynomials, P_z and P_g their derivatives by the unknowns z and by the given
     variables g. Let the matrix Y be near the inverse of P_z at the approximate root.
     Suppose that Y P_z differs from the identity by at most `slack` < 1 within a radius and

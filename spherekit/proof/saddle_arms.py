@@ -142,6 +142,8 @@ class SlopeBounds:
 class ArmSlopes:
     """Bounds of the slopes v / u of the four arms (branches) of a saddle.
 
+    A saddle is a place where two curves cross or nearly do, with the coordinates u and v.
+
     Attributes
     ----------
     positive
@@ -181,9 +183,10 @@ class DirectionRates:
     signs: Indices
 
     def opposite(self) -> "DirectionRates":
-        """Return the gradient and the signs in the opposite direction, at (-u, -v).
+        """Return the gradient and the signs of rates in the opposite direction (-u, -v).
 
-        The gradient of a quadratic form has the opposite sign there, and so have all rates.
+        The gradient of a quadratic form g(u, v) has the opposite sign there. So have the
+        rates of all variables along the branch of the curve.
         """
         return DirectionRates(-self.g_u, -self.g_v, -self.signs)
 

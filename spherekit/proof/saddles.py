@@ -112,9 +112,9 @@ signs open.
 class Saddle(OrientedBox):
     """An oriented box with four arms of configuration curves that meet, or nearly do.
 
-    The first two coordinates of the box are u and v. The configurations in it are the zeros
-    of a function g(u, v), four branches or arms, one in each quadrant of u and v. Rates are
-    those of the variables along an arm.
+    The first two coordinates of the box are u and v. The configurations in the box are the
+    zeros of a function g(u, v). They form four branches (arms), one in each quadrant of u
+    and v. A rate is the derivative of a variable along an arm.
 
     Attributes
     ----------
@@ -483,14 +483,17 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
 
 @dataclass(frozen=True)
 class _CentreMagnitudes:
-    """Upper bounds of the magnitudes of g and its slopes at the centre of a rectangle.
+    """Upper bounds of the magnitudes of g(u, v) and its slopes at a centre.
+
+    The configurations near a saddle, where curves cross or nearly do, are the zeros of g in
+    a rectangle of the coordinates u and v.
 
     Attributes
     ----------
     value
-        Of g.
+        Bound of g.
     slope_u, slope_v
-        Of the derivatives of g by u and by v.
+        Bounds of the derivatives of g by u and by v.
     """
 
     value: float

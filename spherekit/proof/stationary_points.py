@@ -110,10 +110,12 @@ class RateBounds:
 def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
     """Return bounds of the rates of all variables along a certified arc.
 
-    The arc is z = z0 + t s + N y(s) with the tangent t and the normals N at its centre z0.
-    It solves the k equations F(z) = 0. The rates are z' = t + N y', where y' is bounded.
-    Their derivatives follow from F'' (z', z') + F' z'' = 0 with z'' = N y''. So
-    z'' = -N (F'N)^-1 F''(z', z'). The matrix Y is near the inverse of F'N at the centre.
+    With these bounds, stationary points of variables are found or excluded. z are the
+    variables, and s is the coordinate along the tangent. The arc is z = z0 + t s + N y(s)
+    with the tangent t and the normals N at its centre z0. It solves the k equations
+    F(z) = 0. The rates are z' = t + N y', where y' is bounded. From F'' (z', z') + F' z'' =
+    0 with z'' = N y'' follows z'' = -N (F'N)^-1 F''(z', z'). The matrix Y is near the
+    inverse of F'N at the centre.
 
     Each equation is a trigonometric polynomial. Its derivative of any order is at most a
     constant C times the degrees of the equation in the variables of the derivative: by the
@@ -176,10 +178,11 @@ def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
 
 
 def _rate_signs(piece: CertifiedArc, half_length: float, variable: int) -> tuple[int, int]:
-    """Return the proven signs of a rate and of its derivative for |s| <= half_length.
+    """Return the proven signs of the rate of a variable, and of the derivative of the rate.
 
-    The rate is that of a variable along the arc, and s the coordinate along the tangent. A
-    sign that is not proven is 0.
+    The rate is the derivative of the variable along a certified arc, by the coordinate s
+    along its tangent (0 at the centre). The signs apply to all |s| <= `half_length` (rad).
+    A sign that is not proven is 0.
     """
     bounds = bound_rates(piece, half_length)
     return (
@@ -225,7 +228,7 @@ class StationaryPoint:
 
 @dataclass(frozen=True)
 class StationaryPoints:
-    """The stationary points of a variable along a chain.
+    """The configurations on a curve (chain of arcs) in which a variable is stationary.
 
     Attributes
     ----------
@@ -302,8 +305,9 @@ class _Stretch:
     def reach(self) -> float:
         """Upper bound (rad) of the coordinate s in the stretch.
 
-        s is the coordinate along the tangent of the arc, 0 at its centre. The bound
-        includes the errors of the end and of its coordinate.
+        A stretch is a part of a configuration curve from the centre of an arc to `end`. s
+        is the coordinate along the tangent of the arc, 0 at its centre. The bound includes
+        the error of the end and rounding.
         """
         coordinate = self.piece.coordinates(self.end)[0]
         return float(coordinate + self.end_error + COORDINATE_ROUNDING_RAD)
@@ -422,10 +426,9 @@ def _examine_stretch(
         piece, half_length=0.0, variable=variable
     )
     sign_at_end = 0
-    # Shorter stretches than this are not cut. They can be short only if the derivative has
-    # no sign in the stretch, but it or the rate has a sign at the start: a shorter part at
-    # the start then has this sign, too. If only the sign at the end is open, cutting does
-    # not help, because all later stretches have the same end.
+    # Stretches shorter than this are not cut. The limit is lower if the rate or its
+    # derivative has a sign at the start only: a shorter part at the start then has this
+    # sign, too. If only the sign at the end is open, cutting does not help.
     shortest = SHORTEST_FLAT_STRETCH_RAD
     if derivative_sign:
         # An arc about the end gives the sign of the rate there. Only the bounds at its
@@ -475,10 +478,11 @@ def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
 
 
 def _bound_change_by_box(stretch: _Stretch, variable: int) -> float:
-    """Return how much a variable differs from the start in a box about a stretch (rad).
+    """Return a bound (rad) of the change of a variable in a stretch, from a box around it.
 
-    The start is the centre of the box. The sides of the box are along the tangent of the
-    curve at the start and along its normals: the columns of the arc's frame.
+    A stretch is a part of a configuration curve. Its start is the centre of the box. The
+    sides of the box are along the tangent of the curve at the start and along its normals,
+    the columns of the frame of the arc.
     """
     arc = stretch.piece
     largest_coordinate = min(stretch.reach, arc.half_length)  # along the tangent
@@ -491,12 +495,12 @@ def _bound_change_by_box(stretch: _Stretch, variable: int) -> float:
 
 
 def _bound_change_by_rate(stretch: _Stretch, variable: int) -> float:
-    """Return how much a variable changes in a stretch, by its largest rate (rad).
+    """Return a bound (rad) of the change of a variable in a stretch, from its largest rate.
 
-    The rate is the derivative of the variable by the coordinate s along the tangent at the
-    start of the stretch. The change from s = 0 is at most the largest rate times the
-    largest s. The computed start may be beside the curve, so its distance from the
-    configuration with s = 0 is added.
+    A stretch is a part of a configuration curve. The rate is the derivative of the variable
+    by the coordinate s along the tangent at the start. The change from s = 0 is at most the
+    largest rate times the largest s. The computed start may be beside the curve, so its
+    error is added.
     """
     arc = stretch.piece
     largest_coordinate = min(stretch.reach, arc.half_length)
@@ -601,9 +605,9 @@ def _bound_differences_from_middle(stretch: _Stretch) -> Floats:
 def _bound_distance_along_tangent(stretch: _Stretch) -> float:
     """Return how far a stretch extends from its middle along the tangent at its start.
 
-    The result is a bound (rad). Along the tangent the stretch has coordinates from 0 to its
-    length. The middle has half the coordinate of the computed end, which differs from half
-    the length by at most half the error of the end.
+    The result is a bound (rad). A stretch is a part of a configuration curve. Along the
+    tangent it has coordinates from 0 to its length. The coordinate of the middle is half
+    that of the computed end. So its error is half the error of the end.
     """
     largest_length = stretch.reach
     return 0.5 * (largest_length + stretch.end_error)

@@ -67,8 +67,9 @@ class Structure:
     def coupler_parts(self, coupler: int) -> tuple[int, tuple[int, int]]:
         """Return the number of a coupler's link, and the numbers of its two pairs.
 
-        A coupler replaces a sliding contact of two circles. Its pairs join it to the first
-        and to the second link of the contact. `coupler` is the index in `couplers`.
+        A coupler is an additional link that replaces a sliding contact of two circles. Its
+        R pairs at the centres of the circles join it to the first and to the second link of
+        the contact. `coupler` is the index in `couplers`.
         """
         # The pairs of couplers are the last ones in the list.
         first_pair = len(self.pairs) - 2 * (len(self.couplers) - coupler)

@@ -120,17 +120,19 @@ class OrientedBox:
     limits: Floats
 
     def coordinates(self, positions: Floats) -> Floats:
-        """Return coordinates (..., v) of positions (..., v) along the sides.
+        """Return coordinates (..., v) of positions (..., v) along the sides of the box.
 
-        Positions that differ by whole turns of a variable have the same coordinates.
+        A position has the values of the v variables (rad). The coordinates are measured
+        from the centre. Whole turns of a variable make no difference.
         """
         return wrap(positions - self.centre) @ self.frame
 
     def _contain(self, positions: Floats, reach: Floats | float) -> Bools:
         """Return whether positions (..., v) are inside this box, as an array (...).
 
-        They must be inside by at least `reach` (rad) along each side, a number or an array
-        (..., v). A negative reach also accepts positions outside.
+        They must be inside by at least `reach` (rad) along each of the v sides. `reach` is
+        a number or an array (..., v). If it is negative, positions slightly outside are
+        accepted too.
         """
         coordinates = np.abs(self.coordinates(positions))
         return np.all(coordinates + reach <= self.limits, axis=-1)
@@ -144,9 +146,9 @@ class OrientedBox:
         return bool(self._contain(position, -error - COORDINATE_ROUNDING_RAD))
 
     def covers(self, centres: Floats, radii: Floats) -> Bools:
-        """Return which boxes (n,) with sides along the variables are surely inside.
+        """Return which of n axis-aligned boxes are surely inside this box.
 
-        `centres` and `radii` (n, v) are the centres and half lengths of the boxes.
+        `centres` and `radii` (n, v) are the centres and half lengths (rad) of the boxes.
         """
         # Half length of each box along the sides of this box, raised by rounding.
         reach = radii @ np.abs(self.frame) * ROUND_UP + COORDINATE_ROUNDING_RAD
@@ -158,7 +160,8 @@ def boxes_covered(
 ) -> Bools:
     """Return which axis-aligned boxes are surely inside one of several oriented boxes.
 
-    `centres` and `radii` (n, v) are the centres and half lengths of the axis-aligned boxes.
+    The oriented boxes contain known parts of configuration curves. `centres` and `radii`
+    (n, v) are the centres and half lengths (rad) of the axis-aligned boxes.
     """
     is_covered = np.zeros(len(centres), dtype=bool)
     for oriented_box in oriented_boxes:
@@ -207,9 +210,10 @@ class CertifiedArc(OrientedBox):
         return self.frame[:, 0]
 
     def largest_normal_coordinate(self, half_length: float) -> float:
-        """Return a bound (rad) of each coordinate ``|y_i|`` on a part of the arc.
+        """Return a bound (rad) of the distance of the arc from its tangent line.
 
-        The part has coordinates s along the tangent with ``|s|`` up to `half_length` (rad).
+        It bounds each coordinate ``|y_i|`` along the normals. It is valid where the
+        coordinate s along the tangent has ``|s|`` up to `half_length` (rad).
         """
         bounds = self.test.bound_arc(half_length, self.radius)
         # The arc is proven to stay in the box, so the radius is also a bound.

@@ -155,7 +155,7 @@ class Batch:
 
     @property
     def q_range(self) -> Range:
-        """Least and greatest variable `q` of the driven pair in the whole run, rad.
+        """Least and greatest value of the input `q` in the whole run, rad.
 
         With several inputs it raises `SolveError`.
         """
@@ -163,7 +163,7 @@ class Batch:
 
     @property
     def dq_range(self) -> Range:
-        """Least and greatest rate `dq` of the driven pair in the whole run, rad/s.
+        """Least and greatest rate `dq` of the input in the whole run, rad/s.
 
         With several inputs it raises `SolveError`.
         """
@@ -177,10 +177,11 @@ class Batch:
 
     @property
     def closure_conditioning(self) -> Floats:
-        """(n,) condition number (2-norm) of the closure Jacobian of passive variables.
+        """(n,) condition number (2-norm) of the loop equations, linearised in each row.
 
-        The columns of the inputs are left out. A large number means that the configuration
-        is near a singularity, where the inputs hardly determine the other variables.
+        The matrix has a column for each passive variable (not an input). A large number
+        means that the configuration is near a singularity, where the inputs hardly
+        determine the other variables.
         """
         return _read_only(self._motion.conditioning)
 
@@ -214,9 +215,11 @@ class Batch:
 
     @staticmethod
     def interleaved(parts: Sequence[Array | NDArray[np.str_]]) -> Interleaved:
-        """Return a column that has, for each row of the batch, one row per subject.
+        """Return a table column with one number per row of the batch and subject.
 
-        `parts` has the values (n,) of each subject. They are not copied.
+        A subject can be a link or a pole. The numbers of all subjects at the first row come
+        first, then those at the second row. `parts` has the values (n,) of each subject.
+        They are not copied.
         """
         return Interleaved(parts)
 
@@ -287,8 +290,9 @@ class Batch:
     def _is_computed(self, quantity: str, moved: int) -> bool:
         """Return whether a quantity of the poles has been computed already.
 
-        In long runs, most quantities are computed when they are read. `moved` is the index
-        of the input that moves while the others are locked.
+        A pole is the axis of the relative rotation of two links. In long runs, most
+        quantities are computed when they are read. `moved` is the index of the input that
+        moves while the others are locked.
         """
         pole_field = self._pole_field(moved)
         if not isinstance(pole_field, LazyField):
@@ -388,10 +392,11 @@ class Batch:
     def has_continuous_sign(self, i: int, j: int, moved: int = 0) -> bool:
         """Return whether the direction of a pole is continuous over the rows.
 
-        The direction is always continuous if the pole is the axis of a pair. Other poles
-        have continuous directions along a path of samples. Over a grid of several inputs,
-        all directions point to one side of a fixed plane. Direction and coefficients of a
-        pole can therefore change their sign between neighbouring samples.
+        The pole is the axis of the relative rotation of the links i and j. The direction is
+        always continuous if the pole is the axis of a pair. Other poles have continuous
+        directions along a path of samples. Over a grid of several inputs, all their
+        directions point to one side of a fixed plane. So they, and the coefficients, can
+        change their sign between neighbouring samples.
         """
         plan = self.plans[moved]
         return self._motion.is_path or plan.pole(i, j) in {None, *axis_pairs(plan)}
@@ -405,9 +410,10 @@ class Batch:
         return self._pole(i, j, "conditioning", moved)
 
     def error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
-        """Return (n,) a bound of the error of the pole direction, rad.
+        """Return (n,) a bound of the error of the direction of a pole, rad.
 
-        It includes rounding and the error of the configuration.
+        The pole is the axis of the relative rotation of the links i and j. The bound
+        includes rounding and the error of the configuration.
         """
         return self._pole(i, j, "error_bound", moved)
 
@@ -428,10 +434,10 @@ class Batch:
         return self._pole(i, j, "acceleration_coefficient", moved)
 
     def direction_dq(self, i: int, j: int, moved: int = 0) -> Floats:
-        """Return (n, 3) the derivative of the pole axis by the input, 1/rad.
+        """Return (n, 3) the derivative of the direction of a pole by the input, 1/rad.
 
-        It is NaN in rows in which the velocity coefficient is too small to compute the
-        derivative.
+        The pole is the axis of the relative rotation of the links i and j. The derivative
+        is NaN in rows in which the links hardly rotate relative to each other.
         """
         return self._pole(i, j, "direction_dq", moved)
 
@@ -448,7 +454,8 @@ class Batch:
     def direction_dq_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) a bound of the error of `direction_dq`, 1/rad.
 
-        It bounds the length of the error vector; NaN where `direction_dq` is.
+        `direction_dq` is the derivative of a pole direction by the input. The bound is that
+        of the length of its error vector. It is NaN where `direction_dq` is NaN.
         """
         return self._pole(i, j, "direction_dq_error_bound", moved)
 
@@ -563,9 +570,10 @@ class Batch:
         return self._motion.timing
 
     def _range(self, quantity: int) -> Range:
-        """Return least and greatest input (quantity 0) or input rate (1) of the run.
+        """Return the least and the greatest value of the only input, or of its rate.
 
-        A batch outside a run has its own range.
+        `quantity` is 0 for the input and 1 for the rate. The values are those of the whole
+        run. Outside a run they are those of this batch.
         """
         run_extents = self._run_extents or input_extents(
             self._motion.inputs, self._motion.timing
@@ -645,9 +653,8 @@ def _read_only(values: ArrayT) -> ArrayT:
 def run_status(motion: Motion, pole_fields: PoleFields) -> SmallIntegers:
     """Return (n,) status codes of the rows of a run.
 
-    If the configuration of a row has failed, the row has the code of this failure.
-    Otherwise it has the code of the first input whose velocities have failed. If nothing
-    has failed, the code is OK.
+    A row has the code of its first failure: of the position first, then of the velocities
+    (`pole_fields`) while each input moves alone. If nothing has failed, the code is OK.
     """
     status = motion.status
     for pole_field in pole_fields:

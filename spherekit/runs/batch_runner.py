@@ -90,9 +90,11 @@ MAX_BLOCK_FACTOR = 32
 class BlockRows:
     """The rows of a block while they are computed, slice by slice.
 
-    The block first has the rows of all samples in the first assembly mode, then those in
-    the second mode, and so on. The kernel is a set of compiled functions that evaluate many
-    rows at once. It certifies a row if the error bounds of the row are small enough.
+    A row is one sample in one assembly mode (way to assemble the mechanism). The block
+    first has the rows of the first mode, then those of the second mode, and so on. A slice
+    is a part of the rows of one mode, small enough for the cache. The kernel is a set of
+    compiled functions that evaluate many rows at once. It certifies a row if the error
+    bounds of the row are small enough.
 
     Parameters
     ----------
@@ -228,7 +230,9 @@ class BlockRows:
     def _solve_uncertified(self, samples: Indices) -> None:
         """Solve the rows that the kernel has not certified, except rows out of reach.
 
-        `samples` (k,) are the numbers of the samples of the block in the run.
+        The kernel (compiled functions for many rows) certifies rows with small error
+        bounds. The position analysis solves the others. `samples` (k,) are the numbers of
+        the samples of the block in the run.
         """
         uncertified = np.flatnonzero(~self.is_certified & (self.status == Status.OK))
         if len(uncertified):
@@ -237,9 +241,11 @@ class BlockRows:
         self.is_certified &= self.status == Status.OK
 
     def _examine_slice(self, row_slice: RowSlice) -> SliceReversals | None:
-        """Return the certified rows of a slice between which pole directions may reverse.
+        """Find where in a slice of rows the computed directions of poles may reverse.
 
-        The result is None if the slice has no certified row.
+        A pole is the axis of the relative rotation of two links. Its direction must be
+        continuous from row to row. Only certified rows (with small error bounds) are
+        examined. The result is None if the slice has no such row.
         """
         mode, slice_rows = row_slice
         rows = slice_rows.start + np.flatnonzero(self.is_certified[slice_rows])
@@ -331,17 +337,19 @@ class BlockRows:
     def _store_closure(self, rows: slice, columns: Floats) -> None:
         """Store the closure residuals and the configuration errors of a slice.
 
-        The columns (width, n) of the n rows are those of `_evaluate_slice`.
+        A closure residual tells how far the loops are open. The columns (width, n) of the n
+        rows are those of `_evaluate_slice`.
         """
         residual, error = columns[self._quality_function.slices["closure"]]
         self.closure_residual[rows] = residual
         self.configuration_error[rows] = error
 
     def _is_certified_as_whole(self, columns: Floats) -> bool:
-        """Return whether all rows of a slice are surely certified.
+        """Return whether all rows of a slice are closed and have small error bounds.
 
-        Most slices are, and this test is faster than `_find_certified_rows`. The columns
-        (width, n) are those of `_evaluate_slice`.
+        This quick test decides most slices. If it is false, `_find_certified_rows` tests
+        each row. The columns (width, n) are those of `_evaluate_slice`. An uncertainty is
+        an error bound, divided by the largest one that is allowed.
         """
         parts = self._quality_function.slices
         # The uncertainties are not negative. If their sum is at most 1, so is each of them.
@@ -367,9 +375,10 @@ class BlockRows:
         return self.kernel.closure_rounding_rad
 
     def _evaluate_slice(self, mode: int, rows: slice) -> Floats:
-        """Return the numbers (width, n) that decide about the rows of a slice.
+        """Return the numbers (width, n) that decide whether n rows need no other solver.
 
-        They are closure residuals, error bounds and angular velocities.
+        They are closure residuals, error bounds and angular velocities. `rows` is a slice
+        of the rows of the assembly mode with the index `mode`.
         """
         if self.kernel.has_closed_form:
             return self._evaluate_closed_form(mode, rows)
@@ -465,9 +474,10 @@ class BlockRows:
         return is_beyond
 
     def _has_prediction(self, rows: slice) -> Bools:
-        """Return whether the configurations of rows (n,) were predicted.
+        """Return whether the configurations of rows (n,) were predicted by interpolation.
 
-        All passive variables of a row are predicted, or none, which leaves NaN in `values`.
+        Either all passive variables (not inputs) of a row are predicted or none. So the
+        first of them is tested: without a prediction it is NaN.
         """
         first_passive_variable = self.kernel.passive_variables[0]
         return ~np.isnan(self.values[first_passive_variable, rows])
@@ -622,10 +632,10 @@ def _find_error_maxima(slices: Sequence[SliceReversals], input_count: int) -> Fl
 def _store_configuration_errors(motion: Motion, rows: BlockRows) -> None:
     """Store the errors of the configurations in the motion of a block.
 
-    The kernel has computed the errors of the rows that it certifies. `Motion` would compute
-    them anew when its property `configuration_error` is first read. So the errors are
-    stored as the cached value of this property. In uncertified rows they are computed as
-    the property does it.
+    The kernel (compiled functions for many rows) has computed the errors of the rows that
+    it certifies. To avoid a second computation, they are stored as the cached value of the
+    property `Motion.configuration_error`. In uncertified rows that property computes the
+    errors.
     """
     errors = rows.configuration_error
     uncertified = rows.uncertified
@@ -859,7 +869,8 @@ class BatchRunner:
     def has_pending_poles(self, motion: Motion) -> bool:
         """Return whether `fields` can be called for a motion.
 
-        This is so if `motion_at` has returned the motion, and `fields` was not called yet.
+        `fields` evaluates the poles of a block. It can be called once for each motion that
+        `motion_at` has returned.
         """
         return id(motion) in self.pending_poles
 

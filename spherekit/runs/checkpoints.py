@@ -32,7 +32,9 @@ def resume_or_start(
     unfinished: Unfinished,
     keeps_tables: bool,
 ) -> tuple[RunState, TableStore | None]:
-    """Return the state of a run at its start, or at the end of its last finished block.
+    """Return the state from which a run continues: a new one, or that of a stopped run.
+
+    A stopped run continues after its last finished block of samples.
 
     Parameters
     ----------
@@ -47,8 +49,8 @@ def resume_or_start(
 
     Returns
     -------
-    The state, and the store with the rows of the finished blocks. The store is None if no
-    tables are kept.
+    The state, and the store of tables with the rows of the finished blocks. The store is
+    None if the run stores no tables.
 
     Raises
     ------

@@ -169,7 +169,9 @@ class AbstractAnalysis(ABC):
 
     @abstractmethod
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return what the analysis will read. This must be fast.
+        """Return the quantities of a `Batch` (block of samples) that the analysis reads.
+
+        Only these are computed. The method must be fast.
 
         Raises
         ------
@@ -188,7 +190,8 @@ class AbstractAnalysis(ABC):
     def findings(self, batch: Batch) -> Findings:
         """Return results in addition to the tables; none by default.
 
-        A `rowwise` analysis returns findings of each block, which are then `joined`.
+        Findings are, for example, remarks for the user and numbers for the summary. A `rowwise` analysis
+        returns findings of each block, which are then `joined`.
         """
         return Findings()
 

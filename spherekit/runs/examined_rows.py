@@ -46,7 +46,7 @@ less accurate; smaller: more of them are stored as an interval.
 
 @dataclass(frozen=True)
 class OutputRows(ArrayRows):
-    """The motion of an output at m successive samples of a path.
+    """The motion of an output (observed link) at m successive samples of a path.
 
     Attributes
     ----------
@@ -71,9 +71,10 @@ class OutputRows(ArrayRows):
 
     @classmethod
     def from_last_row(cls, numbers: Sequence[float | None]) -> Self:
-        """Return the single row that `OutputOverview.last_row` stores as a list.
+        """Return the last row of the previous block, with which the next block continues.
 
-        The list has place, angle, rate, inputs and ratios. None stands for NaN.
+        `OutputOverview.last_row` stores this row as a list of place, angle, rate, inputs
+        and ratios. None stands for NaN.
         """
         row = np.array([np.nan if x is None else x for x in numbers])
         place, angle, rate = row[:3, None]
@@ -134,7 +135,10 @@ class OutputRows(ArrayRows):
 
 
 class ExaminedRows:
-    """The motion of all outputs at some rows.
+    """The motion of all outputs at some rows, from which overviews are computed.
+
+    An output is a link that is observed relative to another link. A row is one sample in
+    one assembly mode (way to assemble the mechanism).
 
     Parameters
     ----------
@@ -237,11 +241,11 @@ class ExaminedRows:
         jacobian: Floats,
         places: Floats,
     ) -> None:
-        """Note how near the rows of a mode are to singularities of type I.
+        """Note how near the rows of an assembly mode are to singularities of type I.
 
-        The smallest singular value of the velocity Jacobian is zero at such a singularity.
-        If the Jacobian is square, a sign change of its determinant along a path shows that
-        there is one between two samples.
+        At such a singularity the output rests, at least in one direction. The smallest
+        singular value of the velocity Jacobian is zero then. If the Jacobian is square, a
+        sign change of its determinant along a path shows a singularity between two samples.
 
         Parameters
         ----------
@@ -357,8 +361,8 @@ class ExaminedRows:
     def _measure_transmission(self, number: int, rows: slice) -> Floats:
         """Return the transmission measure (m,) of an output in m rows.
 
-        It is NaN in rows without a configuration. `number` is the position of the output in
-        the plan.
+        The measure is 0 at singularities of type II (the output can move with locked
+        inputs), and 1 at best. It is NaN in rows without a configuration. `number` is the position of the output in the plan.
         """
         assert self.plan.transmissions is not None
         transmission = self.plan.transmissions[number]
@@ -577,9 +581,10 @@ class ExaminedRows:
 
 
 def _take_steps_as_rates(segment: OutputRows) -> OutputRows:
-    """Return successive rows with the step of the angle from the row before as the rate.
+    """Return successive rows with steps of the angle in place of its rates.
 
-    The first row of the segment has no row before it, and keeps its rate.
+    A step is the change of the angle from the previous row. Its sign shows in which
+    direction the output moves. The first row of the segment keeps its rate.
     """
     first_rate = segment.rates[0]
     steps = np.diff(segment.angles)

@@ -217,10 +217,11 @@ class CostExtrapolation:
         return float(short_value + growth * further_samples / self.short_count)
 
     def _scale_many_poles(self, of_many_poles: Facts, keys: Sequence[str]) -> float:
-        """Return a value at `sample_count`, in proportion to the number of samples.
+        """Return the predicted value of one cost, in proportion to the number of samples.
 
-        The part of a table that does not grow with the samples is small if there are many
-        poles. One run is therefore enough.
+        `keys` lead to the value in the costs `of_many_poles` of a short run. With many
+        poles (axes of relative rotation of two links), the constant part of a table is
+        negligible. So one short run is enough.
         """
         value = _entry(of_many_poles, keys)
         return float(value * self.sample_count / MEASURED_SAMPLES_OF_MANY_POLES)

@@ -85,9 +85,11 @@ class UnsignedPoles(NamedTuple):
 
 
 def split_rows(mode_count: int, sample_count: int, size: int) -> list[RowSlice]:
-    """Return the rows of all modes in slices of at most `size` rows.
+    """Return the rows of all assembly modes in slices of at most `size` rows.
 
-    The rows of a mode follow each other, `sample_count` for each mode.
+    A row is one sample in one mode. The first `sample_count` rows belong to the first mode,
+    the next ones to the second mode, and so on. The result has the index of the mode and
+    the rows of each slice, which never contains two modes.
     """
     return [
         (mode, slice(start, min(start + size, (mode + 1) * sample_count)))
@@ -616,9 +618,9 @@ class LazyField:
 
     @cached_property
     def as_arrays(self) -> PoleField:
-        """The poles with all columns as arrays.
+        """All quantities of the poles as arrays, computed at the first reading.
 
-        The arrays are computed when this property is first read, and then stored.
+        A pole is the axis of the relative rotation of two links.
         """
         columns = self._add_unfilled_arrays()
         # Compute all columns together, which takes less time.
@@ -659,8 +661,9 @@ class LazyField:
     def _add_planes(self) -> None:
         """Add the great circles (planes) of poles to the field.
 
-        The kernel has no columns for them. The plan of the poles computes them, which
-        constructs poles from others.
+        A pole is the axis of the relative rotation of two links. It lies on great circles
+        through other poles. The kernel (compiled functions) does not compute these circles.
+        The plan of the poles, which constructs poles from others, does.
         """
         request = self._source.requests[self._input_index]
         planned_poles = PlannedPoles(request.plan, self._motion)
@@ -696,9 +699,10 @@ class LazyField:
 
 
 def largest_errors(field: PoleField) -> dict[str, float]:
-    """Return the largest of each of the `REPORTED_ERRORS` over all poles, by name.
+    """Return the largest value of each error bound in `REPORTED_ERRORS`, by its name.
 
-    Only finite errors in rows with the status OK count. The result is -inf without any.
+    It is the largest over all poles (axes of relative rotation of two links) and rows. Only
+    finite bounds in rows with the status OK count. Without such a bound it is -inf.
     """
     is_ok = field.status == Status.OK
     maxima = {}

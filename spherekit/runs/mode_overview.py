@@ -433,7 +433,9 @@ class ModeOverview:
 
 
 def first_minimum(values: Floats) -> int:
-    """Return the first row whose value is the least one, up to `EQUAL_MINIMA_TOLERANCE`.
+    """Return the number of the row with the least value, the first one if several agree.
+
+    Values within `EQUAL_MINIMA_TOLERANCE` agree, so rounding does not choose the row.
 
     Parameters
     ----------
