@@ -190,8 +190,8 @@ class AbstractAnalysis(ABC):
     def findings(self, batch: Batch) -> Findings:
         """Return results in addition to the tables; none by default.
 
-        Findings are, for example, remarks for the user and numbers for the summary. A `rowwise` analysis
-        returns findings of each block, which are then `joined`.
+        Findings are, for example, remarks for the user and numbers for the summary.
+        A `rowwise` analysis returns findings of each block, which are then `joined`.
         """
         return Findings()
 

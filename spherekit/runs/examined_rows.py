@@ -362,7 +362,8 @@ class ExaminedRows:
         """Return the transmission measure (m,) of an output in m rows.
 
         The measure is 0 at singularities of type II (the output can move with locked
-        inputs), and 1 at best. It is NaN in rows without a configuration. `number` is the position of the output in the plan.
+        inputs), and 1 at best. It is NaN in rows without a configuration.
+        `number` is the position of the output in the plan.
         """
         assert self.plan.transmissions is not None
         transmission = self.plan.transmissions[number]
