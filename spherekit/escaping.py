@@ -65,6 +65,9 @@ def one_line(text: str) -> str:
     """Return a text on one line, with its hidden characters visible.
 
     Line ends, tabs and form feeds become spaces; spaces stay as they are.
+
+    Names from mechanism files are written into source code and reports. A hidden line end
+    could start something there.
     """
     return visible(re.sub(r" *[\t\n\v\f\r][\t\n\v\f\r ]*", " ", text), allowed="")
 
@@ -72,9 +75,10 @@ def one_line(text: str) -> str:
 def c_comment(line: str) -> str:
     r"""Return one line for a comment of C or C++, ``/* ... */`` or ``//``.
 
-    ``*/`` would end a comment and ``/*`` is an error under ``-Werror=comment``. A
-    backslash at the end of a line joins the next line to it, also when spaces follow it
-    or when it is written as the trigraph ``??/``.
+    The text comes from a mechanism file and must not end the comment or cause a warning.
+    ``*/`` would end it, and ``/*`` is an error under ``-Werror=comment``. A backslash at
+    the end of a line joins the next line to it. So does a backslash before spaces, or the
+    trigraph ``??/``.
     """
     line = re.sub(r"\?(?=\?)", "? ", one_line(line))
     line = line.replace("*/", "* /").replace("/*", "/ *")
@@ -84,8 +88,9 @@ def c_comment(line: str) -> str:
 def javascript_comment(line: str) -> str:
     """Return one line for a ``//`` comment of JavaScript, also within a page.
 
-    Within a page ``</script`` ends a script, and after ``<!--`` and ``<script`` its end is
-    no longer found. A space after each ``<`` prevents both.
+    In an HTML page ``</script`` ends the script, even in a comment. After ``<!--`` and
+    ``<script``, browsers no longer find the end of the script. A space after ``<`` prevents
+    both.
     """
     return re.sub(r"<(?=[!/?A-Za-z])", "< ", one_line(line))
 
@@ -93,7 +98,8 @@ def javascript_comment(line: str) -> str:
 def python_comment(line: str) -> str:
     """Return one line for a ``#`` comment of Python.
 
-    ``coding:`` in the first two lines of a file states its encoding (PEP 263).
+    In the first two lines of a file, a comment with ``coding:`` states the encoding (PEP
+    263). A space prevents this.
     """
     return re.sub(r"coding(?=[:=])", "coding ", one_line(line))
 
@@ -112,7 +118,7 @@ def julia_string(text: str) -> str:
 
 
 def json_text(value: Any, indent: int | None = None) -> str:
-    r"""Return JSON, which is a literal of JavaScript too, for files, terminals and pages.
+    r"""Return a value as JSON that can stand in files, terminals and scripts of pages.
 
     It is read as the same value everywhere. Hidden characters are escaped for terminals
     and for JavaScript, where U+2028 ends lines. ``<`` is escaped for pages, where
@@ -180,10 +186,10 @@ def markdown_text(text: str) -> str:
 
 
 def plot_text(text: str) -> str:
-    r"""Return a text for Matplotlib.
+    r"""Return a text that Matplotlib prints as it is.
 
-    A pair of ``$`` would begin a formula, and a curve whose label begins with ``_`` is
-    left out of the legend, so that a space is put in front of it.
+    A pair of ``$`` would begin a formula. A curve with a label that begins with ``_`` is
+    left out of the legend, so a space is put in front.
     """
     escaped = visible(text).replace("$", "\\$")
     return f" {escaped}" if escaped.startswith("_") else escaped

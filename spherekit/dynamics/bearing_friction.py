@@ -108,16 +108,16 @@ class IndeterminateForces:
 def diagnose_indeterminate_forces(
     mechanism: Mechanism, frames: Floats
 ) -> IndeterminateForces:
-    """Return the information that a file lacks, so that forces of pairs are not determined.
+    """Return what a file must still state, so that the forces in all pairs are determined.
 
-    It consists of centres of mass, distances of contacts, and pairs that would have to
-    float: to let their links slide along the axis. The function chooses these pairs.
+    The result has centres of mass, distances of contacts, and pairs (joints) that would
+    have to float: to let their links slide along the axis. The function chooses these
+    pairs.
 
-    Reactions that balance each other without loads form a linear space, and no equation
-    determines their sizes. A pair that floats has no axial force. This removes one
-    dimension of the space, unless the axial force is zero everywhere in the space. The
-    floating pairs are chosen one after another, always the pair whose axial force has the
-    largest part in the remaining space.
+    Reactions that balance each other without loads are not determined by equilibrium. They
+    form a linear space. A floating pair has no axial force, which removes one dimension of
+    this space. The pairs are chosen one after another, each with the largest axial force in
+    the remaining space.
 
     Parameters
     ----------
@@ -438,20 +438,23 @@ class FrictionEquation:
         return np.sum(np.linalg.norm(self.compute_loads(friction), axis=3), axis=2)
 
     def find_contracting_rows(self) -> Bools:
-        """Return in which rows (n,) the friction has a single solution for certain.
+        """Return (n,) in which rows the friction torques certainly have a single solution.
 
-        The right side of the equation changes by at most B times a change of f, with
-        B_kl = |r_k| sum_j |b_kjl|. If the largest eigenvalue of B is below 1, the equation
-        is a contraction.
+        A row is one time or configuration. The equation is f_k = r_k sum_j |a_kj + sum_l
+        b_kjl f_l| for the friction torque f_k of pair k. Its right side changes by at most
+        B times a change of f, with B_kl = |r_k| sum_j |b_kjl|. If the largest eigenvalue of
+        B is below 1, the equation is a contraction.
         """
         sensitivities = np.sum(np.linalg.norm(self.per_friction, axis=3), axis=2)
         eigenvalues = np.linalg.eigvals(np.abs(self.factors)[..., None] * sensitivities)
         return max_abs(eigenvalues, axis=1) < 1.0
 
     def right_side_slope(self, friction: Floats) -> Floats:
-        """Return the derivatives (n, k, l) of the right side of pair k by f_l.
+        """Return (n, k, l) the derivatives of the right side for pair k by f_l.
 
-        The derivative of |load| is the unit vector of the load times its derivative.
+        The equation for the friction torque of pair k is f_k = r_k sum_j |load_kj|, in n
+        rows. The loads depend on all friction torques f. The derivative of |load| is the
+        unit vector of the load times the derivative of the load.
         """
         load_vectors = self.compute_loads(friction)
         lengths = np.linalg.norm(load_vectors, axis=3, keepdims=True)

@@ -124,9 +124,9 @@ class CollocationStep:
     rate_weights
         (k, m, variables) weights of the rates of the pair variables in the rates of the m
         coordinates, at k times of the step in rising order. Each momentum belongs to one of
-        these coordinates. With one degree of freedom, k = N: the unit tangent of the
-        configuration curve at each node. With several, k = 1, since the weights are the
-        same in the whole step.
+        these coordinates. With one degree of freedom, k = N, and the weights are the unit
+        tangent of the configuration curve at each node (time of the method). With several,
+        k = 1, since the weights are constant in the step.
     """
 
     start: float
@@ -151,12 +151,12 @@ class CollocationStep:
         return np.asarray(0.5 * self.length * legendre.legint(self.series, lbnd=-1))
 
     def evaluate_series(self, series: Floats, t: Floats) -> Floats:
-        """Return the values (n, columns) of Legendre series over the step.
+        """Return the values (n, columns) of Legendre series at n times within the step.
 
         Parameters
         ----------
         series
-            (k, columns) coefficients.
+            (k, columns) coefficients of the series, one series in each column.
         t
             (n,) times, s.
         """

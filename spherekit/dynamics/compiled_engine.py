@@ -513,7 +513,7 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
 def _describe_joint_limit(
     problem: Problem, end_states: PathStates, run: TaylorRun
 ) -> SimulationEnd:
-    """Return the end of a simulation at a joint limit, which is the last event of a run.
+    """Return why a simulation ended: a joint limit, the last event of an integration.
 
     `end_states` has one row, the state at the end.
     """

@@ -62,9 +62,10 @@ can miss a crossing.
 class EquationArguments(NamedTuple):
     """The arguments of `compile_equation`, from which an equation can be compiled again.
 
-    Machine code cannot be pickled, so an equation is pickled as these arguments. Loading it
-    compiles it again, or uses the equation that the process has compiled before. The fields
-    are the parameters of `compile_equation`.
+    Machine code cannot be pickled (written as bytes for another process). An equation is
+    therefore pickled as these arguments. Loading it compiles it again, or uses the equation
+    that the process has compiled before. The fields are the parameters of
+    `compile_equation`.
     """
 
     mechanism: Mechanism
@@ -150,8 +151,9 @@ class CompiledEquation:
     def measure_independence(self, values: Floats) -> Floats:
         """Return the measure (n,) of independence of the loop-closure equations.
 
-        It is zero where these equations depend on each other, so that sets of
-        configurations cross. `values` (n, variables) are the pair variables (rad).
+        It is zero where these equations depend on each other, that is where curves or
+        surfaces of configurations cross. `values` (n, variables) are the pair variables
+        (rad).
         """
         return self.rates_function(values.T)[-1]
 
@@ -325,10 +327,11 @@ def _limit_tolerance(tolerance: float, coordinates: Sequence[str]) -> float:
 
 
 def _cache_key(mechanism: Mechanism, step_tolerance: float, compact: bool) -> str:
-    """Return a text that distinguishes the compiled equations of one mechanism.
+    """Return a text that distinguishes the compiled equations of motion of one mechanism.
 
-    `mechanism` is that of the user. Its inputs matter even if other pairs are the
-    coordinates, because an event of the equation is a singularity of type II of the inputs.
+    Compiling takes long, so equations are stored in a cache with this key. `mechanism` has
+    the inputs of the user. They matter even if other pairs are the coordinates: the
+    equation reports where the inputs do not determine the motion (type II singularity).
     """
     return repr(("motion", step_tolerance, compact, mechanism.input_pairs))
 

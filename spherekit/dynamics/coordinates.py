@@ -69,10 +69,10 @@ class CoordinateMotion(ArrayRows):
     frames: Floats
 
     def with_senses(self, senses: Floats) -> "CoordinateMotion":
-        """Return the motion with all coordinates reversed in rows whose sense is -1.
+        """Return the motion with all coordinates reversed in rows that have the sense -1.
 
-        First derivatives change their signs. Second derivatives stay the same, because they
-        change their signs twice, even if they are by two different coordinates.
+        A row is one configuration. First derivatives change their signs. Second derivatives
+        stay the same, because two signs cancel.
 
         Parameters
         ----------

@@ -107,9 +107,11 @@ class InertiaRoots:
         return self._scale_components(x, 1.0 / self.eigenvalues)
 
     def _scale_components(self, x: Floats, factors: Floats) -> Floats:
-        """Return x (n, m), multiplied by a factor along each eigenvector of R.
+        """Return vectors x (n, m) after a stretch along the eigenvectors of the matrices R.
 
-        The factor (n, m) of an eigenvector applies to the component of x along it.
+        R is the root of an inertia matrix. The component of x along an eigenvector is
+        multiplied by the factor (n, m) of this eigenvector. With powers of the eigenvalues
+        as factors, the result is x times a power of R.
         """
         components = factors[..., None] * (transpose(self.eigenvectors) @ x[..., None])
         return (self.eigenvectors @ components)[..., 0]
@@ -205,7 +207,7 @@ class StateDynamics:
 
 
 class EquationOfMotion:
-    """The equation of motion of one mechanism with its loads: rates of its state.
+    """The equation of motion of a mechanism under loads: it gives the rates of its state.
 
     A state (variables + m + loads,) has the pair variables (rad), the m momenta p = R u and
     the work of each load (J). R is the symmetric root of the inertia matrix. The rates u
@@ -359,9 +361,10 @@ class EquationOfMotion:
         return motion.with_senses(senses)
 
     def project_once(self, values: Floats) -> tuple[Floats, float]:
-        """Return a configuration (variables,) after one Newton step that closes its loops.
+        """Move a configuration (variables,) towards closed loops by one Newton step.
 
-        The second value is the closure residual before the step, rad.
+        Integration errors open the loops a little. The second value that is returned is the
+        closure residual before the step, rad.
         """
         linearisation = self.closure.linearise(values[None])
         return _project_step(linearisation)[0], float(linearisation.closure_residual[0])
@@ -396,8 +399,8 @@ class EquationOfMotion:
             in the rate of each coordinate. With one degree of freedom and the shape
             (1, variables), rows must be in order along the motion. See `compute_motion`.
         whole_turns
-            (n, variables) angles (rad) of the whole turns that the states leave out, but on
-            which loads may depend.
+            (n, variables) multiples of 2 pi (rad) that the states leave out, but on which
+            loads such as springs may depend.
         needs_second_order
             Whether the caller needs `StateDynamics.masses`, the inertia with derivatives.
             Second-order derivatives take more time. Several degrees of freedom and friction
@@ -479,10 +482,10 @@ class EquationOfMotion:
 
 
 def _project_step(linearisation: Linearisation) -> Floats:
-    """Return the values (n, variables) after one Newton step to closed configurations.
+    """Return pair variables (n, variables) after one Newton step that closes the loops.
 
-    The step is normal to the closed configurations, so that it does not move the mechanism
-    along them, and is at most `MAX_PROJECTION_STEP_RAD` long.
+    The step is normal to the set of closed configurations, so that the mechanism does not
+    move along this set. The step is at most `MAX_PROJECTION_STEP_RAD` long.
     """
     inverse = np.linalg.pinv(linearisation.jacobian, rcond=PROJECTION_RANK_RATIO)
     steps = (inverse @ linearisation.residual[..., None])[..., 0]

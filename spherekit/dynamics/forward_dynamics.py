@@ -91,8 +91,8 @@ def simulate(
     assembly_mode
         Number of the assembly mode at the start.
     tolerance
-        Error of the pair variables (rad) for which steps are made. Motions that depend
-        strongly on their start multiply errors beyond it; see `check`.
+        Error of the pair variables (rad) for which steps are chosen. In motions that depend
+        strongly on their start, errors grow beyond it; see `check`.
     switches
         Times (s) at which expressions of loads have kinks. The kinks of torque tables need
         not be given.
@@ -261,7 +261,8 @@ def _explain_reference(
 def _largest_difference(simulation: Simulation, reference: Simulation) -> float:
     """Return the largest difference (rad) of any pair variable between two simulations.
 
-    It is infinite if the simulations end for different reasons.
+    The reference has a smaller tolerance, so the difference is an estimate of the error. It
+    is infinite if the simulations end for different reasons.
     """
     if simulation.end.kind != reference.end.kind:
         return np.inf
@@ -297,11 +298,11 @@ FORECAST_REASON = (
 def _simulate_by_choice(
     problem: Problem, tolerance: float, engine: EngineChoice
 ) -> Simulation:
-    """Return the motion by NumPy, or by the engine that is expected to need less time.
+    """Return the simulated motion, by NumPy or by the compiled engine, whichever is faster.
 
-    The NumPy engine starts. It continues as long as it is expected to finish sooner than
-    the compiled engine would, compiling included. If the equation is already compiled, or
-    if NumPy would solve the problem less well, the compiled engine is used at once.
+    The compiled engine is fast, but compiling takes time. The NumPy engine starts, and
+    continues if it is expected to finish sooner, compiling included. The compiled engine is
+    used at once if the equation is already compiled, or if NumPy would be less accurate.
 
     Parameters
     ----------

@@ -167,7 +167,7 @@ class Loads:
                 yield UnitWrench(link, moment, force=direction)
 
     def _pair_rate(self, rates: Floats, pair: str) -> Floats:
-        """Return the rate (...) of an R pair, or the sliding rate of a contact.
+        """Return the rate (...) at which a pair turns (R pair) or slides (contact).
 
         `rates` (..., variables) are those of all variables. The variables of a contact are
         arcs along its two profiles, and it slides at the difference of their rates.
@@ -289,8 +289,9 @@ class Loads:
 
 
 def rates_by_time(motion: CoordinateMotion, speed: Floats) -> Floats:
-    """Return the rates by time (n, variables) of all variables.
+    """Return the rates (n, variables) of all pair variables by time.
 
-    `speed` (n, m) are the rates of the coordinates of `motion` by time.
+    `speed` (n, m) are the rates of the m coordinates by time, and `motion` has the
+    derivatives of the pair variables by these coordinates.
     """
     return (speed[:, None] @ motion.rates)[:, 0]

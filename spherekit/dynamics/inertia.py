@@ -129,12 +129,12 @@ def inertia_matrix(mechanism: Mechanism, motion: CoordinateMotion) -> Floats:
 
 
 def _derivatives_seen_from_links(motion: CoordinateMotion) -> Floats:
-    """Return the change of each link's angular velocity, as seen from the turning link.
+    """Return derivatives of the angular velocities of links, as seen from each link.
 
-    The result (n, m, m, links, 3) has the vectors dw_i/dq_k - w_k x w_i at [:, i, k], in
-    ground axes: the derivative of w_i in the ground, less its change by the rotation of the
-    link with w_k. Their components along link axes are the derivatives of the components of
-    w_i.
+    w_i is the angular velocity of a link per unit rate of coordinate i. The result (n, m,
+    m, links, 3) has the vectors dw_i/dq_k - w_k x w_i at [:, i, k], in ground axes. The
+    second term takes off the change by the rotation of the link. In link axes, the inertia
+    of a link is constant, so these derivatives give those of the inertia matrix.
     """
     w_i = motion.w[:, :, None]
     w_k = motion.w[:, None]
@@ -273,19 +273,20 @@ def _inertia_by_rounding(mechanism: Mechanism, motion: CoordinateMotion) -> floa
 
 
 def christoffel(dM: Floats) -> Floats:
-    """Return the Christoffel symbols c (n, m, m, m).
+    """Return the Christoffel symbols c (n, m, m, m) of n inertia matrices M.
 
-    `dM` (n, m, m, m) are the derivatives of the inertia matrix, at [i, j, k] that of M_ij
-    by coordinate k.
+    They give the velocity-dependent torques, sum of c_ijk q'_j q'_k. `dM` (n, m, m, m) has
+    at [i, j, k] the derivative of M_ij by coordinate k. Then c_ijk = (dM_ij/dq_k +
+    dM_ik/dq_j - dM_jk/dq_i) / 2.
     """
     return 0.5 * (dM + (np.swapaxes(dM, 2, 3) - np.moveaxis(dM, 3, 1)))
 
 
 def coriolis(dM: Floats, rates: Floats) -> Floats:
-    """Return the velocity-dependent torques C q' (n, m).
+    """Return the velocity-dependent (Coriolis and centrifugal) torques C q' (n, m).
 
-    `dM` (n, m, m, m) are the derivatives of the inertia matrix, `rates` (n, m) those of the
-    coordinates.
+    `dM` (n, m, m, m) are the derivatives of the inertia matrix by the m coordinates (last
+    axis). `rates` (n, m) are the rates of the coordinates by time.
     """
     return np.einsum("nijk,nj,nk->ni", christoffel(dM), rates, rates)
 

@@ -8,7 +8,7 @@ from spherekit.errors import SolveError
 
 
 def only_column(columns: Floats) -> Floats:
-    """Return the only column (...) of an array (..., inputs).
+    """Return the values (...) of the only input from an array (..., inputs).
 
     Raises
     ------

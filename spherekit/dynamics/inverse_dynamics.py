@@ -53,9 +53,10 @@ def total(parts: Floats, status: SmallIntegers) -> Floats:
 
 
 def of_parts(parts: Floats, status: SmallIntegers) -> SmallIntegers:
-    """Return the status (n, k) of each part (n, k) of a sum.
+    """Return the status (n, k) of each of k parts of a sum, such as the torques of loads.
 
-    The status is OK if the part is finite, and otherwise the `status` (n,) of its row.
+    The status of a finite part is OK. Any other part has the `status` (n,) of its row,
+    which says why there is no number.
     """
     return np.where(np.isfinite(parts), np.int8(Status.OK), status[:, None])
 
@@ -124,7 +125,7 @@ def _set_unknown_inertia(masses: Inertia, has_rates: Bools) -> None:
 
 
 def _find_finite_loads(forces: Floats, rates: Floats) -> Bools:
-    """Return (n, loads) whether the generalised forces and the power of a load are finite.
+    """Return (n, loads) whether generalised forces and power of each load are finite.
 
     Parameters
     ----------
@@ -140,7 +141,7 @@ def _find_finite_loads(forces: Floats, rates: Floats) -> Bools:
 
 @dataclass(frozen=True)
 class InverseSolution(InputMotion):
-    """The driving torques of a motion at n rows.
+    """The driving torques of a motion, at n times in one or more assembly modes.
 
     The rows are the times of the first assembly mode, then those of the next one, and so
     on. An assembly mode is one of the ways to assemble the links at the same inputs. Failed
@@ -307,10 +308,10 @@ class InverseSolution(InputMotion):
         return only_column(np.moveaxis(self.rates, 1, 2))
 
     def torque_at(self, pair: str) -> Floats:
-        """Return the torque (n,), N m, at another R pair that replaces the driving torque.
+        """Return (n,) the torque (N m) that would drive the motion at another R pair.
 
-        It has the same effect on the motion. It is not finite at dead centres of this pair,
-        where no torque at the pair has this effect.
+        This torque replaces the driving torque and has the same effect. It is not finite at
+        dead centres of the pair, where a torque at the pair cannot move the mechanism.
         """
         (variable,) = self.mechanism.variables_of(self.mechanism.pair_number[pair])
         with np.errstate(divide="ignore", invalid="ignore"):

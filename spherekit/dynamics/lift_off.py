@@ -30,7 +30,9 @@ LIFT_OFF_TOLERANCE_S = 1e-14
 
 @dataclass(frozen=True)
 class ContactPushes:
-    """The pushes of one-sided contacts at n times.
+    """The forces with which one-sided contacts press or pull, at n times.
+
+    A one-sided contact can only press. If it would have to pull, its links lift off.
 
     Attributes
     ----------
@@ -48,8 +50,9 @@ class ContactPushes:
 def end_at_lift_off(simulation: Simulation) -> Simulation:
     """Return a simulation up to the time at which a one-sided contact would have to pull.
 
-    Without one-sided contacts, or if they press all the time, it is returned unchanged.
-    Pushes are computed at some times of each step, so short pulls between can be missed.
+    There the links would lift off. Without one-sided contacts, or if they press all the
+    time, the simulation is returned unchanged. Pushes are computed at some times of each
+    step, so short pulls between can be missed.
 
     Raises
     ------

@@ -30,11 +30,11 @@ def parameter_symbol(number: int) -> ExpressionNode:
 
 
 class EquationLayout:
-    """Positions of quantities in the state and among the parameters of an equation.
+    """Indices of quantities in the state and among the parameters of a compiled equation.
 
     The state is `variables`, `momenta`, `works`. The parameters are, in this order:
 
-    - the whole turns by which each variable is reduced. A spring, for example, needs the
+    - the whole turns that are taken off each variable. A spring, for example, needs the
       full angle,
     - the unit of momentum, which depends on the start of the motion, and its reciprocal.
       The equation multiplies by the reciprocal instead of dividing,
@@ -201,9 +201,11 @@ class EquationLayout:
         return parameter_symbol(self.switch_parameters + index)
 
     def _make_table_torque(self, name: str) -> Expr:
-        """Return the torque of a table, which is linear in time in the current interval.
+        """Return the torque given by a table over time, as an expression for one interval.
 
-        The start of the interval, and value and slope of the table there, are parameters.
+        It is linear in time. The start of the interval, and value and slope of the table
+        there, are parameters of the equation. They change from interval to interval without
+        compiling again.
         """
         interval_start = parameter_symbol(self.table_parameters)
         number = self.table_parameters + 1 + 2 * self.table_names.index(name)
@@ -213,9 +215,10 @@ class EquationLayout:
 
 
 def _number_consecutively(**counts: int) -> dict[str, int]:
-    """Return the first number of each group of parameters, numbered from 0 in this order.
+    """Return the index of the first parameter of each group, by the name of the group.
 
-    `counts` are the numbers of parameters in the groups.
+    `counts` are the numbers of parameters in the groups. The groups follow each other in
+    this order, from index 0.
     """
     first_numbers = {}
     next_number = 0

@@ -56,7 +56,9 @@ def total_moment_of_inertia(mechanism: Mechanism) -> float:
 def derive_multi_dof_equation(
     mechanism: Mechanism, values: Floats, input_variables: Sequence[int]
 ) -> EquationExpressions:
-    """Return the equations of motion of a mechanism whose inputs are the coordinates.
+    """Return the equations of motion of a mechanism as symbolic expressions.
+
+    The inputs of `mechanism` are the coordinates of the equations.
 
     Parameters
     ----------
@@ -66,7 +68,8 @@ def derive_multi_dof_equation(
         (variables,) a closed configuration, rad. If closure equations are redundant, those
         that are independent in this configuration are used.
     input_variables
-        Numbers of the variables of the inputs that the user chose, for the event "type_2".
+        Indices of the variables of the user's inputs, which may be other pairs. The event
+        "type_2" occurs where these inputs do not determine the motion.
     """
     layout = EquationLayout(mechanism)
     structure = KinematicStructure.from_mechanism(
@@ -227,7 +230,7 @@ def _derive_events(
     independence
         Measure of the independence of the closure equations.
     input_variables
-        Numbers of the variables of the inputs that the user chose.
+        Indices of the variables of the inputs that the user chose.
     """
     tau = coordinate_rates.tau
     inverse_scale = 1.0 / coordinate_rates.scale

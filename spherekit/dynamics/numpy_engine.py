@@ -222,7 +222,7 @@ class StepEvent(NamedTuple):
 
 
 class Collocation:
-    """One integration of a problem by Gauss collocation, continued step by step.
+    """Integrates the equation of motion by Gauss collocation, step by step.
 
     A state (states,) has the pair variables (rad), the momenta and the work of each load.
 
@@ -235,9 +235,9 @@ class Collocation:
     tolerance
         The tolerance of the pair variables, rad.
     rate_weights
-        (m, variables) the coordinates at the end of the last step. Each momentum belongs to
-        one of m coordinates, whose rate is a weighted sum of the rates of the pair
-        variables. Row i has the weights of coordinate i. With one degree of freedom it is
+        (m, variables) weights that define m coordinates at the end of the last step. The
+        rate of coordinate i is the sum of the rates of the pair variables with the weights
+        of row i. Each momentum belongs to one coordinate. With one degree of freedom it is
         the unit tangent of the configuration curve.
     steps
         The accepted steps.
@@ -258,9 +258,9 @@ class Collocation:
     max_closure_residual
         Largest closure residual that was removed between steps, rad.
     noisy_steps
-        Number of short noisy steps in a row.
+        Number of short noisy steps one after the other.
     end
-        The end, or None while the integration continues.
+        Time and reason of the end, or None while the integration continues.
     """
 
     def __init__(self, problem: Problem, tolerance: float) -> None:
@@ -543,9 +543,10 @@ class Collocation:
         return equation.evaluate(t, states, self.rate_weights, self.problem.turn_angles)
 
     def _close(self, state: Floats) -> Floats:
-        """Return the state (states,) after one Newton step that closes its loops.
+        """Return the state (states,) after one Newton step that closes the loops of links.
 
-        The closure residual that is removed is recorded in `max_closure_residual`.
+        Integration errors open the loops a little. The closure residual before the step is
+        recorded in `max_closure_residual`.
         """
         variables = self.equation.variable_count
         values, closure_residual = self.equation.project_once(state[:variables])
@@ -559,11 +560,12 @@ class Collocation:
         state: Floats,
         previous: CollocationStep | None,
     ) -> "StepAttempt":
-        """Solve the equations of a step with N nodes by iteration, and estimate its error.
+        """Solve the equations of a step by iteration, and estimate the error of the step.
 
-        The states at the nodes are the state at the start plus the integral of the
-        polynomial through the rates at the nodes, and the rates follow from the states.
-        Both are computed in turn until the states no longer change (Picard iteration).
+        Nodes are N times within the step. The states at the nodes are the state at the
+        start plus the integral of the polynomial through the rates at the nodes, and the
+        rates follow from the states. Both are computed in turn until the states no longer
+        change (Picard iteration).
 
         Parameters
         ----------
@@ -724,10 +726,11 @@ class Collocation:
         # `find_first_errors` can examine several steps at once. There is only one step
         # here, so the index of the step is not used.
         def probe(_: Indices, fractions: Floats) -> tuple[Floats, Floats]:
-            """Return errors of the rates, as multiples of the allowed error, at n times.
+            """Return errors of the rates at n places of the step, not only at nodes.
 
-            The second result are the arguments (n, k) of steep functions, such as x in
-            tanh(1000 x). Their zeros are probed, too.
+            The first result (n,) is the error as a multiple of the allowed error. The
+            second result (n, k) has the arguments of steep functions, such as x in
+            tanh(1000 x). Near their zeros a load changes fast, so these are probed, too.
             """
             rate_errors, steep_arguments = self._probe_step(step, fractions)
             return np.max(rate_errors, axis=1) / allowed_rate_error, steep_arguments
@@ -805,10 +808,11 @@ class Collocation:
         return step.rate_weights[nearest_nodes]
 
     def _is_noisy(self, step: CollocationStep) -> bool:
-        """Return whether the last Legendre coefficients of a step are noise.
+        """Return whether the rates in a step are dominated by rounding errors (noise).
 
-        The coefficients of smooth rates fall with their order. The last ones are noise if
-        they are not much smaller than the largest of the last two thirds of all.
+        The Legendre coefficients of smooth rates fall with their order. The last
+        coefficients are noise if they are not much smaller than the largest of the last two
+        thirds. Shorter steps would not reduce such an error.
         """
         sizes = max_abs(step.series[NODE_COUNT // 3 :] / self.scales, axis=1)
         largest_last = np.max(sizes[-LAST_COEFFICIENTS:])

@@ -59,13 +59,13 @@ class Stiffness:
 def output_stiffness(
     solution: InverseSolution, link: str, relative_to: str, stiffness: Floats
 ) -> Stiffness:
-    """Return the stiffness of a link if each input yields like a spring.
+    """Return the stiffness of a link against moments, if each input yields like a spring.
 
     Parameters
     ----------
     solution
-        Result of the computation of torques. Only the angular velocities of the links per
-        unit rate of each input are used.
+        Configurations with the motion of the links, from `inverse_dynamics` for example.
+        Only the angular velocities of the links per unit rate of each input are used.
     link
         Name of the link.
     relative_to

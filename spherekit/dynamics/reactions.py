@@ -110,11 +110,12 @@ class Reactions(JointReactions):
 
     @property
     def couples(self) -> Mapping[str, Floats]:
-        """Sizes of the bearing forces that the moment of a pair causes, N.
+        """Sizes (N) of the bearing forces that the moment of a pair causes.
 
-        The key is the name of the load (`Bearings`) that describes the bearings of a pair.
-        The sizes (n, bearings) are computed as if the pair transmitted only its moment
-        about the centre O, and no force through O.
+        Two bearings on the axis of a pair support its moment by a couple of forces. The key
+        is the name of the load (`Bearings`) that describes the bearings. The sizes (n,
+        bearings) are computed without the force that the pair transmits through the centre
+        O.
         """
         return {
             load.name: np.linalg.norm(
@@ -135,7 +136,7 @@ class Reactions(JointReactions):
 
     @property
     def push(self) -> Floats:
-        """(n, pairs) N m: force of a contact along its normal, times the radius.
+        """(n, pairs) N m: force of each contact along its normal, times the radius.
 
         It is positive if the contact presses, and NaN for R pairs.
         """
@@ -143,7 +144,7 @@ class Reactions(JointReactions):
 
     @property
     def traction(self) -> Floats:
-        """(n, pairs) N m: force of a contact along its tangent, times the radius.
+        """(n, pairs) N m: force of each contact along its tangent, times the radius.
 
         It acts on the second link. NaN for R pairs.
         """
@@ -199,7 +200,7 @@ def reactions(motion: Motion) -> Reactions:
     A component of a moment or force is undetermined (`opened`) if reactions can balance
     each other without loads. `lacking` names what the file would have to state to determine
     the forces, for example which bearings let their links slide. A link slides (`slides`)
-    if no pair holds it at the centre O of the mechanism.
+    if no pair fixes it at the centre O of the mechanism.
     """
     torques = needed_torques(motion)
     mechanism = motion.mechanism
@@ -214,7 +215,7 @@ def reactions(motion: Motion) -> Reactions:
     is_ok = torques.status == Status.OK
     joint_reactions = compute_reactions(driven.rows(is_ok), forces=True)
     # If components are undetermined, it is examined which further information would
-    # determine them. This is left out if a link slides, so that no pair holds it at O.
+    # determine them. This is left out if a link slides, since no pair fixes it at O.
     indeterminate_forces = IndeterminateForces()
     open_counts = np.count_nonzero(joint_reactions.opened, axis=(1, 2))
     if np.any(open_counts) and not np.any(joint_reactions.slides):

@@ -73,24 +73,25 @@ SingleFunction = Callable[[Any], list[float]]
 
 @dataclass(frozen=True)
 class StoredModel:
-    """Functions of m coordinates in one assembly mode of a mechanism.
+    """Stored functions of a mechanism in one assembly mode, such as inertia and torques.
 
-    An assembly mode is one of the ways in which the links can be assembled at the same
-    inputs. With one coordinate the functions are stored along the curve of configurations,
-    with several coordinates over a box of their ranges.
+    They replace the mechanism, for example in a controller. An assembly mode is one way to
+    assemble the links. With one coordinate the functions are stored along the curve of
+    configurations, with m coordinates over a box of their ranges.
 
     A point is a number along a curve, and a sequence (m,) over a box. Most methods take one
-    point, which is evaluated in the least time, or many points. Many points are an array of
-    any shape along a curve, and an array (n, m) over a box. If a curve is periodic,
-    coordinates beyond its ends are those of further laps. Other models are not defined
-    outside their range.
+    point, which is fast, or many points: an array of any shape along a curve, and an array
+    (n, m) over a box.
+
+    If a curve is periodic, coordinates beyond its ends are those of further laps. Other
+    models are not defined outside their range.
 
     Attributes
     ----------
     heading
         Names of the functions, loads and ranges.
     groups
-        The series of each group of functions in the heading.
+        The Chebyshev series of each group of functions in the heading.
     """
 
     heading: StoredHeading
@@ -180,9 +181,9 @@ class StoredModel:
     def _arguments(self, points: "PointRows") -> Floats:
         """Return the arguments (k, n) of the expressions of forces and torques at n points.
 
-        The rows are the stored functions of group 0, the rates and the accelerations of the
-        coordinates, the time, and the present torques of the loads given by tables. The
-        `points` have both derivatives.
+        A point is a value of the m coordinates. The rows are the stored functions of group
+        0 (those of the motion), the rates and accelerations of the coordinates, the time,
+        and the present torques of the loads given by tables.
         """
         functions = self._evaluate_group(0, points.coordinates)
         rate_rows = [row for rates in points.derivatives for row in rates.T]
@@ -191,20 +192,21 @@ class StoredModel:
 
     @cached_property
     def _torque_function(self) -> ArrayFunction:
-        """Function that returns the torques (N m) by the m coordinates at n points, (m, n).
+        """Function that returns the driving torques (m, n), N m, at n points.
 
-        Its argument is the array (k, n) of the method `_arguments`: stored functions,
-        rates, accelerations, times and torques of tables at the points.
+        There is one torque for each of the m coordinates. The argument is the array (k, n)
+        of the method `_arguments`: stored functions, rates, accelerations, times and
+        torques of tables at the points.
         """
         return array_function(self.heading.torques, self._symbols)
 
     @cached_property
     def _force_function(self) -> ArrayFunction:
-        """Function that returns the forces (N m) of all loads at n points, (loads * m, n).
+        """Function that returns the generalised forces (N m) of all loads, (loads * m, n).
 
-        The rows are the forces by the m coordinates of the first load, then of the next.
-        Its argument is the array (k, n) of the method `_arguments`: stored functions,
-        rates, accelerations, times and torques of tables at the points.
+        At n points, the rows are the forces by the m coordinates of the first load, then of
+        the next. The argument is the array (k, n) of the method `_arguments`: stored
+        functions, rates, accelerations, times and torques of tables at the points.
         """
         return array_function([*chain(*self.heading.forces)], self._symbols)
 
@@ -218,6 +220,8 @@ class StoredModel:
         """Return the values of one stored function at one point or at many points.
 
         `name` is one of the names in `heading.functions`.
+
+        A point is a coordinate along a curve, or (m,) inputs.
         """
         if self._is_single(x):
             return self._single_function(name)(x)[0]
@@ -399,9 +403,10 @@ class StoredModel:
         is_angle = variable in {f"theta_{pair}" for pair in heading.angles}
 
         def evaluate_distance(x: Floats) -> tuple[Floats, Floats]:
-            """Return a number that is 0 where the variable has `value`, and its derivative.
+            """Return a number that is 0 where a variable has `value`, and its derivative.
 
-            Both are (k,) at coordinates x (k,). The derivative is by x.
+            Both are (k,) at coordinates x (k,) along the curve of configurations. The
+            derivative is by x. Zeros of this number are the places that are searched.
             """
             values, rates = series.evaluate(x)[:, columns].T
             half_difference = 0.5 * (values - value)
@@ -487,12 +492,12 @@ class StoredModel:
 
     @cached_property
     def evaluate_configuration(self) -> SingleFunction:
-        """Function of one point: the values of the stored functions in the torques.
+        """Function of one point that returns the stored functions on which torques depend.
 
         These functions depend on the configuration alone, such as the inertia. With one
         coordinate x, the first two values are the inertia B and its derivative dB/dx, which
-        simulations read from the list. `torque_from_values` computes the torques from these
-        values and from the motion.
+        simulations use. `torque_from_values` computes the torques from these values and
+        from the motion.
         """
         # The first argument of a symbol is its name.
         names = (symbol.arguments[0] for symbol in self._configuration_symbols)
@@ -502,8 +507,9 @@ class StoredModel:
     def _evaluate_torques(self) -> FloatFunction:
         """Function that returns the torques at one point, as a list of floats.
 
-        Its argument is one list: the values of `evaluate_configuration`, then those of the
-        rates, the accelerations, the time and the torques of tables.
+        A point is a value of the coordinates. The argument is one list: the values of
+        `evaluate_configuration`, then those of the rates, the accelerations, the time and
+        the torques of tables.
         """
         heading = self.heading
         return float_function(
@@ -576,7 +582,7 @@ class StoredModel:
 
     @cached_property
     def _single_functions(self) -> dict[Names, SingleFunction]:
-        """Cache of `_single_function`.
+        """Cache of the functions that `_single_function` has created.
 
         A key has the names of some stored functions of the model. The value is a function
         that evaluates them at one point.
@@ -586,7 +592,8 @@ class StoredModel:
     def _single_function(self, *names: str) -> SingleFunction:
         """Return a Python function that evaluates some stored functions at one point.
 
-        `names` are the names of these stored functions. All belong to one group.
+        `names` are the names of these stored functions. All belong to one group (functions
+        that share a series). A point is a value of the coordinates.
         """
         if names not in self._single_functions:
             group, _ = self.heading.locate_function(names[0])
@@ -861,7 +868,10 @@ class PointRows:
 
 @checked(FileError)
 def load_reduced(path: AnyPath) -> StoredModel:
-    """Return a model that `StoredModel.save` wrote.
+    """Return a reduced model from a file that `StoredModel.save` wrote.
+
+    A reduced model has stored functions of a mechanism, such as its inertia, and replaces
+    the mechanism in simulation and control.
 
     Raises
     ------

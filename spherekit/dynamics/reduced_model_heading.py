@@ -143,7 +143,7 @@ class StoredHeading:
         Names of the stored poles (axes of relative rotation of two links), as
         LINK/RELATIVE_TO.
     loads
-        The loads, as magnitudes times stored functions.
+        The loads: their magnitudes, and the stored functions by which these are multiplied.
     inputs
         Names of the driven pairs.
     by
@@ -157,8 +157,8 @@ class StoredHeading:
     periodic
         Whether a curve is continued periodically beyond its ends.
     covered
-        Share of a box in which the functions are known. In the rest, the assembly mode does
-        not exist, or is too near to a singularity.
+        Share (0 to 1) of a box in which the functions are known. In the rest, the assembly
+        mode does not exist, or is too near to a singularity.
     groups
         Functions that are stored together: first those of the motion, then for each pole of
         a curve its functions, in the order of `poles`.
@@ -193,10 +193,10 @@ class StoredHeading:
 
     @property
     def _lower_triangle(self) -> list[tuple[str, str]]:
-        """Row and column of each entry of the inertia matrix up to its diagonal.
+        """Names of row and column of each entry of the inertia matrix up to its diagonal.
 
-        Rows and columns are named by the coordinates. The matrix is symmetric, so the other
-        entries are the same. The entries are listed row by row.
+        The matrix has a row and a column for each coordinate. It is symmetric, so these
+        entries determine the others. They are listed row by row.
         """
         return [(a, b) for i, a in enumerate(self.by) for b in self.by[: i + 1]]
 
@@ -204,7 +204,8 @@ class StoredHeading:
     def inertia(self) -> list[str]:
         """Names of the stored entries of the inertia matrix, row by row to its diagonal.
 
-        Along a curve, with one coordinate, the only entry is the inertia B.
+        The matrix is symmetric, so the entries above the diagonal are not stored. Along a
+        curve, with one coordinate, the only entry is the inertia B.
         """
         if self.is_curve:
             return ["B"]
@@ -243,13 +244,14 @@ class StoredHeading:
         return f"d({name})/d{self.by[0]}"
 
     def by_coordinates(self, name: str) -> list[str]:
-        """Return the names under which derivatives by each coordinate are stored.
+        """Return the names under which rates per unit rate of each coordinate are stored.
+
+        The rates are those of a pair variable, that is its derivatives, or of a load.
 
         Parameters
         ----------
         name
-            A pair variable, or a velocity of a load. Such a velocity is a rate already:
-            its value per unit rate of each coordinate is stored.
+            A pair variable, or a velocity at which a load does work.
         """
         if name not in self.variables:
             return [name] if self.is_curve else [f"{name} by {pair}" for pair in self.by]
@@ -258,9 +260,9 @@ class StoredHeading:
         return [f"d({name})/d(theta_{pair})" for pair in self.by]
 
     def locate_function(self, name: str) -> tuple[int, int]:
-        """Return the index of the group of a function, and its index within the group.
+        """Return the index of the group of a stored function, and its index in the group.
 
-        The functions of a group are stored together, see `groups`.
+        The functions of a group share one series, see `groups`.
 
         Raises
         ------
@@ -287,10 +289,11 @@ class StoredHeading:
 
     @cached_property
     def motion_symbols(self) -> list[ExpressionNode]:
-        """The symbols in `forces` and `torques` that are not stored functions.
+        """The symbols in forces and torques that change with the motion or the time.
 
-        These are the rates and the accelerations of the coordinates, the time, and the
-        present torques of the `tables`.
+        All other symbols are stored functions of the configuration. These symbols are the
+        rates and accelerations of the coordinates, the time, and the present torques of the
+        tables.
         """
         table_torques = [self._table_torque(table.name) for table in self.tables]
         return [*self._rates, *self._accelerations, self._time, *table_torques]
@@ -342,9 +345,10 @@ class StoredHeading:
         return [self._function_symbol(stored) for stored in self.by_coordinates(name)]
 
     def _load_magnitudes(self, load: StoredLoad) -> list[Expr]:
-        """Return the magnitudes of the components of a load as expressions.
+        """Return the magnitudes (N m or N) of the components of a load as expressions.
 
-        If a table gives the torque over time, it is the only component.
+        A component is a torque or force in one direction. If a table states the torque over
+        time, there is only this component.
         """
         if load.table is not None:
             return [self._table_torque(load.name)]
@@ -362,7 +366,7 @@ class StoredHeading:
         return convert_to_graph(law, nodes_by_name)
 
     def _load_variable(self, name: str) -> Expr:
-        """Return the quantity that a name in the expression of a load stands for.
+        """Return the symbolic expression for a name that a user wrote in a load.
 
         Names are ``theta_PAIR`` (angle of an R pair), ``dtheta_PAIR`` (its rate), and ``t``
         (time).
@@ -377,7 +381,7 @@ class StoredHeading:
 
     @cached_property
     def torques(self) -> list[Expr]:
-        """The driving torque M x'' + C x' - Q for each coordinate, as expressions.
+        """The driving torque M x'' + C x' - Q for each coordinate x, as expressions.
 
         M is the inertia matrix, C x' the products of rates with Christoffel symbols, and Q
         the generalised force of all loads.

@@ -96,7 +96,8 @@ def reduced_model(
     assembly_mode
         Number of the assembly mode.
     poles
-        The poles to store, such as ``"3/1"``; all by default.
+        The poles (axes of relative rotation of two links) to store, such as ``"3/1"``; all
+        by default.
     tolerance
         Error to reach, relative to the largest value of each function.
 
@@ -188,9 +189,10 @@ def _fit_curve_group(
 def _measure_curve_errors(
     series: PiecewiseChebyshev, sampler: CurveSampler, group: int
 ) -> Floats:
-    """Return the largest error (F,) of each of the F functions of a group.
+    """Return the largest error (F,) of each of F functions that are stored as series.
 
-    The series are compared with exact values between the samples of the fit.
+    The functions depend on one coordinate along the curve of configurations. The series are
+    compared with exact values at other places than those of the fit.
     """
     # Three places in each cell, at multiples of the golden ratio: these are neither nodes
     # of the series nor the places at which the fit checked itself.

@@ -155,16 +155,16 @@ def load_velocity_names(loads: Loads) -> dict[int, str]:
 
 
 class Sampler:
-    """Computes the functions of a mechanism that depend on the configuration alone.
+    """Computes the functions of a mechanism that a reduced model stores.
 
-    A reduced model stores these functions as series. This base class has the common parts
-    of `CurveSampler` (one input) and `BoxSampler` (several inputs).
+    They depend on the configuration alone, such as the inertia. This base class has the
+    common parts of `CurveSampler` (one input) and `BoxSampler` (several inputs).
 
     Attributes
     ----------
     nodes
-        The motion by the inputs at known configurations, from which Newton's method finds
-        others.
+        Known configurations with their derivatives by the inputs, from which Newton's
+        method finds others.
     driven
         Indices of the inputs among the pair variables.
     by
@@ -174,7 +174,7 @@ class Sampler:
     rise
         Growth of each pair variable over one period of a curve, rad.
     periodic
-        Whether the model has a period.
+        Whether the functions repeat along a closed curve.
     """
 
     nodes: CoordinateMotion
@@ -398,7 +398,7 @@ class Sampler:
 
 
 def _flatten_by_coordinate(derivatives: Floats) -> Floats:
-    """Return derivatives (n, m, k) of k functions by m coordinates as rows (n, k m).
+    """Return derivatives (n, m, k) of k functions by m coordinates as an array (n, k m).
 
     The derivatives of one function by all coordinates are next to each other.
     """
@@ -566,7 +566,7 @@ class CurveSampler(Sampler):
         return np.concatenate(functions, axis=1)
 
     def _compute_motion(self, x: Floats) -> CoordinateMotion:
-        """Return the motion with derivatives by the model's coordinate x.
+        """Return configurations with their derivatives by the coordinate x of the model.
 
         Parameters
         ----------
@@ -704,10 +704,11 @@ class CurveSampler(Sampler):
             self._store_second_lap()
 
     def _compute_axes_without_pairs(self, motion: CoordinateMotion) -> dict[Pole, Floats]:
-        """Return unit vectors (n, 3) along the poles whose links have no pair in common.
+        """Return unit vectors (n, 3) along the poles that are not the axis of a pair.
 
         A pole is the axis of relative rotation of two links. The vectors are in ground
-        axes, in either sense.
+        axes, in either sense. They are used to follow the sense of each axis along the
+        curve.
         """
         poles_at_pairs = set()
         for step in self.plan.steps:
@@ -718,10 +719,11 @@ class CurveSampler(Sampler):
         return {pole: axis for pole, axis in axes.items() if pole not in poles_at_pairs}
 
     def _choose_reference_direction(self, motion: CoordinateMotion) -> Floats:
-        """Return a vector (3,) with which the first direction of an axis is compared.
+        """Return a vector (3,) that decides the sense of an axis at the first sample.
 
-        It is the sum of the axes of all pairs (joints) in the first configuration. Any
-        other vector would serve as well.
+        An axis has two opposite senses. The one on the side of this vector is taken. The
+        vector is the sum of the axes of all pairs (joints). Any other vector would serve as
+        well.
         """
         # Columns of a frame: x, y, and z along the axis of the pair.
         frames = self._convert_motion(motion).frames
@@ -749,7 +751,9 @@ class CurveSampler(Sampler):
     def _check_axis_speeds(self, axes: Mapping[Pole, Floats]) -> None:
         """Raise `SolveError` if an axis turns too fast between samples to be followed.
 
-        `axes` are samples (n, 3) of each pole axis along the curve, in either sense.
+        `axes` are samples (n, 3) of the axis of each pole along the curve, in either sense.
+        A pole is the axis of relative rotation of two links. The sense of an axis is
+        carried on from sample to sample, which is only certain if the axis turns little.
         """
         for axis in axes.values():
             cosines = np.abs(np.vecdot(axis[1:], axis[:-1]))
@@ -817,7 +821,8 @@ def _append_second_lap(first_lap: Floats, is_reversed: bool) -> Floats:
 class BoxSampler(Sampler):
     """Computes the functions that a reduced model of several inputs stores.
 
-    The ranges of the inputs form a box. The functions can be computed at any inputs in it.
+    The ranges of the inputs form a box. The functions depend on the configuration alone,
+    and are computed at any inputs in the box.
     """
 
     def __init__(

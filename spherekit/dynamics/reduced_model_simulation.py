@@ -105,8 +105,9 @@ def simulate_reduced(
     times
         (n,) increasing times, s. The motion starts at the first one.
     x, dx
-        Coordinate of the model and its rate at the start, in `angle_unit`, by default rad
-        and rad/s.
+        Coordinate of the model (variable of the input, or arc length of the curve of
+        configurations) and its rate at the start, in `angle_unit`, by default rad and
+        rad/s.
     tolerance
         Intended error of x, rad.
     switches

@@ -95,7 +95,7 @@ def refined(
     until
         Time (s) at which the reference ends.
     arithmetic
-        As in `reference_simulation`.
+        The number of digits, as in `reference_simulation`.
 
     Raises
     ------
@@ -122,9 +122,11 @@ def refined(
     (q,), (dq,) = start.each(mechanism.input_pairs)
 
     def approximate_motion(t: Floats) -> tuple[Floats, Floats]:
-        """Return values and rates (n, variables) of the simulation at times (n,), s.
+        """Return the approximate motion in float64, from which the iteration starts.
 
-        After the end of the simulation the variables are extrapolated at constant rates.
+        The result has the values and rates (n, variables) of the pair variables at times
+        (n,), s. After the end of the simulation the variables are extrapolated at constant
+        rates.
         """
         path_states = simulation.path.evaluate(np.clip(t, 0.0, end.t))
         rates = path_states.rates[:, : simulation.equation.variable_count]

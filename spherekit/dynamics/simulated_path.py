@@ -93,7 +93,7 @@ class StatePath:
 
     @property
     def checked_steps(self) -> Indices:
-        """Numbers of the steps at which energy and power balances are checked.
+        """Indices of the integration steps at which energy and power balances are checked.
 
         They are evenly distributed. To limit computing time, there are at most
         `MAX_CHECKED_STEPS` of them.
@@ -194,12 +194,14 @@ class MomentumConversion(Protocol):
     """
 
     def convert_momenta(self, states: Floats, state_rates: Floats) -> None:
-        """Replace the momenta in n states and in their rates by time, in place.
+        """Replace the momenta of the compiled engine by those of a simulation, in place.
+
+        Both describe the same velocities by other numbers.
 
         Parameters
         ----------
         states, state_rates
-            (n, states) states and their rates by time.
+            (n, states) states (pair variables, momenta, works) and their rates by time.
         """
 
     def compute_rate_weights(self, states: Floats) -> Floats:
@@ -239,7 +241,9 @@ class CurveMomentumConversion:
     sense: float
 
     def convert_momenta(self, states: Floats, state_rates: Floats) -> None:
-        """Give the momentum the sign that it has in a simulation, in place.
+        """Change the sign of the momentum to that of a simulation, in place.
+
+        The compiled engine may count the opposite direction of motion as positive.
 
         Parameters
         ----------
@@ -292,9 +296,9 @@ class CoordinateMomentumConversion:
     """Converts states of the compiled engine if there are several degrees of freedom.
 
     The velocity of the mechanism is given by the rates u of its m coordinates, which are
-    some of the pair variables. The compiled engine stores scaled rates s u. A simulation
-    stores momenta p = R u, with which the kinetic energy is p^2 / 2 in all configurations.
-    R is the symmetric root of the inertia matrix, M = R R.
+    some of the pair variables (joint angles). The compiled engine stores scaled rates s u.
+    A simulation stores momenta p = R u, with which the kinetic energy is p^2 / 2 in all
+    configurations. R is the symmetric root of the inertia matrix, M = R R.
 
     Attributes
     ----------

@@ -211,7 +211,7 @@ class History(InputMotion):
 
 @dataclass(frozen=True)
 class Simulation:
-    """The motion of a mechanism under its loads, as far as it was computed.
+    """The simulated motion of a mechanism under its loads, from the start to the end.
 
     Attributes
     ----------
@@ -275,20 +275,20 @@ class Simulation:
         )
 
     def _describe_difference(self, error: float) -> str:
-        """Return the difference (rad) from a simulation with a smaller tolerance as text.
+        """Return a text on the difference (rad) from a simulation with a smaller tolerance.
 
-        It is infinite if the two simulations end for different reasons.
+        This difference is an estimate of the error. It is infinite if the two simulations
+        end for different reasons.
         """
         if np.isfinite(error):
             return f"its error is {error:.1e} rad"
         return "it ends in another way with a smaller tolerance"
 
     def _describe_power_error(self) -> str:
-        """Return the error of the momenta as text, in the form of a power.
+        """Return a text on the error of the momenta, as a power (W).
 
-        A power (W) can be compared with those of the loads. It follows from the error of
-        dp/dt: times the momentum p, that is an error of the rate of the kinetic energy
-        p^2 / 2.
+        The error of dp/dt times the momentum p is an error of the rate of the kinetic
+        energy p^2 / 2. As a power it can be compared with the powers of the loads.
         """
         return (
             f"the power of the loads and the kinetic energy differ by "
@@ -417,7 +417,7 @@ class Simulation:
         )
 
     def _choose_check_times(self) -> tuple[Floats, Floats]:
-        """Return times (n,) at which errors are computed, and the lengths of their steps.
+        """Return times (n,) at which errors are computed, and (n,) lengths of their steps.
 
         They are three times within each step of a selection (`checked_steps`), and the end
         of the simulation. The end gets the step length 0.
@@ -480,7 +480,8 @@ class Simulation:
 def _accelerations_by_time(dynamics: StateDynamics) -> Floats:
     """Return the accelerations (n, variables) of the pair variables, rad/s2.
 
-    With the rates u of the coordinates x, they are
+    The pair variables v depend on the coordinates x, which have the rates u. So the
+    accelerations are
 
         sum_i dv/dx_i du_i/dt + sum_ij d2v/(dx_i dx_j) u_i u_j.
     """

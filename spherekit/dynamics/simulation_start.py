@@ -371,7 +371,7 @@ def make_input_torques(mechanism: Mechanism, torque: Torques | None) -> list[Pai
 
 
 def variable_of(mechanism: Mechanism, pair: str) -> int:
-    """Return the index of the variable of an R pair.
+    """Return the index of the angle of an R pair among the pair variables.
 
     `SpherekitError` is raised if the name `pair` is not that of an R pair.
     """
@@ -594,11 +594,13 @@ def _check_joint_limits(mechanism: Mechanism, values: Floats) -> None:
 
 
 def _list_table_knots(mechanism: Mechanism, until: float) -> Iterable[float]:
-    """Yield the times (s) at which torque tables have kinks.
+    """Yield the times (s) at which torques given by tables have kinks.
 
-    An error is raised if a table does not cover the simulated time.
+    A table is linear between its knots, and a step of the integration must end at each of
+    them.
     """
     for load in mechanism.loads:
         if isinstance(load, TorqueTable):
+            # This raises an error if the table does not cover the simulated time.
             load.at(np.array([0.0, until]))
             yield from load.knots(0.0, until)

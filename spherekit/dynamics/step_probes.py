@@ -98,9 +98,9 @@ def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
 def _list_even_places() -> Floats:
     """Return the rising places, fractions of a step, at which all steps are probed.
 
-    They are evenly spaced from 0 to 1. Two further places are right beside the ends. An
-    extremum is found between the outer two of three successive places. With the further
-    places this also works right at the ends.
+    Places are fractions of the length of a step. Most are evenly spaced from 0 to 1, and
+    two more are right beside the ends. An extremum is found between the outer two of three
+    successive places. With the two further places, extrema right at the ends are found too.
     """
     return np.sort([*np.linspace(0.0, 1.0, EVEN_PROBES), END_DISTANCE, 1.0 - END_DISTANCE])
 
@@ -127,19 +127,21 @@ def _find_critical_places(
     """
 
     def evaluate_arguments(steps: Indices, places: Floats) -> Floats:
-        """Return the values (n, arguments) of the steep arguments at n places.
+        """Return the arguments of steep functions, (n, arguments), at n places.
 
-        `steps` (n,) are the indices of the steps that contain the `places` (n,), which are
-        fractions from 0 at the start of a step to 1 at its end.
+        An example is x in the load tanh(1000 x). `steps` (n,) are the indices of the steps
+        that contain the `places` (n,), which are fractions from 0 at the start of a step to
+        1 at its end.
         """
         _, argument_rows = probe(steps, places)
         return argument_rows
 
     def evaluate_differences(steps: Indices, places: Floats) -> Floats:
-        """Return central differences of the arguments, which vanish at extrema.
+        """Return differences of the arguments that vanish at extrema, (n, arguments).
 
-        `END_DISTANCE` is a small part of a step, over which an argument still changes by
-        more than its rounding error.
+        They are central differences at n places (fractions of a step) over `END_DISTANCE`.
+        This is a small part of a step, over which an argument still changes by more than
+        its rounding error.
         """
         after = evaluate_arguments(steps, places + END_DISTANCE)
         before = evaluate_arguments(steps, places - END_DISTANCE)
@@ -166,11 +168,11 @@ def _find_critical_places(
 
 
 def _add_middles(critical: ProbePlaces) -> ProbePlaces:
-    """Return critical places by step and place, and then the middles between neighbours.
+    """Return the sorted critical places, followed by the middles between neighbours.
 
-    A load may jump up at one critical place and down at the next. The step may agree with
-    the equation of motion at both, and miss the load between them. So the middle is probed
-    too.
+    A critical place is a fraction of a step at which a load may jump. A load may jump up at
+    one critical place and down at the next. The step may agree with the equation of motion
+    at both, and miss the load between them. So the middle is probed too.
     """
     order = np.lexsort((critical.places, critical.steps))
     steps = critical.steps[order]
@@ -225,9 +227,10 @@ def _find_zeros(
     after = positions + 1
 
     def evaluate_changing(places: Floats, changes: Indices) -> Floats:
-        """Return the values (n,) at places (n,) of the functions that change their sign.
+        """Return the values (n,) of functions that change their sign, at places (n,).
 
-        `changes` (n,) are indices of changes of sign, which give the step and the function.
+        `changes` (n,) are indices of changes of sign. Each belongs to one step and one
+        function, of which the value is taken.
         """
         rows = evaluate(steps[changes], places)
         return rows[np.arange(len(places)), functions[changes]]

@@ -158,10 +158,11 @@ class Segment:
     work: Floats
 
     def evaluate(self, t: Floats) -> tuple[Floats, Floats]:
-        """Return the states and their rates (n, states) at times (n,), in SI units.
+        """Return the states and their rates by time (n, states) at times (n,), in SI units.
 
-        Variables do not contain the whole turns of the segment. Works are those since the
-        start of the simulation.
+        A state has the pair variables, the momenta and the work of each load. The variables
+        are without the whole turns that were taken off for this segment (group of steps).
+        Works are those since the start of the simulation.
         """
         step = np.searchsorted(self.starts[1:], t, side="right")
         states, rates = _evaluate_series(self.series[step], t - self.starts[step])
@@ -208,10 +209,10 @@ class TaylorRun:
 
     @property
     def last_state(self) -> Floats:
-        """The state (states,) at the end, in SI units.
+        """The state (states,) at the end: pair variables, momenta and works, in SI units.
 
-        The whole turns of the pair variables are not in it. The last segment has their
-        numbers (`turns`).
+        Whole turns are taken off the pair variables. The last segment (group of steps) has
+        their numbers (`turns`).
         """
         states, _ = self.segments[-1].evaluate(np.array([self.end_time]))
         return states[0]
@@ -248,8 +249,8 @@ class StepProbe:
     Attributes
     ----------
     equation
-        The compiled equation of motion. Its loads have such functions, so that it has a
-        `probe_function`.
+        The compiled equation of motion. It has a `probe_function`, because its loads have
+        such functions.
     starts, lengths
         (k,) start times and lengths of the steps, s.
     series
@@ -257,7 +258,7 @@ class StepProbe:
     common_parameters
         (parameters,) the parameters of the equation that are the same in all steps.
     switch_signs
-        (k, switches) the parameters after these: the signs of the switch conditions in each
+        (k, switches) the parameters that follow: the signs of the switch conditions in each
         step.
     """
 
@@ -377,7 +378,7 @@ class RunStart:
 
 
 class TaylorIntegration:
-    """An integration of a compiled equation while it runs.
+    """Integrates a compiled equation of motion, step by step, and stores its Taylor series.
 
     Parameters
     ----------
@@ -386,14 +387,14 @@ class TaylorIntegration:
     mechanism
         The mechanism, whose torque tables and joint limits are used.
     start
-        The start of the integration.
+        The state at the start of the integration.
     project
         A function that closes the loops of a configuration (variables,). It returns the
         closed configuration, and the closure residual (rad) before.
     crossing_ratio
         The integration ends where the measure of independence of the loop-closure equations
         falls below the square of this ratio times the largest value of the measure. The
-        measure is zero where sets of configurations cross.
+        measure is zero where curves or surfaces of configurations cross.
     """
 
     def __init__(
@@ -544,12 +545,12 @@ class TaylorIntegration:
     def _integrate_segment(
         self, integrator: Integrator, target: float, min_step: float
     ) -> RunEnd | None:
-        """Integrate one segment, and return why the run ends.
+        """Integrate one segment (group of steps), and return why the integration ends.
 
-        A segment consists of at most `STEPS_PER_SEGMENT` steps, and is stored. The reason
-        is None if the run continues. If loads may change abruptly, the steps are compared
-        with the equation of motion (probed). A step that missed a change is repeated with a
-        smaller length.
+        A segment consists of at most `STEPS_PER_SEGMENT` steps, and is stored. The result
+        is None if the integration continues. If loads may change abruptly, the steps are
+        compared with the equation of motion (probed). A step that missed a change is
+        repeated with a smaller length.
 
         Parameters
         ----------
@@ -648,10 +649,10 @@ class TaylorIntegration:
         self.max_independence = max(self.max_independence, float(np.max(independence)))
 
     def _all_parameters(self, integrator: Integrator) -> Floats:
-        """Return all parameters of the equation, in the order of `EquationLayout`.
+        """Return all parameters of the compiled equation, in the order of `EquationLayout`.
 
-        The integrator only has those up to the last one that occurs in an expression. The
-        others are 0.
+        The integrator stores them up to the last one that occurs in an expression. The
+        others have no effect and are 0.
         """
         parameters = integrator.parameters
         count = self.layout.switch_parameters + len(self.switch_signs)
@@ -737,10 +738,11 @@ class TaylorIntegration:
         self._adapt_momentum_unit(state[self.layout.momentum_slice])
 
     def _renew_parameters(self, integrator: Integrator, interval_end: float) -> None:
-        """Give the equation its parameters for the interval from now to `interval_end` (s).
+        """Set the parameters of the equation for the time from now to `interval_end` (s).
 
-        The signs of the switch conditions are parameters, too. The integrator reverses them
-        during its steps, so its present signs are read first and given back unchanged.
+        Torques from tables, for example, are linear in this interval. The integrator itself
+        reverses signs of switch conditions (conditions at which a load jumps) during its
+        steps. Its present signs are therefore read first and stay as they are.
         """
         present_parameters = self._all_parameters(integrator)
         self.switch_signs = present_parameters[self.layout.switch_slice]
@@ -752,7 +754,8 @@ class TaylorIntegration:
     def _reduce_angles(self, values: Floats) -> None:
         """Subtract whole revolutions from angles (variables,) in place, and count them.
 
-        Arc lengths of contacts are not reduced.
+        The tolerance is relative to the largest number, so large angles would make the
+        others inaccurate. Arc lengths of contacts have no revolutions.
         """
         turns = np.round(values / TURN) * self.is_angle
         values -= turns * TURN
@@ -765,6 +768,9 @@ class TaylorIntegration:
 
         In the state, momenta are multiples of `momentum_unit` (sqrt(J)), and works are
         multiples of its square (J).
+
+        The tolerance of a step is relative to the largest number in the state. Without
+        this, a growing work would make the other numbers inaccurate.
         """
         self.work = self.work + works * self.momentum_unit**2
         works[:] = 0.0
@@ -841,7 +847,7 @@ class TaylorIntegration:
 
 @dataclass(frozen=True)
 class ProbeResult:
-    """Result of probing successive steps.
+    """How many successive steps agree with loads that may change abruptly.
 
     Attributes
     ----------
@@ -889,6 +895,8 @@ def _choose_sign(condition: float, condition_rate: float) -> float:
 
     If the condition is zero, its sign right after the start is that of its rate. The sign
     is positive if the rate is zero too.
+
+    A load jumps where its switch condition changes its sign.
     """
     if condition != 0.0:
         return float(np.sign(condition))

@@ -137,7 +137,7 @@ class JointReactions:
 
     @property
     def across(self) -> Floats:
-        """(n, pairs) sizes of the moments about directions across axis z of the pair, N m.
+        """(n, pairs) sizes (N m) of the moments at right angles to the axis z of each pair.
 
         z is the axis of an R pair, or the line from the centre O to a contact.
         """
@@ -174,14 +174,16 @@ class Equilibrium:
 
 @dataclass(frozen=True)
 class ReactionEquations:
-    """Equations that have no unknown reactions in common with all other equations.
+    """A part of the equilibrium equations that can be solved by itself.
+
+    No unknown reaction (moment or force of a pair) occurs in these equations and in others.
 
     Attributes
     ----------
     is_equation
         (equations,) whether an equation belongs to the system.
     is_reaction
-        (columns,) whether a reaction is one of its unknowns.
+        (columns,) whether a reaction is an unknown of these equations.
     """
 
     is_equation: Bools
@@ -189,11 +191,11 @@ class ReactionEquations:
 
 
 class NewtonEuler:
-    """Newton-Euler equations of all links at n rows, solved for the reactions of pairs.
+    """Newton-Euler equations of all links at n configurations, solved for reactions.
 
     A wrench (6,) is a moment about the centre O (N m) followed by a force (N). A reaction
-    is one of these six components at one pair. It does no work, because the pair has no
-    motion in this direction.
+    is one of these six components at one pair (joint). A reaction does no work, because the
+    pair has no motion in its direction.
 
     Attributes
     ----------
@@ -279,9 +281,10 @@ class NewtonEuler:
         self._invert_systems(systems)
 
     def _assemble_matrix(self, column_pairs: Sequence[int]) -> Floats:
-        """Return the matrix (n, equations, columns) of the wrenches of unit reactions.
+        """Return the matrix (n, equations, columns) of the equilibrium of all links.
 
-        `column_pairs` are the numbers of the pairs whose reactions the columns are.
+        A column has the moments and forces on the links by one reaction of size 1.
+        `column_pairs` has the index of the pair of each reaction.
         """
         # Equations of forces are multiplied by the length, so that all are in N m.
         scaled_wrenches = self.unit_wrenches * np.repeat([1.0, self.length], 3)
@@ -438,8 +441,9 @@ class NewtonEuler:
     def solve_reactions(self, reaction_wrenches: Floats) -> tuple[Floats, Floats]:
         """Return the reactions (n, columns) and the residual (n,) of the equations, N m.
 
-        `reaction_wrenches` (n, links, 6) are the moments about O and forces that the
-        reactions have to exert on the links, in ground axes.
+        A reaction is an unknown moment or force component of a pair. `reaction_wrenches`
+        (n, links, 6) are the moments about O and forces that the reactions have to exert on
+        the links, in ground axes.
         """
         # Forces are multiplied by the length, as in the matrix.
         scaled_wrenches = reaction_wrenches * np.repeat([1.0, self.length], 3)
@@ -462,7 +466,9 @@ class NewtonEuler:
         return self.sum_wrenches(self.is_open.astype(float)) != 0.0
 
     def sum_wrenches(self, reactions: Floats) -> Floats:
-        """Return the wrench of each pair, the sum of its reactions, in pair axes.
+        """Return the moment and force that each pair transmits, the sum of its reactions.
+
+        They are in the axes of the pair.
 
         Parameters
         ----------
@@ -478,21 +484,21 @@ class NewtonEuler:
 
 
 def _rotate_to_ground(frames: Floats, wrenches: Floats) -> Floats:
-    """Return wrenches (n, k, 6) in ground axes.
+    """Rotate moments and forces from the axes of pairs to ground axes, (n, k, 6).
 
     Parameters
     ----------
     frames
         (n, k, 3, 3) axes of k frames in their columns, in ground axes.
     wrenches
-        (n, k, 6) or (k, 6) wrenches in these axes.
+        (n, k, 6) or (k, 6) wrenches (moment and force) in these axes.
     """
     vectors = wrenches.reshape(*wrenches.shape[:-1], 2, 3) @ transpose(frames)
     return vectors.reshape(*frames.shape[:2], 6)
 
 
 def _unit_torque_wrench(pair: Pair) -> Floats:
-    """Return the wrench (6,), in pair axes, of a torque of 1 N m at a pair.
+    """Return the moment and force (6,), in pair axes, of a torque of 1 N m at a pair.
 
     A wrench is a moment about O followed by a force. The torque is about the axis z of an R
     pair. At a contact a force along the tangent x causes it, so it is about the normal y.
@@ -786,10 +792,10 @@ def _solve_reactions(driven: DrivenState, forces: bool) -> JointReactions:
 
 @dataclass(frozen=True)
 class DrivenEquilibrium:
-    """The equilibrium of a moving mechanism under its loads and driving torques.
+    """The reactions of a moving mechanism under its loads and driving torques.
 
-    `is_settled` (n,) says whether it is known on which of their two sides gear teeth press.
-    In other rows the reactions are not determined.
+    Gear teeth press on one of two sides, which depends on the reactions. `is_settled` (n,)
+    says whether the side is known. In other rows the reactions are not determined.
     """
 
     equations: NewtonEuler
@@ -868,11 +874,12 @@ def _find_contradicted_sides(
 def acceleration_wrenches(
     mechanism: Mechanism, motion: CoordinateMotion, accelerations: Floats
 ) -> Floats:
-    """Return the wrenches (n, links, 6) that links need to accelerate, in ground axes.
+    """Return the moments and forces (n, links, 6) that accelerate links, in ground axes.
 
     A wrench is a moment about the centre O followed by a force. `accelerations` (n, m) are
-    those of the coordinates of `motion`. The force on a link is 0 if the centre of mass of
-    the link is not known.
+    the second derivatives by time of the m coordinates of `motion`. The part of the inertia
+    forces that depends on velocities is not included. The force on a link is 0 if the
+    centre of mass of the link is not known.
     """
     # n rows, i coordinates, l links, a components
     angular_accelerations = np.einsum("ni,nila->nla", accelerations, motion.w)
@@ -950,7 +957,8 @@ class AppliedLoads:
     Attributes
     ----------
     link_wrenches
-        (n, links, 6) wrenches of loads on links, in ground axes.
+        (n, links, 6) wrenches of loads on links, in ground axes: the moment about the
+        centre O, then the force.
     torques
         (n, pairs) torques of loads and drives about pair axes, N m.
     """

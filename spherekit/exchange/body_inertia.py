@@ -223,6 +223,7 @@ def make_body_inertia(
 def _make_light_tensor(link_inertias: LinkInertias, light_ratio: float) -> Floats:
     """Return the inertia tensor (3, 3) about O of a body without inertia (kg m2).
 
+    Simulation programs cannot move a body without inertia, so such a body gets a small one.
     All its moments are `light_ratio` times the largest trace of the tensors of all links.
     """
     largest_trace = max(

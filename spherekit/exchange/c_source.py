@@ -542,9 +542,11 @@ def _array_elements(values: Floats) -> str:
 
 
 def _mode_value_expression(scalar: str) -> str:
-    """Return the C expression of mode value n of mode k at the input q.
+    """Return the C expression for one of the numbers that select an assembly mode.
 
-    It is NaN if q is NaN, which C recognises by q == q being false.
+    In the C code, n is the index of the number, k the mode and q the input. In closed form
+    the numbers are the signs of the dyads (two links with three R pairs). The result is NaN
+    if q is NaN, in which case q == q is false.
     """
     value = "q == q ? places[interval][k][n] : NAN"
     # In C++ the number type may be a class, which is constructed from the double.
@@ -555,7 +557,8 @@ def _known_inputs_array(source: FormulaSource) -> str:
     """Return the C array of the inputs of known configurations, empty in closed form.
 
     Without closed form, Newton's method starts from a known configuration of the mode. The
-    array has the input (rad) of this configuration, by interval of the input and mode.
+    array has the input (rad) of this configuration, for each interval of the input and each
+    assembly mode.
     """
     has_closed_form = not source.formulas.step
     if has_closed_form:
@@ -569,7 +572,8 @@ def _known_inputs_array(source: FormulaSource) -> str:
 def _return_known_input(source: FormulaSource) -> str:
     """Return the C line that returns the input of the known configuration of mode k.
 
-    It is NaN if q is NaN. In closed form the line is empty, because there is no start.
+    Without closed form, Newton's method starts at this configuration. The result is NaN if
+    q is NaN. In closed form there is no such start, and the line is empty.
     """
     has_closed_form = not source.formulas.step
     if has_closed_form:

@@ -163,10 +163,11 @@ TURNING_TEMPLATE = """\
 
 
 def header(table: CouplingTable) -> str:
-    """Return the text of a C header with a table and the function that reads it.
+    """Return the text of a C header with a coupling table and the function that reads it.
 
-    The arrays of the table become static arrays of C. All names in the header begin with
-    the name of the mechanism.
+    A coupling table has the angles of passive joints over the inputs, for controllers. Its
+    arrays become static arrays of C. All names in the header begin with the name of the
+    mechanism.
     """
     name = identifiers.C_NAME_RULES.identifier(table.mechanism)
     # POSIX defines macros such as X_OK, which a mechanism called x would define again.
@@ -232,10 +233,11 @@ def header(table: CouplingTable) -> str:
 
 
 def _find_example(table: CouplingTable) -> tuple[int, Floats]:
-    """Return a row of modes, and inputs (inputs,) in rad at which its table is read.
+    """Return an assembly mode and inputs (rad) for the example in the header.
 
-    The inputs are the middle of the first cell that is read, or of the first cell at all if
-    none is.
+    The mode is the index of a row of the table. The inputs (inputs,) are the middle of the
+    first sure cell (box of the grid with a small error). If no cell is sure, the first cell
+    is taken.
     """
     row, cell = np.unravel_index(int(np.argmax(table.sure)), table.sure.shape)
     cell_numbers = np.unravel_index(int(cell), np.asarray(table.count) - 1)
@@ -265,9 +267,10 @@ def _format_array(declaration: str, values: Array) -> str:
 
 
 def _format_nested(values: ArrayLike) -> str:
-    """Return an array as an initialiser of C, in braces.
+    """Return an array as nested braces, with which C initialises an array.
 
-    Nodes without a mode, whose values are NaN, are zero. The function never reads them.
+    Where an assembly mode does not exist the values are NaN. They become zero, and the C
+    function never reads them.
     """
     text = json.dumps(np.nan_to_num(values).tolist())
     return text.replace("[", "{").replace("]", "}")

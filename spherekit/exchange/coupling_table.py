@@ -78,16 +78,17 @@ class CouplingValues(NamedTuple):
 class CouplingTable:
     """Passive variables and coefficients of assembly modes on a grid of m inputs.
 
-    A coefficient is the rate of a passive variable per unit rate of one input. Nodes are in
-    one row, and the last input varies fastest. Cells are in one row in the same way; each
-    has the position of its corner with the smallest inputs.
+    A coefficient is the rate of a passive variable per unit rate of one input. Nodes are
+    the points of the grid, and a cell is the box between neighbouring nodes. Both are
+    listed in one axis, on which the last input varies fastest. A cell has the place of its
+    corner with the smallest inputs.
 
     Attributes
     ----------
     mechanism
         Name of the mechanism.
     mechanism_sha256
-        Hash of the mechanism.
+        SHA-256 checksum of the mechanism file.
     made_by
         Version of spherekit that computed the table.
     inputs
@@ -95,7 +96,8 @@ class CouplingTable:
     variables
         Names of the K passive variables.
     poles
-        Names of the P poles whose angular velocities are stored.
+        Names of the P poles (pairs of links) of which the relative angular velocity is
+        stored.
     modes
         Numbers of the assembly modes.
     tolerance
@@ -122,8 +124,8 @@ class CouplingTable:
         (modes, cells) largest error (rad) of an angle that was measured in a cell, NaN
         without a mode at all corners.
     sure
-        (modes, cells) whether it is within the tolerance, so that no cell contains a jump
-        or a change of mode.
+        (modes, cells) whether the error is within the tolerance, so that no cell contains a
+        jump or a change of mode.
     coefficient_error
         Largest measured error of a coefficient in cells that are sure.
     """
@@ -328,10 +330,11 @@ class CouplingTable:
 
 
 def _multilinear_weights(positions: Floats, corner: Sequence[int]) -> Floats:
-    """Return the weights (n,) of a corner of a cell at positions (n, m) in the cell.
+    """Return the weights (n,) of one corner of a cell, for interpolation at n positions.
 
-    The weight is a product over the inputs, of 1 - position if the corner is at the
-    beginning of the cell (0), and of the position if it is at the end (1).
+    `positions` (n, m) go from 0 to 1 along each of m inputs, and `corner` has a 0 or 1 for
+    each input. The weight is a product over the inputs: of the position if the corner has
+    1, and of 1 - position if it has 0.
     """
     return np.prod(np.where(corner, positions, 1.0 - positions), axis=1)
 
@@ -343,12 +346,12 @@ def _multiply_points(weights: Floats, values: Floats) -> Floats:
 
 
 def write_npz(table: CouplingTable, path: AnyPath) -> None:
-    """Write a table as a NumPy archive (.npz) that `load_coupling` reads.
+    """Write a coupling table as a NumPy archive (.npz) that `load_coupling` reads.
 
     Raises
     ------
     OutputError
-        If it cannot be written.
+        If the file cannot be written.
     """
     value_by_field = {field.name: getattr(table, field.name) for field in fields(table)}
     heading = {name: value_by_field.pop(name) for name in HEADING_FIELDS}
@@ -426,12 +429,15 @@ def columns(table: CouplingTable) -> dict[str, Floats]:
 
 
 def write_csv(table: CouplingTable, path: AnyPath) -> None:
-    """Write a table as CSV, see `columns`; cells of nodes without a mode are empty.
+    """Write a coupling table as CSV, with the columns of `columns`.
+
+    A row is a node (point of the grid of the inputs) in one assembly mode. Where the mode
+    does not exist, cells are empty.
 
     Raises
     ------
     OutputError
-        If it cannot be written.
+        If the file cannot be written.
     """
     frame = make_frame(columns(table), {})
     write_text(path, frame.to_csv(index=False, lineterminator="\n"))

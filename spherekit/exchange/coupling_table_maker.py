@@ -97,11 +97,12 @@ def coupling_table(
     pairs
         The passive pairs to compute; by default all.
     poles
-        Poles such as ``"4/1"`` whose angular velocities are computed too.
+        Pairs of links (poles) such as ``"4/1"``. Their relative angular velocities are
+        computed too.
     samples
-        Number of nodes along each input, or one number for all inputs. By default the grid
-        is refined until 98 % of the cells are sure. The refinement ends earlier if a finer
-        grid would need more than 25 000 points.
+        Number of nodes (grid points) along each input, or one number for all inputs. By
+        default the grid is refined until 98 % of the cells are sure. The refinement ends
+        earlier if a finer grid would need more than 25 000 points.
     tolerance
         Error of angles (rad) up to which a cell is sure.
 
@@ -197,10 +198,10 @@ def _choose_node_counts(
 
 
 def _refine_counts(node_counts: Sequence[int]) -> tuple[int, ...]:
-    """Return the numbers of points, along each input, at which errors are measured.
+    """Return the number of points along each input of the grid for measuring errors.
 
-    The grid of these points divides each cell between nodes into `PARTS_PER_CELL` parts
-    along each input. `node_counts` are the numbers of nodes.
+    `node_counts` are the numbers of nodes (grid points of the table) along each input. The
+    finer grid divides each cell between nodes into `PARTS_PER_CELL` parts along each input.
     """
     return tuple(PARTS_PER_CELL * (count - 1) + 1 for count in node_counts)
 
@@ -245,10 +246,11 @@ def _find_passive_variables(mechanism: Mechanism, pairs: Sequence[str] | None) -
 
 @dataclass(frozen=True)
 class GridValues:
-    """Computed values of all modes at points of a grid.
+    """Values of a coupling table in all assembly modes, at points of a grid of inputs.
 
-    The attributes are those of `CouplingTable` with the same names, at more nodes. They are
-    NaN at points where a mode does not exist.
+    The attributes are those of `CouplingTable` with the same names. The grid is finer than
+    that of the table, because the further points measure errors. Values are NaN where a
+    mode does not exist.
     """
 
     angles: Floats
@@ -264,9 +266,10 @@ def _compute_grid_values(
     passive_variables: Sequence[int],
     poles: Sequence[Pole],
 ) -> GridValues:
-    """Compute the values of all modes at the samples of a position analysis.
+    """Compute angles and coefficients of all assembly modes at the points of a grid.
 
-    Rows of the motion are all samples of one assembly mode, then all samples of the next.
+    A row of the motion is one point (sample) of one assembly mode. Rows are all samples of
+    one mode, then all samples of the next.
 
     Parameters
     ----------
@@ -275,9 +278,9 @@ def _compute_grid_values(
     motion
         The motion of the mechanism, with continuous angles.
     passive_variables
-        Numbers of the passive variables.
+        Indices of the passive variables (of joints that are not driven).
     poles
-        The poles whose angular velocities are computed.
+        The pairs of links (poles) of which the relative angular velocity is computed.
     """
     solver = position_analysis.solver
     good_rows = np.flatnonzero(~motion.failed)
@@ -335,7 +338,7 @@ def _compute_table(
     node_counts: tuple[int, ...],
     tolerance: float,
 ) -> CouplingTable:
-    """Return the table of a grid, with the errors that were measured in its cells.
+    """Return the coupling table of a grid, with the errors that were measured in its cells.
 
     Values are computed on a finer grid, of which every third point along each input is a
     node of the table. The other points measure the errors.
@@ -345,11 +348,11 @@ def _compute_table(
     assembly_mode
         The only mode to compute, None for all.
     passive_variables
-        Numbers of the variables in the table.
+        Indices of the variables in the table.
     poles
-        The poles in the table.
+        The poles (pairs of links) in the table.
     node_counts
-        Number of nodes along each input.
+        Number of nodes (grid points of the table) along each input.
     tolerance
         Error of angles (rad) up to which a cell is sure.
     """
@@ -616,7 +619,9 @@ def _change_over_range(table: CouplingTable, values: Floats, input_index: int) -
 def _round_to_whole_periods(angle_change: Floats, periods: Floats) -> Floats:
     """Return changes of variables (..., K), rounded to whole periods (K,) of each variable.
 
-    A variable that never repeats has an infinite period. Its rounded change is zero.
+    The changes are those over a revolution of an input. An angle then changes by whole
+    periods (revolutions), apart from rounding errors. A variable that never repeats has an
+    infinite period, and its rounded change is zero.
     """
     has_period = np.isfinite(periods)
     rounded = np.zeros_like(angle_change)
