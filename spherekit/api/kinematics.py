@@ -132,11 +132,12 @@ class Kinematics:
     reason. Methods that end in `error_bound` return bounds of the errors, as the columns of
     these names do in the table `poles`.
 
-    With several inputs, loops that have no closed solution are solved by following each
-    mode from row to row. After an input at which a mode has no configuration, its number
-    may denote another mode. A run whose samples are the same inputs gives the modes the
-    same numbers, unless a mode has such a gap. At other inputs the numbers can differ.
-    `search` says how the modes were found, and whether there may be others.
+    With several inputs and groups of links that are no dyads (two links with three R
+    pairs), each mode is followed from row to row by verified steps. After an input at which
+    a mode has no configuration, its number may denote another mode. A run whose samples are
+    the same inputs gives the modes the same numbers, unless a mode has such a gap. At other
+    inputs the numbers can differ. `search` says how the modes were found, and whether there
+    may be others.
     """
 
     mechanism: Mechanism
@@ -483,8 +484,9 @@ def evaluate(
     assembly_mode
         The only assembly mode to compute: the number that `run` gives it, or its name in
         the file. By default all modes are computed. There is an exception: if the mechanism
-        has several inputs and a loop without closed solution, modes are numbered along the
-        inputs of this call. `run` may then number them in another way.
+        has several inputs and an Assur group (links that are placed together) larger than a
+        dyad, modes are numbered along the inputs of this call. `run` may then number them
+        in another way.
     crossings
         How an assembly mode continues where its curve of configurations crosses that of
         another mode. With ``"end"`` it keeps the signs of its dyads. A dyad is two links

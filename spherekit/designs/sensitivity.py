@@ -397,9 +397,9 @@ class Sensitivity:
     def _list_links_of_quantity(self, quantity: str) -> Sequence[str]:
         """Return the names of the links whose motion determines a quantity.
 
-        The derivative of a quantity by a size of another link is zero. Quantities of masses
-        and loads, such as the equivalent inertia, have no links here. They depend on the
-        links on which masses and loads act, which `links` adds.
+        A run leaves out links that the derivatives do not need. Quantities of masses and
+        loads, such as the equivalent inertia, have no links here. They depend on the links
+        on which masses and loads act, which `links` adds.
         """
         if quantity.startswith(INERTIAL):
             return ()

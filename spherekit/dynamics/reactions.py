@@ -112,10 +112,9 @@ class Reactions(JointReactions):
     def couples(self) -> Mapping[str, Floats]:
         """Sizes (N) of the bearing forces that the moment of a pair causes.
 
-        Two bearings on the axis of a pair support its moment by a couple of forces. The key
-        is the name of the load (`Bearings`) that describes the bearings. The sizes (n,
-        bearings) are computed without the force that the pair transmits through the centre
-        O.
+        The bearings on the axis of a pair support its moment by forces. The key is the name
+        of the load (`Bearings`) that describes the bearings. The sizes (n, bearings) are
+        computed without the force that the pair transmits through the centre O.
         """
         return {
             load.name: np.linalg.norm(

@@ -73,7 +73,7 @@ SingleFunction = Callable[[Any], list[float]]
 
 @dataclass(frozen=True)
 class StoredModel:
-    """Stored functions of a mechanism in one assembly mode, such as inertia and torques.
+    """Stored functions of a mechanism in one assembly mode, such as its inertia.
 
     They replace the mechanism, for example in a controller. An assembly mode is one way to
     assemble the links. With one coordinate the functions are stored along the curve of
