@@ -115,7 +115,9 @@ class LinePole:
     def sources(self) -> tuple[Pole, ...]:
         """The poles that determine the great circles on which this pole lies.
 
-        This pole is P_ij. For each third body k, these are P_ik and P_jk.
+        A pole P_ij is the axis of the relative rotation of the bodies i and j. It lies on
+        the great circle through P_ik and P_jk for each third body k. The result lists these
+        two poles for each k.
         """
         sources = []
         for third in self.via:

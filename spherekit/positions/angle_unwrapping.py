@@ -82,6 +82,8 @@ class RevolutionSteps(NamedTuple):
 class PeriodicInputs(NamedTuple):
     """Inputs written as a number of whole periods, plus the rest.
 
+    A period is a growth of the input after which the configurations repeat.
+
     Attributes
     ----------
     period_counts

@@ -314,7 +314,7 @@ class CurveContinuation(ABC, Generic[Node]):
         return closes
 
     def _choose_growth(self, changes: Floats) -> Floats:
-        """Return factors (k,) between 0.5 and 2 by which the next steps are longer.
+        """Return factors (k,) between 0.5 and 2 for the lengths of the next steps.
 
         A step is verified only if the Jacobian changes by no more than the limit
         `step_tests.change`. The change is about proportional to the length of the step. The
@@ -345,8 +345,8 @@ class CurveContinuation(ABC, Generic[Node]):
         conditions:
 
         - The start is ahead of the last node, within the length of the verified step.
-        - It is near the curve that is extrapolated from the last node, and the curve
-          passes it in the direction in which it began.
+        - The start is near the curve that is extrapolated from the last node, and the
+          tangents at both have about the same direction.
         - A verified step of the length up to the start ends at the start.
 
         Parameters

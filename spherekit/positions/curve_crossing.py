@@ -129,8 +129,9 @@ def find_crossing(closure: Closure, values: Floats) -> Crossing | None:
 
 
 def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
-    """Return closed configurations on the curves that leave a closed configuration.
+    """Return points on all curves of configurations that leave a given configuration.
 
+    From these points the curves can be followed, even if several curves cross here.
     The points are searched at a fixed distance from the configuration, by Newton's method
     from `START_COUNT` start points that are spread over a sphere. A curve that none of them
     leads to is missed.

@@ -73,7 +73,7 @@ def solve_by_elimination(group: Group, closure: Closure) -> EliminationResult:
     these links gives an arc equation in the angles of the tree: the axes of its two pairs
     must include the angle of the link (its arc). An elimination order says which links are
     removed, and in which order the angles are eliminated. Orders are tried until the checks
-    of one succeed. If all of them fail, the solutions of all orders are returned together,
+    of one succeed. If all orders fail, the solutions of all of them are returned together,
     since a solution that one order has lost may be among those of another. Copies do no
     harm: they are starting values for Newton's method.
 

@@ -109,8 +109,8 @@ def make_gear_phases(
     """Return how far wheels have rolled on each other, as linear functions of the inputs.
 
     A rolled length is how far two wheels have rolled on each other, as an arc length.
-    Wheels that are put together one tooth further also close the loops. Which assembly is
-    meant is fixed at one value of the inputs, the anchor, by the rolled lengths there.
+    The loops also close if two wheels are put together one tooth further. So the meant
+    assembly is fixed by the rolled lengths at one value of the inputs, the anchor.
 
     Parameters
     ----------

@@ -63,6 +63,9 @@ MAX_NAMED_CROSSINGS = 6
 class InputTurningPoints(NamedTuple):
     """The inputs in a range at which two real assembly modes meet.
 
+    An assembly mode is one way to assemble the links. Turning inputs divide
+    the range into intervals in which the number of modes is constant.
+
     Attributes
     ----------
     low, high
@@ -256,7 +259,8 @@ def find_input_turning_points(
         def evaluate(q: Floats, position: int = position) -> Floats:
             """Return the values (n,) of the function of a group at inputs q (n,) in rad.
 
-            It changes its sign where two modes of the group meet (`ModeCoalescence`).
+            A group is a set of links that are placed together. The function changes its
+            sign where two modes (solutions) of the group meet (`ModeCoalescence`).
             """
             progress.report_if_due(lambda: f"group {position + 1} of {group_count}")
             return coalescence(position, q)

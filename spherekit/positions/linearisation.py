@@ -69,8 +69,8 @@ class Linearisation:
     def states(self) -> PairStates:
         """Frames of the pairs in their bodies, and the geometry of contacts.
 
-        At contacts, the states contain the curvatures of both profiles, and whether the
-        contact point is on both, not beyond their ends.
+        For contacts, the states also have the curvatures of both profiles. They tell
+        whether the contact point is on both profiles, not beyond their ends.
         """
         states = evaluate_pair_states(self.joints, self.values)
         if self.body_from_links is None:
@@ -121,8 +121,9 @@ class Linearisation:
     def axes(self) -> Floats:
         """(n, pairs, 3) unit vector of each pair, in the axes of body 0.
 
-        It is the axis of an R pair, the contact line of a rolling contact, and the common
-        tangent of the profiles of a sliding contact.
+        It is the axis of an R pair. For a rolling contact it is the line from the centre of
+        the sphere to the contact. For a sliding contact it is the common tangent of the
+        profiles.
         """
         axes = np.empty(self.frames.shape[:-1])
         for kind, _, pairs, _ in group_joints_by_kind(self.joints):
@@ -235,6 +236,9 @@ class Linearisation:
 
     def vector_rates(self, w: Floats) -> Floats:
         """Return the time derivatives (n, variables, 3) of the velocity vectors.
+
+        The velocity vector of a variable is the relative angular velocity of the bodies of
+        its pair at unit rate.
 
         `w` (n, bodies, 3) are the angular velocities of the bodies, in the axes of body 0.
         """

@@ -67,10 +67,10 @@ class LoopTree:
 
     @cached_property
     def placements(self) -> tuple[tuple[int, int, int], ...]:
-        """The pairs of the tree, in an order in which bodies can be placed.
+        """The pairs of the tree, in an order in which the bodies can be placed.
 
-        Each entry consists of the pair, the body that is placed already (parent), and the
-        body that the pair places (child).
+        Each item is a tuple: the pair, the body that is placed already (parent), and the
+        body that the pair places next (child).
         """
         return find_spanning_tree(self.ends)
 
@@ -85,10 +85,11 @@ class LoopTree:
 
     @cached_property
     def paths(self) -> Floats:
-        """(bodies, variables) how the tree path from body 0 to a body passes a variable.
+        """(bodies, variables) signs with which variables turn a body relative to body 0.
 
-        +1 if the path passes the pair of the variable from its first to its second body, -1
-        in the opposite sense, 0 if it does not pass the pair.
+        The sign is +1 if the path in the tree from body 0 to the body passes the pair of
+        the variable from its first to its second body. It is -1 in the opposite sense, and
+        0 if the path does not pass the pair.
         """
         return self._pair_paths[:, list(self.pair_of_variable)]
 

@@ -133,7 +133,7 @@ def find_crossings(
 
 @dataclass(frozen=True)
 class ModeMeeting:
-    """An input at which curves of assembly modes cross.
+    """An input at which the curves of configurations of several assembly modes cross.
 
     Attributes
     ----------
@@ -285,8 +285,8 @@ def _compare_modes(
     Each mode is evaluated on both sides of the input, and continued with its first two
     derivatives. A mode passes through a crossing if its continuation comes near to the
     crossing. The continuation of a mode below the input is compared with all modes above
-    it. The mode continues as the one that its continuation misses least. Modes above are
-    compared with modes below in the same way.
+    it. The nearest of these modes is its successor. Modes above are compared with modes
+    below in the same way.
 
     Parameters
     ----------

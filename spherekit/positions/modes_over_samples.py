@@ -459,9 +459,10 @@ class SampledModes:
 
     @property
     def _is_sheet_limit_reached(self) -> bool:
-        """Whether `MAX_ASSEMBLY_MODES` sheets were followed, so that no more is allowed.
+        """Whether the search must end because `MAX_ASSEMBLY_MODES` sheets were followed.
 
-        A sheet is the set of configurations that verified steps reach from one start.
+        A sheet is the set of configurations that verified steps reach from one start, so it
+        is an assembly mode or a part of one.
         """
         return self._solutions.sheet_count >= MAX_ASSEMBLY_MODES
 
@@ -769,7 +770,8 @@ class SampledModes:
 def _count_samples(q: Floats, complete: int) -> str:
     """Return a phrase for the number of samples at which all configurations were computed.
 
-    `q` (n, inputs) are all samples, and `complete` is the number of these.
+    `q` (n, inputs) are all samples of the inputs. `complete` is the number of samples at
+    which all configurations were computed.
     """
     if complete < len(q):
         return f"{complete} of the {len(q)} samples"

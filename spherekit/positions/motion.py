@@ -211,8 +211,8 @@ class Motion(ArrayRows):
     def residual_bound(self) -> Floats:
         """(n,) bound (rad) of every component of the exact closure residuals.
 
-        It is the sum of the computed residual, its rounding error, and the rounding errors
-        of the sizes of the links.
+        A residual is by how much a loop is open. The bound is the sum of the computed
+        residual, its rounding error, and the rounding errors of the sizes of the links.
         """
         return np.nan_to_num(self.residual) + rounding_of_loops(self.linearisation)
 

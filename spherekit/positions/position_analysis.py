@@ -302,8 +302,10 @@ class PositionAnalysis:
     def mode_meetings(self) -> tuple[ModeMeeting, ...]:
         """Inputs in the range at which curves of assembly modes cross, in rising order.
 
-        They are known for one input if all groups are dyads, triads or trains of wheels,
-        or if there is one group of seven bodies. Otherwise the result is empty.
+        An assembly mode is one way to assemble the links. The crossings are known for
+        mechanisms with one input in two cases. Either all groups of links are dyads (two
+        links joined by a pair), triads (six pairs in two loops) or trains of wheels. Or
+        there is one group of seven bodies. Otherwise the result is empty.
         """
         if not self._follow or len(self.inputs) != 1:
             return ()

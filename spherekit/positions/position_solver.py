@@ -92,7 +92,10 @@ class ModeConfigurations(ArrayRows):
 
 
 class PositionSolver:
-    """The geometry, the groups and the loop closure of a mechanism with driven pairs.
+    """Computes the configurations of a mechanism for given values of its inputs.
+
+    The links are placed in groups: sets of bodies that are placed together by closing their
+    loops.
 
     Attributes
     ----------

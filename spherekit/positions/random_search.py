@@ -184,7 +184,7 @@ class SearchStatistics:
         Parameters
         ----------
         things
-            The word for solutions, in the plural.
+            The word for solutions in the plural, such as "modes".
         """
         count = sum(count > 0 for count in self.counts.values())
         return f"{counted(count, things.removesuffix('s'))} found"

@@ -348,9 +348,9 @@ class ArcEquations:
     ) -> tuple[list[Jet], dict[int, Jet]]:
         """Return the jets of all equations and of the link orientations.
 
-        A jet is a mapping with an array of balls and its derivatives by the variables. The
-        key () has the array, (j,) a first derivative, (j, l) with j <= l a second one; a
-        missing key means zero.
+        A jet is a mapping with an array and its derivatives by the variables, in balls. The
+        key () has the array, (j,) its first derivative by the variable j, and (j, l) with
+        j <= l a second derivative. A missing key means zero.
 
         Links are placed one after another. A link with one parent is rotated by the angle
         of the pair between both. A closing link is put on the axes U and W of two placed

@@ -55,6 +55,7 @@ class CertifiedSingularity:
 class CertifiedSingularities:
     """All singularities of types I and II of the outputs along certified curves.
 
+    An output is a link that is observed relative to another link.
     In type I the output is stationary along a curve, in type II the input is.
 
     Attributes

@@ -497,8 +497,8 @@ def _azimuth_in_link(
 class Crossings:
     """All saddles of a search: places where curves cross, or narrowly miss each other.
 
-    The boxes of two saddles have no point in common. Four branches of curves, the arms of
-    the saddle, leave each box.
+    Each saddle is in a box in the space of the variables. The boxes of two saddles have no
+    point in common. Four branches of curves, the arms of the saddle, leave each box.
 
     Parameters
     ----------
@@ -702,7 +702,8 @@ class Crossings:
     def _is_disjoint(self, box: OrientedBox) -> bool:
         """Return whether a box has no point in common with the box of any saddle.
 
-        A saddle is a place where configuration curves cross or nearly do.
+        The boxes are in the space of the variables. A saddle is a place where configuration
+        curves cross or nearly do.
         """
         return all(_are_disjoint(box, saddle) for saddle in self.saddles)
 

@@ -207,8 +207,9 @@ class Construction:
     def _place_on_one_pair(self, step: PlacementStep) -> LinkPlacement:
         """Return the placement of a link that rotates about the axis of one pair.
 
-        The reference is the other link of the pair. The angle of the pair is k times one
-        variable, with k = 1 except for wheels, so the degree in this variable is k.
+        The orientation of the link relative to its reference, the other link of the pair,
+        is a trigonometric polynomial. The angle of the pair is k times one variable, with
+        k = 1 except for wheels. So the degree in this variable is |k|.
         """
         is_variable_of_pair = np.arange(len(self.pairs)) == step.variable
         return LinkPlacement(

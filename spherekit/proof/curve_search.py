@@ -205,7 +205,7 @@ class CurveSearch:
     def add_configuration(self, position: Floats) -> bool:
         """Follow the curve through a configuration (v,), if it is in the range.
 
-        v variables are in rad, the input's variable is the last one.
+        The v variables are in rad, and the last one is that of the input.
 
         Returns
         -------
@@ -332,9 +332,10 @@ class CurveSearch:
         )
 
     def _pieces_in_range(self, chain: Chain) -> list[CertifiedArc]:
-        """Return the arcs of a chain whose centre is in the range of the input.
+        """Return the arcs of a chain that have their centre in the range of the input.
 
-        A chain is a configuration curve as a row of certified arcs.
+        A chain is a configuration curve as a row of certified arcs: boxes that contain
+        exactly one arc of the curve each.
         """
         return [piece for piece in chain.pieces if not self.side(piece.centre[-1], 0.0)]
 

@@ -143,7 +143,9 @@ class _ContactCircle:
 
 @dataclass(frozen=True)
 class DecimalGeometry:
-    """The sizes of a mechanism as the decimal numbers of its file.
+    """The sizes of a mechanism as the exact decimal numbers of its file, for proofs.
+
+    In float64 they would be rounded.
 
     Attributes
     ----------
@@ -331,8 +333,8 @@ class DecimalGeometry:
     def _axis_direction(self, table: Mapping[str, Any]) -> Vector:
         """Return the unit axis (3,) of a pair in ground axes, from its table in the file.
 
-        Under a key "through_..." the table has two directions on a great circle (P pairs).
-        The axis is perpendicular to both.
+        Under a key "through_..." the table has two directions on the great circle along
+        which a P pair slides. The axis is perpendicular to both.
         """
         (key,) = AXIS_KEYS & table.keys()
         if key.startswith("through"):

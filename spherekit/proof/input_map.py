@@ -61,7 +61,7 @@ UNDECIDED = 2
 
 @dataclass(frozen=True)
 class InputMap:
-    """Boxes that fill the ranges of the inputs, each with its proven kind.
+    """A map of the inputs: boxes that fill their ranges, with what is proven of each box.
 
     A box is regular if no configuration in it is singular with locked inputs (type II). The
     number of assembly modes is then the same everywhere in the box.

@@ -487,8 +487,8 @@ def count_modes(
 
     The systems of equations are solved one after another. A mode of the systems so far is a
     real root of all of them. For each mode, the roots of the next system are proven over
-    the box, and its real roots extend the mode. A box is given up if the roots of a system
-    are not all proven to be different, and each proven to be real or not.
+    the box, and its real roots extend the mode. All roots must be proven to be different,
+    and each must be proven to be real or not. Otherwise nothing is proven over the box.
 
     Parameters
     ----------

@@ -283,7 +283,7 @@ def subdivide(
 
 @dataclass(frozen=True)
 class BoxSet:
-    """Boxes in the space of all variables.
+    """Boxes in the space of all v variables, with sides along the variables.
 
     Attributes
     ----------
@@ -312,8 +312,9 @@ def pave(
     add_configuration: ConfigurationSink,
     max_boxes: int,
 ) -> tuple[int, BoxSet]:
-    """Divide the whole space into boxes, and return the boxes that remain undecided.
+    """Divide the space of all variables into boxes, and return those that stay undecided.
 
+    This proves that no configuration was missed elsewhere.
     A box is discarded if an equation, or a weighted sum of equations, cannot vanish in it,
     or if it is inside a part of space with known configurations. Near some of the other
     boxes a configuration is searched. If one is found, a part of space with this

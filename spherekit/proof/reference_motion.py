@@ -358,8 +358,9 @@ def _integrate_series(coefficients: Array) -> Array:
 class ExactSimulation:
     """The motion of a mechanism with one degree of freedom under its loads.
 
-    The motion is computed step by step. In each step one pair variable, the coordinate c,
-    and p = sqrt(B) dc/dt are series in time, where B is the equivalent inertia.
+    It is computed with many digits, as a reference for float64 simulations. In each time
+    step one pair variable, the coordinate c, and p = sqrt(B) dc/dt are series in time. B is
+    the equivalent inertia: twice the kinetic energy is B (dc/dt)^2.
 
     Attributes
     ----------
@@ -577,7 +578,8 @@ class ExactSimulation:
         def evaluate_name(name: str) -> Any:
             """Return the time, a pair angle or its rate by time, (n,).
 
-            The names are "t", and "theta_" or "dtheta_" followed by the pair.
+            They are the quantities in the expressions of loads, at n times. The names are
+            "t", and "theta_" (angle) or "dtheta_" (rate) followed by the pair.
             """
             kind, _, pair = name.partition("_")
             if kind == "t":
@@ -711,10 +713,11 @@ class ExactSimulation:
     def _run(self, driven: int, q: float, dq: float) -> None:
         """Compute all steps from the start to the end.
 
-        A step ends at the first of four events: its length is over, a torque table has a
-        kink, the condition of a switch (a load depends on its sign) changes its sign, or a
-        joint reaches its limit. The results become attributes: the steps, the end, its
-        kind, and the times of switches.
+        A switch is a part of a load with two cases, such as dry friction, and the sign of
+        its condition decides. A step ends at the first of four events: its length is over,
+        a torque table has a kink, a condition changes its sign, or a joint reaches its
+        limit. The results become attributes: the steps, the end, its kind, and the times of
+        switches.
 
         Parameters
         ----------

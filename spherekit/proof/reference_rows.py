@@ -441,6 +441,8 @@ def _vector_of_relative_motion(
 def _has_direction(size: Floats, rounding: Floats) -> Bools:
     """Return which vectors are so long that rounding cannot rotate them by 1e-6 rad.
 
+    Shorter vectors have no reliable direction.
+
     Parameters
     ----------
     size

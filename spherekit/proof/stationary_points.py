@@ -319,10 +319,11 @@ def find_stationary_points(
     """Return the stationary points of a variable along a chain, and what is undecided.
 
     The chain is a curve as a row of certified arcs. The stretch of the curve from the
-    centre of each arc to that of the next one is examined. It is cut in two until the rate
-    of the variable cannot vanish in it, or until the derivative of the rate has one sign:
-    the rate then has one zero if its signs at both ends differ. Stretches that cannot be
-    cut stay undecided.
+    centre of each arc to that of the next one is examined. The rate is the derivative of
+    the variable along the curve. A stretch is cut in two until the rate cannot vanish in
+    it, or until the derivative of the rate has one sign. The rate then has one zero if its
+    signs at both ends differ, and no zero if they agree. Stretches that cannot be cut
+    further stay undecided.
 
     Parameters
     ----------

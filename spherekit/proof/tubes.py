@@ -281,7 +281,7 @@ def find_piece(
 
     The result is a box in which the configurations are exactly one arc. One side of the box
     is along the tangent of the curve. Several half lengths of this side are tried, each
-    with several radii across it.
+    with several radii (half widths in the other directions).
 
     Parameters
     ----------

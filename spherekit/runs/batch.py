@@ -404,8 +404,9 @@ class Batch:
     def conditioning(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) the ratio ``|w_j - w_i| / (|w_i| + |w_j|)`` of angular velocities.
 
-        Here w_i and w_j are the angular velocities of the links i and j. If the ratio is
-        small, digits cancel when the pole is computed. It is 1 for the axis of a pair.
+        Here w_i and w_j are the angular velocities of the links i and j. The pole (axis of
+        their relative rotation) is along w_j - w_i. If the ratio is small, digits cancel in
+        this difference. It is 1 for the axis of a pair.
         """
         return self._pole(i, j, "conditioning", moved)
 
@@ -425,7 +426,7 @@ class Batch:
         """Return (n,) the velocity coefficient of two links.
 
         It is the angular velocity of the link with the larger number relative to the other
-        link, along the pole axis, per unit rate of the input.
+        link, along the pole (axis of their relative rotation), per unit rate of the input.
         """
         return self._pole(i, j, "velocity_coefficient", moved)
 
@@ -495,7 +496,8 @@ class Batch:
     def angular_velocity(self, link: str, moved: int = 0) -> Floats:
         """Return (n, 3) angular velocity of a link per unit rate of the input, ground axes.
 
-        It is relative to the ground.
+        The angular velocity is relative to the ground. The input is that with the index
+        `moved`.
         """
         return self._link_rate(link, self._pole_field(moved).w)
 

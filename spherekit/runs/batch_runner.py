@@ -361,6 +361,8 @@ class BlockRows:
     def _find_certified_rows(self, columns: Floats) -> Bools:
         """Return which rows (n,) are closed up to rounding and have small error bounds.
 
+        A row is one configuration. The other rows are solved again by a slower method.
+
         The columns (width, n) are those of `_evaluate_slice`. An uncertainty is an error
         bound, divided by the largest one that is allowed.
         """
@@ -408,10 +410,11 @@ class BlockRows:
         return columns
 
     def _allocate_numbers(self, argument_count: int, n: int) -> tuple[Floats, Floats]:
-        """Return arrays for the arguments and the results of the quality function.
+        """Return empty arrays for the arguments and the results of the quality function.
 
-        Both are parts of one array, which suits the cache of the processor. The arguments
-        are (argument_count, n), the results (width, n).
+        This function computes for n rows the numbers that decide whether they are accurate
+        enough. Both arrays are parts of one array, which suits the cache of the processor.
+        The arguments are (argument_count, n), the results (width, n).
         """
         numbers = np.empty((argument_count + self._quality_function.width, n))
         return numbers[:argument_count], numbers[argument_count:]

@@ -78,7 +78,9 @@ def check_reads(case: ConformanceCase) -> str:
 
 
 def check_inputs(case: ConformanceCase) -> str:
-    """Check that the analysis does not write to the arrays that it reads.
+    """Check that the analysis does not write to the arrays of its input data.
+
+    Such arrays are read-only, so an attempt has raised an error.
 
     Returns
     -------
