@@ -36,8 +36,8 @@ DIRECTION_COLUMNS = tuple(
         name,
         "",
         f"{name} component of the output direction or, if the output is an orientation, "
-        "of its unit quaternion (x, y, z, w), given in the axes of the reference link of "
-        "the output",
+        "of its unit quaternion (x, y, z, w); both are in the axes of the reference link "
+        "of the output",
         turns="otherwise",
     )
     for name in "xyz"

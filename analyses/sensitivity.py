@@ -174,7 +174,11 @@ class SensitivityAnalysis(AbstractAnalysis):
                     "text",
                     turns="otherwise",
                 ),
-                Column("value", "", "value of the quantity, in rad and SI units"),
+                Column(
+                    "value",
+                    "",
+                    "value of the quantity; an angle in rad, others in SI units",
+                ),
                 Column(
                     "derivative",
                     "",

@@ -102,7 +102,7 @@ SINGULARITIES = Table(
         Column(
             "double",
             "",
-            "yes if the rate that is zero here has the same sign on both sides of the "
+            "yes if the velocity that is zero here has the same sign on both sides of the "
             "singularity, otherwise no",
             "text",
         ),

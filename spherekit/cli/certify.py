@@ -610,9 +610,9 @@ def _certify_map(
     # ``--range`` has no place for a second input, so the ranges of the file are used.
     if len(names) > 2 or options.range:
         raise AnalysisError(
-            f"{mechanism.name} has {len(names)} inputs; a range can be proven for one "
-            "input, or for two over the ranges in the file. With two inputs leave --range "
-            "out, with more give a value of each with --at"
+            f"{mechanism.name} has {len(names)} inputs; --range works with one input only. "
+            "With two inputs, omit --range: the ranges in the file are used. With three or "
+            "more inputs, give one value for each with --at"
         )
     largest_side = DEFAULT_CELL_RAD  # of a box
     if options.cell is not None:

@@ -81,7 +81,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="*",
         metavar="NAME",
         help=(
-            "for the kinds source code and latex: quantities to compute, as names or "
+            "only for source code and latex: quantities to compute, as names or "
             "patterns such as theta_* (default: angles, velocity coefficients of links, "
             "transmission angles, inertia and driving torque)"
         ),
@@ -117,7 +117,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="*",
         metavar="POLE",
         help=(
-            "for the kinds model and coupling: poles to include, such as 3/1 for the "
+            "only with --to model and --to coupling: poles to include, such as 3/1 for the "
             "pole of links 3 and 1 (default: all for a model with one input, otherwise "
             "none)"
         ),
@@ -127,7 +127,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="*",
         metavar="PAIR",
         help=(
-            "for the kind coupling: passive pairs (pairs that are not inputs) to include "
+            "only with --to coupling: passive pairs (pairs that are not inputs) to include "
             "(default: all)"
         ),
     )
@@ -137,7 +137,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="N[xM...]",
         type=sample_counts,
         help=(
-            "for the kind coupling: number of values of each input in the table "
+            "only with --to coupling: number of values of each input in the table "
             "(default: as many as --tol needs)"
         ),
     )
@@ -146,8 +146,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="T",
         type=number,
         help=(
-            "for the kind model: largest error of every function, relative to its largest "
-            "value (default: 1e-13; with several inputs 1e-11); for the kind coupling: "
+            "with --to model: largest error of every function, relative to its largest "
+            "value (default: 1e-13; with several inputs 1e-11); with --to coupling: "
             "largest error of angles, in rad (default: 1e-6)"
         ),
     )
@@ -155,8 +155,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--at",
         metavar="Q[,Q...]",
         help=(
-            "for the kind mjcf: values of the inputs at which the model is posed, such as "
-            "30deg (default: the first ones in their ranges at which it can be assembled); "
+            "only with --to mjcf: values of the inputs at which the model is posed, such "
+            "as 30deg (default: the first ones in their ranges at which it can be "
+            "assembled); "
             f"{UNIT_RULE}"
         ),
     )

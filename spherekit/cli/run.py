@@ -541,7 +541,7 @@ def _setting_for_tolerance(
     is_simulation = study.start is not None
     if options.tol is None and options.trade:
         raise AnalysisError(
-            "--trade: needs the tolerance for which the settings are chosen; give it with "
+            "--trade needs a tolerance, for which it chooses the settings; give it with "
             "--tol T"
         )
     if options.trade and is_simulation and options.engine != "auto":

@@ -229,7 +229,7 @@ class Tuned(MinimalAnalysis):
 
     def needs(self, mechanism):
         if self.count > 9:
-            raise AnalysisError("count is above 9")
+            raise AnalysisError(f"count is {self.count}, expected at most 9")
         return Needs()
 
     def compute(self, batch):
