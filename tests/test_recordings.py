@@ -283,16 +283,20 @@ def test_a_preview_shows_sizes_and_angles_at_the_start_of_the_range(tmp_path):
     A row of the table is such as "| 2 | 12-23 15 |": link 2 has an arc of 15 deg between
     the axes of the pairs 12 and 23. A fan is a line from the axis of the pair (first strip)
     and an arc about it (second strip). The angle of the arc is added up from its chords, so
-    it is accurate to 2e-3. It must be the pair variable at the start of the input's range.
+    it is accurate to 2e-3. It must be the pair variable at the start of the input's range,
+    which a run computes.
     """
     path = tmp_path / "a.rrd"
     # The empty text says that the mechanism can be assembled at the first input.
     assert preview(sk.load("stephenson"), path) == ""
     (text,) = read_component(path, "/stephenson/assembly_mode_0/sizes", "TextDocument:text")
     assert "| 2 | 12\u201323 15 |" in text[0]
+    # The table "motion" of a run has the pair variables. A run needs an analysis; that of
+    # one pole takes little time. The single sample is the start of the range.
     motion = sk.run("stephenson", "poles:only=21", samples=1).frame("motion")
     first_mode = motion.query("assembly_mode == 0")
     for pair in ("34", "16", "56"):
+        # A fan begins at the zero of the pair variable, so its path contains "zero".
         entity = f"/stephenson/assembly_mode_0/zero/{pair}"
         (strips,) = read_component(path, entity, "LineStrips3D:strips")
         axis = np.array(strips[0][0])

@@ -108,8 +108,8 @@ class DesignProfiles:
 
         The result is (9 * profiles, n). The nine numbers (columns) of a profile are its
         tangent (3), point (3), geodesic curvature and the first two derivatives of the
-        curvature by the arc length, at the point of contact. `values` (n, variables) are
-        the pair variables (rad), some of which are arc lengths on profiles.
+        curvature with respect to arc length, at the point of contact. `values` (n,
+        variables) are the pair variables (rad), some of which are arc lengths on profiles.
         """
         return evaluate_profile_columns(self.profiles, values)
 
@@ -149,7 +149,7 @@ class DesignProfiles:
 
         A profile is the curve along which a link touches another one. Eight numbers
         (columns) describe it at the point of contact: the tangent (3), the point (3), the
-        geodesic curvature and its derivative by the arc length.
+        geodesic curvature and its derivative with respect to arc length.
 
         The arc length of the point of contact is a pair variable plus the start of the
         profile. In a file with a reference pose (known configuration), the start is at the
@@ -510,7 +510,7 @@ def differentiate_profile(
     Returns
     -------
     A function of arc lengths (n,) that returns derivatives of the profile's columns:
-    tangent (3), point (3), curvature, and its derivative by the arc length.
+    tangent (3), point (3), curvature, and its derivative with respect to arc length.
     """
     if profile.points:
         return differentiate_spline(
@@ -545,11 +545,11 @@ def differentiate_profile(
 
 
 def _differentiate_by_arc_length(columns: Floats) -> Floats:
-    """Return the derivatives of the columns of contact profiles by the arc length.
+    """Return the derivatives, by arc length, of columns that describe contact profiles.
 
     The nine columns of a profile are the tangent t (3), the point p (3), the geodesic
-    curvature k, and its first two derivatives. On the unit sphere dt/ds = k (p x t) - p and
-    dp/ds = t. The last column cannot be differentiated, so eight columns remain.
+    curvature k, and the first two derivatives of k. On the unit sphere dt/ds = k (p x t) -
+    p and dp/ds = t. The last column cannot be differentiated, so eight columns remain.
 
     Parameters
     ----------
@@ -684,11 +684,12 @@ def evaluate_profile_columns(
     values: Floats,
     with_second_derivative: bool = True,
 ) -> Floats:
-    """Return the geometry (columns) of contact profiles at some configurations.
+    """Return columns of numbers that describe contact profiles at some configurations.
 
     A profile is the curve along which a link touches another one. The nine columns of a
     profile describe it at the point of contact: the tangent (3), the point (3) on the unit
-    sphere, the geodesic curvature, and its first two derivatives by the arc length.
+    sphere, the geodesic curvature, and the first two derivatives of the curvature with
+    respect to arc length.
 
     Parameters
     ----------
@@ -724,12 +725,12 @@ def evaluate_profile_columns(
 
 
 def _interpolate_columns(start: Floats, end: Floats, fractions: Floats) -> Floats:
-    """Interpolate the geometry (columns) of contact profiles between two designs.
+    """Interpolate the columns that describe contact profiles between two designs.
 
     The nine columns of a profile describe it at the point of contact: the tangent (3), the
-    point (3) on the unit sphere, the geodesic curvature, and its first two derivatives by
-    the arc length. All are interpolated linearly. Afterwards point and tangent are
-    corrected to orthogonal unit vectors.
+    point (3) on the unit sphere, the geodesic curvature, and the first two derivatives of
+    the curvature with respect to arc length. All are interpolated linearly. Afterwards
+    point and tangent are corrected to orthogonal unit vectors.
 
     Parameters
     ----------

@@ -51,17 +51,18 @@ class SizeDeviations:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Raise `DesignError` if the distribution, a deviation or the number is impossible.
+        """Raise `DesignError` if the distribution, a deviation or `count` is invalid.
 
-        The object describes random deviations of sizes for a tolerance analysis.
+        The object describes random deviations of sizes for a tolerance analysis. `count` is
+        the number of draws (mechanisms with random sizes).
         """
         if self.distribution not in DISTRIBUTIONS:
             raise DesignError(
                 f'distribution "{self.distribution}" is not known; it is normal or uniform'
             )
         sizes = np.atleast_1d(self.size)
-        is_possible = np.all(np.isfinite(sizes) & (sizes >= 0.0)) and np.any(sizes > 0.0)
-        if not is_possible or self.count < 0:
+        is_valid = np.all(np.isfinite(sizes) & (sizes >= 0.0)) and np.any(sizes > 0.0)
+        if not is_valid or self.count < 0:
             raise DesignError(
                 f"deviations: found {listing(f'{x:.6g}' for x in sizes)} (rad or SI units) "
                 f"and {counted(self.count, 'draw')}; each deviation must be a finite "

@@ -276,9 +276,9 @@ class Collocation:
         self.problem = problem
         self.equation = equation = problem.equation
         self.tolerance = tolerance
-        # (m, variables) the m coordinates of the motion, one for each degree of freedom.
-        # The rate of coordinate i is the sum of the rates of the pair variables, weighted
-        # by row i.
+        # (m, variables) weights that define the m coordinates of the motion, one for each
+        # degree of freedom. The rate of coordinate i is a weighted sum of the rates of all
+        # pair variables. Row i has the weights of this sum.
         self.rate_weights = problem.rate_weights
         self.steps: list[CollocationStep] = []
         self.events: list[Event] = []

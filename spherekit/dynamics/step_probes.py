@@ -127,11 +127,11 @@ def _find_critical_places(
     """
 
     def evaluate_arguments(steps: Indices, places: Floats) -> Floats:
-        """Return the arguments of steep functions, (n, arguments), at n places.
+        """Return the values (n, arguments) of the steep arguments at n places.
 
-        An example is x in the load tanh(1000 x). `steps` (n,) are the indices of the steps
-        that contain the `places` (n,), which are fractions from 0 at the start of a step to
-        1 at its end.
+        A steep argument is the x in a load such as tanh(1000 x), which changes abruptly
+        near x = 0. `steps` (n,) are the indices of the steps that contain the `places`
+        (n,). A place is a fraction of a step, from 0 at its start to 1 at its end.
         """
         _, argument_rows = probe(steps, places)
         return argument_rows

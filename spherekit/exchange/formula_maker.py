@@ -473,8 +473,9 @@ def _write_newton_step(design_expressions: DesignExpressions) -> list[Expr]:
     toothed wheels are linear functions of the inputs, so they need no step.
     """
     coordinate_rates = design_expressions.coordinate_rates
-    # The changes of the variables that close the loops to first order. A residual is the
-    # rotation that is missing at the pair that closes a loop, so the changes are added.
+    # A residual is a small rotation. A loop closes if the pair at its opening makes this
+    # rotation in addition. `solve_loops` returns the changes of all variables that together
+    # have the same effect, to first order. The inputs do not change.
     changes = coordinate_rates.solve_loops(coordinate_rates.closure_residuals)
     variables_after_step: list[Expr] = []
     for symbol, variable, change in zip(

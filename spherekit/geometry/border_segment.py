@@ -301,27 +301,30 @@ class BorderSegments(ArrayRows):
     def empty() -> "BorderSegments":
         """Return an object without segments (pieces of the border of a region).
 
-        Each field is an array with one row for each segment, so here it has no rows.
+        A search for the border begins with this object. Each field is an array with one row
+        for each segment, so here every field has no rows.
         """
-        # The heights of a segment are stored at nodes: one more than the order (degree) of
-        # a polynomial. The last of the `ORDERS` is the largest.
+        # A chord is the great-circle arc between the ends of a segment. The height of the
+        # segment above its chord (rad) is a polynomial along the chord. It is stored by its
+        # values at nodes, one more than the degree of the polynomial. The last of the
+        # `ORDERS` is the largest degree.
         max_node_count = ORDERS[-1] + 1
         no_index = np.zeros(0, np.intp)
         no_number = np.zeros(0)
         no_flag = np.zeros(0, dtype=bool)
         return BorderSegments(
-            frames=np.zeros((0, 3, 3)),
-            length=no_number,
-            margin=no_index,
-            triangle=no_index,
-            start=no_index,
-            stop=no_index,
-            is_leading=no_flag,
-            is_sound=no_flag,
-            order=no_index,
+            frames=np.zeros((0, 3, 3)),  # axes of the chord
+            length=no_number,  # arc of the chord
+            margin=no_index,  # number of the function that is zero on it
+            triangle=no_index,  # number of the mesh triangle that contains it
+            start=no_index,  # where the border enters the triangle
+            stop=no_index,  # where the border leaves the triangle
+            is_leading=no_flag,  # False if another segment comes first in the triangle
+            is_sound=no_flag,  # whether the border was found
+            order=no_index,  # degree of the polynomial
             height=np.zeros((0, max_node_count)),
-            area=no_number,
-            error=no_number,
+            area=no_number,  # area that the chord cuts off
+            error=no_number,  # estimated error of this area
         )
 
     @staticmethod

@@ -77,10 +77,13 @@ class CirclePath:
     def frames(self, u: Floats) -> PathFrames:
         """Return point, tangent, normal and geodesic curvature at parameters u (n,).
 
-        The derivative of the geodesic curvature by the arc length is returned too.
+        The path is a circle, and u is the arc length along the circle (rad). The derivative
+        of the geodesic curvature with respect to u is returned too.
         """
-        # The azimuth about the centre is u / sine. `outward` (n, 3) points from the centre
-        # to this azimuth, and `tangent` is 90 degrees ahead.
+        # A circle of angular radius r on the unit sphere has the length 2 pi sin(r). So an
+        # arc length u covers the angle u / sin(r) about the centre, called the azimuth.
+        # `outward` (n, 3) points from the centre to this azimuth, and `tangent` is 90
+        # degrees ahead.
         outward, tangent = radial_directions(self.axes, u / self.sine)
         centre = self.axes[:, 2]
         point = self.cosine * centre + self.sine * outward

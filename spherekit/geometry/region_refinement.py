@@ -297,14 +297,22 @@ class RegionRefinement:
         return whole + crossed
 
     def surface(self) -> tuple[Floats, Indices]:
-        """Return a triangulation of the region alone, up to its border.
+        r"""Return a triangulation of the region alone, up to its border.
 
         Triangles of the mesh with all vertices inside the region stay whole. Triangles that
         the border crosses are divided, and only their part inside the region is used. The
-        border in a triangle is a segment, a curve through several nodes. Small triangles
-        join each two neighbouring nodes to one vertex inside, the apex. Together they look
-        like a fan. If two vertices are inside, there is also an extra triangle between both
-        and the first node.
+        border in a triangle is a segment, a curve through several nodes (*)::
+
+                  C
+                 / \
+           end  *-*-*  start
+               /    _.\
+              / _.-'   \
+             A --------- B
+
+        Here A and B are inside the region. A fan of small triangles joins A (the apex) to
+        each two neighbouring nodes. The extra triangle A, B, start fills the rest. If only
+        one vertex is inside, the fan from this vertex fills the whole part inside.
 
         Returns
         -------
@@ -318,6 +326,7 @@ class RegionRefinement:
         nodes = self.segments.node_points(all_segments)
         points = np.concatenate([self.points, nodes.points])
         node_numbers = np.arange(len(self.points), len(points))
+        # The first node of each segment, in the direction with the region on the left.
         start_numbers = node_numbers[nodes.is_start]
 
         whole_triangles = self.triangles[division.inside_count == 3]

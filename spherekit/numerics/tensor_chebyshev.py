@@ -205,20 +205,21 @@ class _PendingCell:
     """A part of a box that still has to be approximated or halved.
 
     A box is halved again and again into cells. The halvings form a binary tree of splits.
-    Each split has links to its two halves. The link to this cell is set when it is known
-    whether the cell is halved again.
+    Each split refers to its two halves by numbers ("links", see `set_link`). The number
+    that refers to this cell is set when it is known whether the cell is halved again.
 
     Attributes
     ----------
     bounds
         (2, m) lower and upper corner.
     parent_split
-        The split that produced this cell, the same list as in the table of all splits. It
-        has four numbers: the axis across which a cell is halved, the position of the cut,
-        and the links to the lower and the upper half.
+        The split that produced this cell. It is the list object in the table of all splits
+        itself, so a change of the list changes the table. Its four numbers are the axis
+        across which the larger cell is halved, the position of the cut, and the numbers
+        that refer to the lower and the upper half.
     link_index
-        Index of the link to this cell in `parent_split`: 2 for a lower half, 3 for an upper
-        one.
+        Index in `parent_split` of the number that refers to this cell: 2 for a lower half,
+        3 for an upper one.
     """
 
     bounds: Floats

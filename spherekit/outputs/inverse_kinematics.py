@@ -148,9 +148,9 @@ class Inverse:
         Raises
         ------
         SolveError
-            If the normals, from which the Jacobian is computed, were not asked for. The
-            normal of an input is at right angles to all angular velocities of the output
-            that are possible with this input locked.
+            If the normals, from which the Jacobian is computed, were not asked for. With
+            one input locked, the output can still have some angular velocities. The normal
+            of this input is perpendicular to all of them.
         """
         if self.normals is None:
             raise SolveError("the Jacobian needs the normals; solve with normals=True")
@@ -321,25 +321,26 @@ class InverseKinematics:
         Parameters
         ----------
         poses
-            (n, 3, 3) orientations of the output link, or (n, 3) directions that it points
-            at, both in axes of the link that the output is seen from.
+            (n, 3, 3) orientations of the output link, or (n, 3) directions in which it
+            points. Both are relative to the link from which the output is observed.
         modes
             The working modes wanted, each with the signs of its dyads as in the property
             `modes`; all by default.
         normals
-            Whether the result has the normals, which the Jacobian needs. The normal of an
-            input is at right angles to all angular velocities of the output that are
-            possible with this input locked.
+            Whether the result includes the normals, which the Jacobian needs. With one
+            input locked, the output can still have some angular velocities. The normal of
+            this input is perpendicular to all of them.
         near
-            (n, 3, 3) orientations of the output link from which Newton's method starts.
-            They are needed only if a closing link (bar) determines the turn of the output
-            about its direction.
+            (n, 3, 3) approximate orientations of the output link. If only its direction is
+            given, its rotation about this direction is unknown. In some mechanisms a bar
+            that closes a loop fixes this rotation. Newton's method finds the rotation,
+            starting from `near`. Other mechanisms do not need `near`.
 
         Raises
         ------
         SolveError
-            If the poses are not rotations or directions, a mode does not exist, `near` is
-            missing, or the groups are not dyads; then ask for `solutions`.
+            If the poses are not rotations or directions, a mode does not exist, or `near`
+            is missing. Also if the mechanism has no closed form; then use `solutions`.
         """
         if self.dyads is None and self._closing_link is None:
             raise self.no_closed_form(
@@ -568,8 +569,8 @@ class InverseKinematics:
         Parameters
         ----------
         poses
-            (n, 3, 3) orientations of the output link, or (n, 3) directions that it points
-            at, both in axes of the link that the output is seen from.
+            (n, 3, 3) orientations of the output link, or (n, 3) directions in which it
+            points. Both are relative to the link from which the output is observed.
 
         Raises
         ------
@@ -678,11 +679,13 @@ class InverseKinematics:
         )
 
     def _check_starts(self, near: ArrayLike | None, count: int) -> Floats:
-        """Return the starts of the search for the turn of the output link.
+        """Return the orientations from which a search for the output orientation starts.
 
-        A direction leaves the turn of the output link about it open. In some mechanisms the
-        arc of one link (closing link) determines this turn, which is then searched. In
-        others the pose places all links directly.
+        A pose may state only the direction in which the output link points. The link can
+        still turn about this direction. In some mechanisms one other link has to fit
+        between its two neighbours, which is possible only at certain turns. It is called
+        the closing link. Newton's method then finds the turn, and needs a start. All other
+        mechanisms need no search.
 
         Parameters
         ----------
@@ -694,12 +697,12 @@ class InverseKinematics:
 
         Returns
         -------
-        (count, 3, 3) orientations, or an array (count, 0) if they are not needed.
+        (count, 3, 3) orientations, or an array (count, 0) if no search is needed.
 
         Raises
         ------
         SolveError
-            If they are missing or if their shape is wrong.
+            If orientations are needed but missing, or if their shape is wrong.
         """
         if self._closing_link is None:
             return np.empty((count, 0))

@@ -100,23 +100,27 @@ def closed_kinematics(mechanism: Mechanism, output: str | None = None) -> Closed
 
 
 def _find_special_form(inverse: InverseKinematics) -> ClosedKinematics:
-    """Return the closed form of an output whose mechanism does not consist of dyads.
+    """Return the closed form of an output in a mechanism of a special kind.
 
-    Two kinds of mechanisms have one. They are tried in this order:
+    Mechanisms that consist of dyads alone (groups of two links and three revolute joints)
+    have a closed form of their own, which the caller tries first. Two other kinds of
+    mechanisms have a closed form. They are tried in this order:
 
-    1. Dyads (groups of two links and three R pairs) that are driven by wheels.
-    2. Base and output link are mirror images of each other about a plane (mid-plane
-       symmetric architecture).
+    1. Mechanisms of dyads and wheels, in which the wheels drive the dyads.
+    2. Mechanisms in which base and output link are mirror images of each other about a
+       plane (mid-plane symmetric architecture).
 
     Raises
     ------
     SolveError
-        If there is none. The message says why the second kind does not apply.
+        If the mechanism is of neither kind. The message says why the second kind does not
+        apply.
     """
-    # The mechanism of the user, without the virtual links that hold the output in its pose.
+    # The mechanism of the user. `inverse` also has a mechanism with further, virtual links,
+    # which is not needed here.
     mechanism = inverse.own
     output = inverse.wrist.output
-    # None if the mechanism is not of the first kind.
+    # The closed form, or None if the mechanism is not of the first kind.
     geared = geared_kinematics(mechanism, output)
     if geared is not None:
         return geared

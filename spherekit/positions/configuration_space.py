@@ -245,8 +245,10 @@ def _may_reach_range(
     period
         Growth of the input (rad) after which the curve repeats, or infinite.
     """
-    # Between two nodes, the input can be beyond its values at both nodes. It exceeds them
-    # by less than the length of the chord that joins the nodes.
+    # A chord is the straight line between two successive nodes, in the space of all
+    # variables. The curve is nearer to this line than the length of the chord. On the line,
+    # the input is between its values at both nodes. So on the curve, the input is beyond
+    # these values by less than the length of the chord.
     margin = float(np.max(curve.chord_lengths))
     lowest = float(np.min(curve.nodes.values[:, driven])) - margin
     highest = float(np.max(curve.nodes.values[:, driven])) + margin

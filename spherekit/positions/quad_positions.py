@@ -67,8 +67,8 @@ class QuadConfigurations(NamedTuple):
 
     Quad precision means 33 digits. The links are placed group by group. A group is a set of
     bodies that become one rigid body when the pairs between them are closed. An input is a
-    float64 number, and the user may mean a decimal number of degrees that differs by
-    rounding. The status allows for this difference.
+    float64 number. The user may mean a decimal number of degrees, of which the input is the
+    rounded value. The status allows for this rounding error.
 
     Attributes
     ----------
@@ -79,9 +79,9 @@ class QuadConfigurations(NamedTuple):
         decimal link sizes in the file. Rounding to float64 is included. Infinite if they
         are not reliable.
     status
-        (n,) status of each configuration. OUT_OF_REACH: a group does not close for any
-        input within the rounding error. AT_SINGULARITY: a group is at its dead centre for
-        such an input, or the error bound is too large. Otherwise OK.
+        (n,) status of each configuration. OUT_OF_REACH: a group cannot be closed, even
+        if the inputs are changed by their rounding errors. AT_SINGULARITY: a group may be
+        at its dead centre for such inputs, or the error bound is too large. Otherwise OK.
     exact_values
         (n, variables) pair variables (rad) in quad precision.
     rotations
@@ -114,13 +114,15 @@ class _Bodies:
         (n,) bound of the error (rad) of the rotations, for exact inputs. At a dead centre
         it also covers the rounding of the inputs.
     rounding
-        (n,) largest difference (rad) between the inputs and the numbers that the user
-        means.
+        (n,) bound (rad) of the rounding errors of the inputs. A user may mean decimal
+        numbers, and the inputs are these numbers rounded to float64.
     is_out_of_reach
-        (n,) whether a group does not close for any input within this rounding error.
+        (n,) whether a group cannot be closed, even if the inputs are changed by their
+        rounding errors.
     is_at_dead_centre
-        (n,) whether a group is at its dead centre for an input within this rounding error.
-        Also True if Newton's method gave no reliable configuration to decide it.
+        (n,) whether a group is at its dead centre (where two of its solutions meet), or
+        may be if the inputs are changed by their rounding errors. Also True if Newton's
+        method gave no reliable configuration to decide this.
     """
 
     body_from_link: dict[int, Array]

@@ -105,7 +105,7 @@ class CertifiedSingularities:
         return max(min(distances) - curves.cycle_turns * INPUT_ROUNDING_RAD, 0.0)
 
     def _list_critical_inputs(self) -> list[tuple[float, float]]:
-        """Return the inputs at or near which singularities are, with the errors, in rad.
+        """Return the inputs (rad) near which singularities are, each with its error (rad).
 
         They are the singularities of types I and II, the places where curves of
         configurations cross or nearly do (saddles), and the inputs at which a whole curve
@@ -120,18 +120,20 @@ class CertifiedSingularities:
             for point in stationary_points.proven
         ]
         points += [singularity.point for singularity in self.singularities]
-        # With wheels, the input is `cycle_turns` times its variable in the equations, and
-        # its error as many times larger.
+        # In a mechanism with wheels, the equations contain the input divided by
+        # `cycle_turns`. So errors of this variable are multiplied by `cycle_turns`, and
+        # `input_angle` multiplies the variable itself. Without wheels the factor is 1.
         critical_inputs = [
             (curves.input_angle(point.position), curves.cycle_turns * point.error)
             for point in points
         ]
         for saddle in curves.saddles:
-            # Singularities are possible within this distance (rad) of the centre of the
-            # saddle.
-            zone_of_input = saddle.central_zone[curves.input_variable]
+            # Curves that nearly cross bend in the central zone of the saddle, so
+            # singularities are possible there. `central_zone` has the half width (rad) of
+            # this zone for each variable.
+            half_width = saddle.central_zone[curves.input_variable]
             critical_inputs.append(
-                (curves.input_angle(saddle.centre), curves.cycle_turns * zone_of_input)
+                (curves.input_angle(saddle.centre), curves.cycle_turns * half_width)
             )
         critical_inputs += [(value, 0.0) for value in curves.constant_input_values]
         return critical_inputs

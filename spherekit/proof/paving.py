@@ -218,8 +218,8 @@ def halve_boxes(boxes: Integers, variables: Indices) -> Integers:
     Parameters
     ----------
     boxes
-        (2, n, v) for each box and variable: how often the range was halved, and the number
-        of the part (`VariableRanges`).
+        (2, n, v) integers. `boxes[0]` says how many times the range of each variable was
+        halved, and `boxes[1]` which of the equal parts belongs to the box, counted from 0.
     variables
         (n,) the variable across which each box is cut.
 
@@ -248,9 +248,10 @@ def subdivide(
     Parameters
     ----------
     boxes
-        (2, n, v) n boxes in the space of v variables. A box is the part of the range of
-        each variable with a certain number, after a number of halvings. Index 0 of the
-        first axis is the number of halvings, index 1 the number of the part.
+        (2, n, v) integers that describe n boxes in the space of v variables. The range of
+        each variable is halved again and again. `boxes[0]` says how many times it was
+        halved, and `boxes[1]` which of the equal parts belongs to the box, counted from 0.
+        For example, part 3 after 2 halvings is the last quarter of the range.
     max_at_once
         Largest number of boxes that are examined in one call.
     activity

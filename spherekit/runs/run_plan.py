@@ -190,11 +190,12 @@ class RunPlan:
     def _evaluate_all_poles(
         self, motion: Motion, sign_continuations: Sequence[SignContinuation]
     ) -> PoleFields:
-        """Evaluate the requested poles of a block, for each input that moves alone.
+        """Evaluate the requested poles of a block of samples.
 
-        A pole is the axis about which one link rotates relative to another. The `setting`
-        has two choices. The route: velocity equations or great circles. The engine: NumPy,
-        compiled code or quad precision.
+        A pole is the axis about which one link rotates relative to another. If there are
+        several inputs, each input in turn moves alone, and has its own poles. The `setting`
+        selects the method ("route": velocity equations or great circles). It also selects
+        the engine (NumPy, compiled code or quad precision).
 
         Parameters
         ----------

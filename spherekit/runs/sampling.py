@@ -557,8 +557,9 @@ def _simulate_study(
     engine
         The solver; see `simulate`.
     on_progress
-        Called while the simulation is solved, with all samples and with the part of the
-        simulation that is solved. None if nobody follows the progress.
+        Called repeatedly while the simulation is solved. The argument has the times of all
+        samples, and the part of the simulation that is solved so far. None if nobody
+        follows the progress.
 
     Returns
     -------

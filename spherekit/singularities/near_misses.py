@@ -524,17 +524,20 @@ def _find_piece_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
         Number of the curve.
     """
     pieces = sampled.configurations.curves[number].pieces
+    # Arc lengths along the curve (rad), one for each piece.
     starts = np.array([piece.start for piece in pieces], dtype=float)
     stops = np.array([piece.stop for piece in pieces], dtype=float)
+    # A point inside the piece is chosen close to each end. Callers compare both: an angle
+    # that is smaller at the end than at this point has a minimum at the end.
     inward_distances = INWARD_PART * (stops - starts)
     # One row (start, stop) for each piece, then all rows one after another.
-    s = np.column_stack([starts, stops]).ravel()
+    end_s = np.column_stack([starts, stops]).ravel()
     inward_s = np.column_stack(
         [starts + inward_distances, stops - inward_distances]
     ).ravel()
-    # The input on the curve may be outside of the range. The `shift` of each piece, some
-    # whole periods, moves the input into the range.
+    # The input on the curve may be outside of its range. Configurations repeat after a
+    # period of the input. The `shift` of a piece, some whole periods, leads into the range.
     shifts = np.repeat([piece.shift for piece in pieces], 2)
     input_variable = sampled.position_analysis.solver.input_variable
-    inputs_on_curve = sampled.curves[number].at(s).values[:, input_variable]
-    return _PieceEnds(s=s, inward_s=inward_s, q=inputs_on_curve + shifts)
+    inputs_on_curve = sampled.curves[number].at(end_s).values[:, input_variable]
+    return _PieceEnds(s=end_s, inward_s=inward_s, q=inputs_on_curve + shifts)

@@ -46,7 +46,7 @@ class PlacingPart:
     position_analysis
         The position analysis of the part.
     variables
-        Number in the whole mechanism of each variable of the part.
+        For each variable of the part, its index in the whole mechanism.
     whole_modes
         For each mode of the part, by its number: the modes of the whole mechanism that
         contain it. For example (0, 2) for mode 0 of the part, and (1, 3) for mode 1.
@@ -175,7 +175,7 @@ def _match_modes(
     whole, part
         Position analyses.
     variables
-        Number in the whole mechanism of each variable of the part.
+        For each variable of the part, its index in the whole mechanism.
 
     Returns
     -------

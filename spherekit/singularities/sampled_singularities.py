@@ -721,10 +721,9 @@ class SampledSingularities:
     def least_dyad_angle(self, values: Floats, output: int) -> Floats:
         """Return the least distance from type II of the dyads that place an output.
 
-        A dyad is two links in series. The distance follows from its transmission angle, the
-        acute angle between the planes of both links. It vanishes only if the dyad is
-        stretched or folded, which is a singularity of type II. Unlike the transmission
-        measure, this angle is not small just because the links have short arcs.
+        A dyad is two links in series. If a dyad is stretched or folded, this is a
+        singularity of type II, and the distance is 0. The distance is an angle that follows
+        from the transmission angle, the acute angle between the planes of both links.
 
         Parameters
         ----------
@@ -754,7 +753,7 @@ class SampledSingularities:
             if not group.is_dyad:
                 return nans(len(values))
             angle = transmission_angle_of_group(group, axes)
-            # `distance_from_type_two` knows at which transmission angle type II is.
+            # The distance is 0 where the dyad is stretched or folded.
             least = np.minimum(least, distance_from_type_two(angle))
         return least
 

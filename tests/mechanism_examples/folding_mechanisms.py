@@ -149,7 +149,7 @@ def limited_cam(random):
 def folding_mechanism(seed):
     """Return a random mechanism that can fold (have links in line), and its kind.
 
-    - "cam": a cam with a roller follower that cannot turn fully (`limited_cam`).
+    - "cam": a cam that cannot turn fully, with a roller follower (`limited_cam`).
     - "contact": a four-bar of special geometry, for example a rhombus, perhaps with dyads
       (two links joined by a pair), and a cam on its crank or rocker (`with_cam`).
     - "redundant": such a four-bar with the same coupler twice (`with_second_coupler`).
@@ -166,9 +166,10 @@ def folding_mechanism(seed):
     _geometry_name, mechanism, _inputs = special_mechanism(seed)
     if kind == "redundant":
         return kind, with_second_coupler(mechanism)
-    # All sizes are in degrees. The pivot arc leads on the ground from its first axis to the
-    # pivot of the follower. The centre of a circle is at an arc from the first axis of its
-    # link.
+    # All sizes are in degrees. A link has joint axes, and the first one is its z axis. The
+    # pivot arc is the angle between the first axis of the ground and the pivot axis of the
+    # follower. A centre arc is the angle between the first axis of a link and the centre of
+    # its circle (cam or roller).
     pivot_arc = float(random.integers(30, 90))
     cam_centre_arc = float(random.integers(5, 30))
     cam_radius = float(random.integers(10, 30))

@@ -136,8 +136,9 @@ def mechanism_from_sizes(links, pairs, inputs, output, zeros=None):
     Parameters
     ----------
     links
-        By link: its axes as words, then its arcs and its angles in degrees. The first link
-        is the ground.
+        By link: its axes as words, then its arcs and its angles in degrees. The arcs lead
+        from the first axis to each other axis. The angles are about the first axis, from
+        the first arc to each other arc. The first link is the ground.
     pairs
         By pair: its two links as words.
     inputs
@@ -186,9 +187,10 @@ def platform_with_unlike_legs():
     """Return a platform on three legs that are driven in three ways.
 
     Leg 1 is driven at the base, leg 2 through a four-bar (drive, rod, crank2), and leg 3 at
-    its elbow. By link, `links` has the names of the axes, the arcs between them and the
-    angles between arcs (deg).
+    its elbow.
     """
+    # For each link: the names of its axes, the arcs (deg) from the first axis to each other
+    # axis, and the angles (deg) about the first axis from the first arc to each other arc.
     links = {
         "base": ("a1 a2 d2 a3", [70.0, 95.0, 110.0], [30.0, 140.0]),
         "crank1": ("a1 b1", [50.0], []),

@@ -370,11 +370,16 @@ class System:
                 self.frames[pair, link] = self.sizes.frame(pair, link)
 
     def _read_follower(self, follower_pairs):
-        """Return the pair that wheels turn with an input, or None if there are no wheels.
+        """Return the follower: the pair that wheels turn together with an input.
 
-        This pair is called the follower. It is found from the mechanism file, and must be
-        the one that the certificate (file of a proof) names. `need` raises an error
-        otherwise.
+        The follower is found from the mechanism file. It must be the pair that the
+        certificate (file of a proof) names. `need` raises an error otherwise.
+
+        Parameters
+        ----------
+        follower_pairs
+            The names of followers that the certificate states; empty without wheels. The
+            result is then None.
         """
         if not follower_pairs:
             return None

@@ -521,13 +521,15 @@ class SolutionOverBox:
         The solution is e^(i angle) = z + Z d + w = z (1 + e) with e = (Z d + w) / z. Here d
         are the inputs less the centre of the box, z is the solution at this centre, Z are
         its rates, and w is a remainder. The angle is the imaginary part of log z + log(1 +
-        e). log(1 + e) differs from e by at most |e|^2 / (2 (1 - |e|)).
+        e). log(1 + e) differs from e by at most |e|^2 / (2 (1 - |e|)). For some unknowns
+        (`is_inverse`) the solution is e^(-i angle) instead.
         """
         angles = []
         # Z / z, w / z and e, for each unknown.
         for is_inverse, (z, relative_rates, relative_remainder, e) in zip(
             self.is_inverse, self.relative_parts(), strict=True
         ):
+            # An inverse unknown is e^(-i angle), so it gives the negative angle.
             sign = -1 if is_inverse else 1
             angle = sign * z.log().imag
             size = arb(abs(e).upper())

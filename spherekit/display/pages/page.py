@@ -218,9 +218,9 @@ class PageMaker:
         Raises
         ------
         EngineError
-            If loads depend on arguments that the page does not have, such as the time. Also
-            if assembly modes shall follow smooth curves through crossings with other modes,
-            but positions have no closed form. Newton's method cannot pass a crossing.
+            If loads depend on arguments that the page does not have, such as the time
+            (`_check_arguments`). Also if a curve of configurations has to pass a crossing
+            with another curve, and the page cannot do this (`_check_smooth_curves`).
         """
         page_formulas = formulas(
             self._stated_mechanism,  # an object, a name or a path
@@ -231,8 +231,10 @@ class PageMaker:
         )
         self._check_smooth_curves(page_formulas)
         self._check_arguments(page_formulas)
-        # `smooth` has the crossings for the sizes of the file. They move if a slider
-        # changes a size, so the page computes them itself.
+        # `mode_table` lists the assembly modes (ways to assemble the mechanism). Its entry
+        # `smooth` says at which inputs their curves cross, for the sizes of the file. If a
+        # slider changes a size, these inputs change. So the entry is removed, and the page
+        # computes the crossings itself.
         return replace(
             page_formulas, mode_table=page_formulas.mode_table._replace(smooth=None)
         )

@@ -268,7 +268,8 @@ def _make_step_facts(pole_plan: Plan, step: Step, poles: Sequence[Pole]) -> Fact
     poles
         The poles that the step gives.
     """
-    # If the step gives several poles, further lines describe inner steps.
+    # Some steps give several poles at once. Their text then has further lines about single
+    # poles. The page has separate descriptions for these, so only the first line is used.
     first_line = describe(pole_plan, step).split("\n")[0]
     return {
         "text": first_line,

@@ -93,9 +93,12 @@ def slider_range(
         half_range = abs(value) or 1.0
     # The step is a power of ten. The slider has at least 100 steps.
     step = float(10.0 ** np.floor(np.log10(half_range / 50.0)))
+    # The text field accepts numbers from `least` to `most`. The file format limits some
+    # numbers: an arc of a link, for example, is from 0 to 180 degrees.
     least, most = _find_typed_limits(document, mechanism, variable, half_range)
-    # At the limits, axes of pairs coincide or lie on the z axis of the ground. So the
-    # slider ends one step before them, or at the number of the file.
+    # Limits of the format are special cases: with an arc of 0, two axes coincide. So the
+    # slider ends at least one step before a limit. The number of the file can be reached
+    # in any case.
     lowest_end = min(least + step, value)
     highest_end = max(most - step, value)
     return SliderRange(

@@ -25,18 +25,22 @@ from spherekit.scenes.scene import Axis, InputMarks, Scene, Series
 
 
 class Charts:
-    """Draws the charts of all pages of a recording for the viewer rerun.
+    """Draws the charts of a recording (the data that the viewer rerun shows).
+
+    A recording has several pages. A page shows one assembly mode (way to assemble the
+    mechanism), or has a title.
 
     Attributes
     ----------
     layout
         The layout of the window, which gets a view for each chart.
     outputs
-        The destinations of the recording.
+        The files and viewers to which the recording is written.
     charts
-        The charts by their paths.
+        The charts, by their paths in the recording.
     marks
-        Inputs to be marked, by the path of their page.
+        Values of the inputs that are marked in the charts of a page, such as those of
+        singularities. They are listed by the path of the page.
     """
 
     def __init__(self, layout: Layout, outputs: Outputs) -> None:

@@ -114,8 +114,9 @@ class Chart:
     def width(self) -> float:
         """The width of the frame, which leaves space for the legend.
 
-        The first call fixes the number of columns of the legend. It stays the same if
-        curves are added later, since the cursor was placed by this width.
+        The first call fixes the number of columns of the legend. Curves that are added
+        later do not change it. The cursor of the chart (a line at the present sample) was
+        already drawn at a position that depends on the width.
         """
         if self.is_map:
             return PORTRAIT_WIDTH
