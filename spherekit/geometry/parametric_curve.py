@@ -45,7 +45,7 @@ class PathFrames:
     curvature
         (n,) geodesic curvatures k, positive if the path turns left.
     curvature_rate
-        (n,) derivatives dk/ds by the arc length s.
+        (n,) derivatives dk/ds with respect to the arc length s.
     """
 
     frame: Floats
@@ -163,8 +163,8 @@ class FourierPath:
         """Return point, tangent, normal and geodesic curvature at azimuths u (n,).
 
         The curve is described by its colatitude (angle from a centre) over the azimuth
-        about this centre. The derivative of the curvature by the arc length is returned
-        too.
+        about this centre. The derivative of the curvature with respect to arc length is
+        returned too.
         """
         # d1, d2 and d3 are derivatives of the colatitude by the azimuth; s and c are the
         # sine and the cosine of the colatitude.
@@ -191,9 +191,10 @@ class FourierPath:
     def _curvature(
         s: Floats, c: Floats, derivatives: tuple[Floats, Floats, Floats]
     ) -> tuple[Floats, Floats]:
-        """Return the geodesic curvature k of the path, and its derivative by arc length.
+        """Return the geodesic curvature k of the path, and its derivative dk/ds.
 
-        The path is described by its colatitude (angle from a centre) over the azimuth.
+        The path is described by its colatitude (angle from a centre) over the azimuth. The
+        derivative is with respect to arc length.
 
         Parameters
         ----------
@@ -209,8 +210,8 @@ class FourierPath:
 
             k = D / v^3,    k' / v = D' / v^4 - 3 k v' / v^2.
 
-        The second one is the derivative of k by arc length. The part of p'' along p
-        does not matter for D. The other components, southward and eastward, are
+        The second one is the derivative dk/ds. The part of p'' along p does not matter
+        for D. The other components, southward and eastward, are
 
             p': d1, s               p'': d2 - s c, 2 c d1
 
@@ -276,8 +277,8 @@ class SplinePath:
     def frames(self, u: Floats) -> PathFrames:
         """Return point, tangent, normal and geodesic curvature at parameters u (n,).
 
-        The derivative of the curvature by the arc length is returned too. The curve on the
-        unit sphere is p = x / |x|, the projection of a spline x(u) in space.
+        The derivative of the curvature with respect to arc length is returned too. The
+        curve on the unit sphere is p = x / |x|, the projection of a spline x(u) in space.
         """
         x = self._differentiate(u, 0)
         x1 = self._differentiate(u, 1)

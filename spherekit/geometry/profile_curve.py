@@ -53,7 +53,7 @@ class CurvePoint:
     curvature
         (n,) geodesic curvatures k, positive where the curve turns left.
     curvature_rate
-        (n,) derivatives dk/ds by the arc length.
+        (n,) derivatives dk/ds with respect to arc length.
     inside
         (n,) whether the arc length belongs to the curve. Beyond the end of an open curve
         the values are those at the end. For an arc length that is not finite they are NaN.
@@ -82,8 +82,8 @@ class Curve:
     backwards
         Whether the curve runs against its path. A closed curve then starts at the same
         point, and an open one at the other end. The tangent, the normal and the geodesic
-        curvature change their signs; the derivative of the curvature by the arc length does
-        not.
+        curvature change their signs; the derivative of the curvature with respect to arc
+        length does not.
     """
 
     path: Path

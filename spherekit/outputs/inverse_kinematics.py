@@ -99,10 +99,10 @@ class Inverse:
     measure
         Function that computes `type_2`.
     normals
-        (m, n, inputs, 3) unit normals n_i: with input i locked and the others free, the
-        angular velocities of the output are all at right angles to n_i. They are in axes of
-        the link that the output is seen from, and point in the sense in which the rate of
-        the input is positive. None if they were not asked for.
+        (m, n, inputs, 3) unit normals n_i: with input i locked and the others free, all
+        possible angular velocities of the output are perpendicular to n_i. A normal points
+        in the sense in which the rate of the input is positive. The axes are those of the
+        link from which the output is observed. None if they were not asked for.
     slope
         (m, n) derivative of the cosine between the two axes of the bar by the turn of the
         output about its direction; None without a bar. The error of the turn is the
@@ -140,10 +140,10 @@ class Inverse:
         """(m, n, 3, inputs) angular velocity of the output per unit rate of each input.
 
         There are n poses in m working modes (ways to assemble the mechanism at a pose). One
-        input moves while the others are locked. The axes are those of the link that the
-        output is seen from. For a pointing output it is the part of the angular velocity at
-        right angles to its direction. NaN or infinite at a type II singularity, where the
-        output can move with locked inputs.
+        input moves while the others are locked. The axes are those of the link from
+        which the output is observed. For a pointing output, the result is the part of the
+        angular velocity that is perpendicular to its direction. The result is NaN or
+        infinite at a type II singularity, where the output can move with locked inputs.
 
         Raises
         ------
@@ -254,7 +254,7 @@ class InverseKinematics:
         self._assembly = self.solver.assembly
         joints = revolutes(self.solver.joints)
         has_only_r_pairs = len(joints) == len(self.solver.joints)
-        base = self.wrist.base  # the link that the output is seen from
+        base = self.wrist.base  # the link from which the output is observed
         if has_only_r_pairs and DyadChain.can_place(self._assembly, base):
             # The link that is placed by the pose. An orientation places the output link
             # itself. A direction places only the last virtual link, on which the output

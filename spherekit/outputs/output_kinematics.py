@@ -253,7 +253,7 @@ class OutputKinematics:
         """Return the output's angular velocity (n, 3, inputs) per unit rate of an input.
 
         One input moves while the others are locked. The result is in the axes of the link
-        that the output is seen from; NaN where the inputs do not determine the motion.
+        from which the output is observed; NaN where the inputs do not determine the motion.
 
         Parameters
         ----------

@@ -40,10 +40,10 @@ class VirtualOutputChain:
     """A mechanism with two virtual links, which prescribe the pose of one of its outputs.
 
     They serve for inverse kinematics. Two virtual links and three R pairs in series lead
-    from the link that the output is seen from to the output link. The angles of these pairs
-    are the coordinates of the pose, and become the inputs. If the output is an orientation,
-    all three are driven. If it is a direction, the third pair turns freely about this
-    direction.
+    to the output link, from the link relative to which the output is observed. The angles
+    of these pairs are the coordinates of the pose, and become the inputs. If the output is
+    an orientation, all three are driven. If it is a direction, the third pair turns freely
+    about this direction.
 
     The inputs of the original mechanism are no longer driven. The position analysis of the
     extended mechanism therefore gives their values for a pose. The numbers of virtual links
@@ -78,7 +78,7 @@ class VirtualOutputChain:
 
     @property
     def base(self) -> int:
-        """Number of the link that the output is seen from."""
+        """Number of the link from which the output is observed."""
         return self.mechanism.link_number[self.output.relative_to]
 
     @property
