@@ -401,11 +401,11 @@ class EquivalentRotation(AbstractAnalysis):
         return Findings(summary, warnings, tuple(remarks))
 
     def _schedule_record(self, schedule: TimeScaling) -> dict[str, Any]:
-        """Return the record of a schedule (the rotation in time) for the summary.
+        """Return what the summary states about a schedule (the rotation in time).
 
-        It has the duration, and the extremes: the largest speed and the largest
-        acceleration of each input. An extreme occurs at a time t. The rotation has then
-        reached the angle theta.
+        This is a table with the duration and with the extremes: for each input, the largest
+        speed and the largest acceleration, each with the time t at which it occurs and the
+        angle theta that the rotation has reached at this time.
         """
         # The speeds and accelerations of the inputs are limited. The duration is as short
         # as these limits allow. The binding one is the limit that makes it so long.

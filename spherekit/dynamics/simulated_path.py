@@ -357,7 +357,7 @@ class CoordinateMomentumConversion:
         coordinate_rates: Floats,
         coordinate_accelerations: Floats,
     ) -> tuple[Floats, Floats]:
-        """Return the momenta p = R u of moving configurations, and their rates by time.
+        """Return the momenta p = R u of moving configurations, and their time derivatives.
 
         u are the rates of the m coordinates. R is the symmetric root of the inertia matrix,
         M = R R, so that the kinetic energy u . M u / 2 is p^2 / 2.
@@ -367,7 +367,7 @@ class CoordinateMomentumConversion:
         pair_variables
             (n, variables) pair variables (joint angles) of the configurations, rad.
         coordinate_rates, coordinate_accelerations
-            (n, m) first and second derivatives of the coordinates by time: u and du/dt.
+            (n, m) first and second time derivatives of the coordinates: u and du/dt.
 
         Returns
         -------

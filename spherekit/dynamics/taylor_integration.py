@@ -623,7 +623,10 @@ class TaylorIntegration:
         return end
 
     def _store_segment(self, steps: Sequence[TaylorStep]) -> None:
-        """Store steps as a segment, and update the largest measure of independence.
+        """Store steps as a segment, and update `max_independence`.
+
+        `max_independence` is the largest value so far of the measure of how independent the
+        loop-closure equations are.
 
         The segment also has three things that the Taylor series of the steps do not
         contain: whole turns of the joint angles, the unit of the momenta, and the work of

@@ -56,9 +56,9 @@ class ImportedFile:
     ) -> None:
         """Find links, pairs, masses and loads in a model, and describe them as a file.
 
-        The results are the parts of a mechanism file: its tables (`content`), comments on
-        them (`comments`) and at the beginning (`heading`). What was left out or changed is
-        stated in `notes`.
+        The results are the parts of a mechanism file: its tables (`content`), the comments
+        on the tables (`comments`) and the comments at the beginning of the file
+        (`heading`). What was left out or changed is stated in `notes`.
 
         Parameters
         ----------

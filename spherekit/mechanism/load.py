@@ -423,8 +423,9 @@ def check_field(kind: str, key: str, value: Any, mechanism: LoadedMechanism) -> 
     Parameters
     ----------
     kind
-        What the field contains, as in `Load.field_kinds`: for example "pair" for the name
-        of an R pair, or the unit of a number that is not negative.
+        What the field contains, as in `Load.field_kinds`. For example, "pair" means the
+        name of an R pair. A unit such as "N m" means a number in this unit that is not
+        negative.
     key
         Key of the field in the file of the mechanism, for messages.
     value

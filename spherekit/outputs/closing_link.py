@@ -66,23 +66,24 @@ two.
 
 @dataclass(frozen=True)
 class TurnSolutions:
-    """Solutions of a mechanism whose output points in given directions.
+    """Configurations of a mechanism in which the output link points in given directions.
 
-    The output link can still turn about the direction in which it points. This angle is the
-    turn. One link of the mechanism, the closing link, fits only at certain turns: the angle
-    between its two pair axes must be the arc a of the link. At a turn, the other links
-    determine the actual angle d between these axes. The link fits where the residual f =
-    cos(d) - cos(a) is 0. Solutions are ordered by direction and turn.
+    The output link can still turn about the direction in which it points. The angle of this
+    rotation is called the turn. One link of the mechanism, the closing link, fits only at
+    certain turns: the angle between its two pair axes must be the arc a of the link. At a
+    turn, the other links determine the actual angle d between these axes. The link fits
+    where the residual f = cos(d) - cos(a) is 0. Each such turn is a solution. Solutions are
+    ordered by direction and turn.
 
     Attributes
     ----------
     row
-        (k,) number of the direction to which each of the k solutions belongs.
+        (k,) index of the direction to which each of the k solutions belongs.
     turn
         (k,) turn (rad) in (-pi, pi].
     sense
-        (k,) sign of the derivative of f by the turn, 1.0 or -1.0. It distinguishes
-        neighbouring solutions at one direction.
+        (k,) sign of the derivative of f with respect to the turn, 1.0 or -1.0. It
+        distinguishes neighbouring solutions for the same direction.
     """
 
     row: Indices

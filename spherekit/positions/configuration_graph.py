@@ -567,15 +567,16 @@ class ConfigurationGraph:
     def join(self) -> None:
         """Join nodes at neighbouring samples by paths, until the assembly modes are known.
 
-        A node is a configuration at one sample (choice of the inputs). A piece is a set of
-        joined nodes with at most one node per sample. Pieces are united, and become the
-        assembly modes in the end.
+        A node is a configuration at one sample (choice of the inputs). The samples form a
+        grid with one axis for each input. A piece is a set of joined nodes with at most one
+        node per sample. Pieces are united, and become the assembly modes in the end.
 
         First, paths along the last axis of the grid make long pieces. Then paths are
         followed along the other axes. A single path can join two long pieces that are side
         by side, so a few paths from each piece are tried first, and more only if pieces
-        remain to be joined. Each path also joins its end to its start. So one of the two
-        directions of each axis is enough at first.
+        remain to be joined. A path joins two nodes whichever of them it starts from. In the
+        first rounds, paths are therefore followed in only one of the two directions of each
+        axis.
 
         At some samples configurations may be missing among the nodes. A path to such a
         sample can end at a new configuration, which becomes a node.
@@ -592,7 +593,8 @@ class ConfigurationGraph:
         # are long now, so that this method tries a few paths of each piece first.
         for axis in range(axis_count - 2, -1, -1):
             self._join_in_directions([2 * axis + 1])
-        # All directions again, because nodes can have been added meanwhile.
+        # Now all directions, also because new nodes can have been added during these
+        # rounds.
         self._join_in_directions(range(direction_count))
 
     def _join_in_directions(self, directions: Sequence[int]) -> None:

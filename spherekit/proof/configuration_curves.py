@@ -138,10 +138,11 @@ class CertifiedCurves:
 
     @property
     def cycle_turns(self) -> int:
-        """Turns of the input after which all wheels have their initial angles again.
+        """Number of turns of the input after which all wheels are at their initial angles.
 
-        It is 1 without wheels. The equations use a variable that makes one turn meanwhile.
-        So the input angle is this number times the variable.
+        It is 1 without wheels. The equations use a variable that makes one turn while the
+        input makes this number of turns. So the input angle is this number times the
+        variable.
         """
         return self.construction.cycle_turns
 

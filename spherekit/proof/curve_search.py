@@ -158,9 +158,10 @@ class CurveSearch:
     def _are_inside_near_arcs(
         self, centres: Floats, radii: Floats, tried_count: int
     ) -> Bools:
-        """Return which boxes (n,) are surely inside the box of one of the nearest arcs.
+        """Return a mask (n,) of boxes that are certainly inside the box of one near arc.
 
-        A known arc of a configuration curve is alone in an oriented box.
+        Each known arc of a configuration curve has an oriented box around it that contains
+        no other part of any configuration curve.
 
         Parameters
         ----------
@@ -184,8 +185,8 @@ class CurveSearch:
     def _are_inside(self, pieces: Any, positions: Floats, reach: Floats | float) -> Bools:
         """Return whether positions (..., v) are inside the oriented boxes of arcs.
 
-        A known arc of a configuration curve is alone in a box along its tangent and
-        normals.
+        Each known arc of a configuration curve has a box around it, with sides along its
+        tangent and normals, that contains no other part of any configuration curve.
 
         Parameters
         ----------

@@ -173,13 +173,13 @@ class RunPlan:
         return self._evaluate_all_poles(motion, sign_continuations)
 
     def _fill_in_poles(self, motion: Motion, max_poles: int) -> PoleFields:
-        """Return numbers of poles for a run that only measures the size of its tables.
+        """Return placeholder values of poles, for a run that only measures its table sizes.
 
         A pole is the axis about which one link rotates relative to another.
 
-        The numbers need not be right, but must take as many bytes as the right ones. About
-        `max_poles` poles are evaluated. The others get similar numbers, because a table
-        file stores equal numbers only once.
+        The values need not be right, but must take as many bytes as the right ones. About
+        `max_poles` poles are evaluated. The other poles get similar, not equal values,
+        because a table file stores equal values only once.
         """
         return tuple(
             evaluate_sample(motion, request, max_poles)

@@ -285,12 +285,12 @@ class RowVelocities:
         return self._bounds[self._bound_slices[name]][0]
 
     def _find_certified_rows(self) -> Bools:
-        """Return (n,) the rows (configurations) with small enough error bounds in float64.
+        """Return a mask (n,) of rows (configurations) with small error bounds in float64.
 
-        All other rows are computed again in quad precision. In a certified row, the
-        velocity equations are far from singular. For each pole (the axis about which two
-        links rotate relative to each other), one of two conditions is met. Its direction is
-        accurate, or it is certain that its links do not move relative to each other.
+        These rows are certified. All other rows are computed again in quad precision. In a
+        certified row, the velocity equations are far from singular. For each pole (the axis
+        about which two links rotate relative to each other), either the direction of the
+        pole is accurate, or its two links certainly do not move relative to each other.
         """
         is_certified = self._bound("condition_number") <= 1.0 / MIN_RECIPROCAL_CONDITION
         # The curvature uncertainty exceeds 1 if the two profiles of a contact have nearly

@@ -87,10 +87,10 @@ class Transmission:
 
     @staticmethod
     def from_mechanism(mechanism: Mechanism, output: Output) -> "Transmission":
-        """Return the measure of an output while all inputs of a mechanism are locked.
+        """Return the measure of how well the locked inputs of a mechanism hold an output.
 
-        If there are two inputs and the output declares a direction, only the motion of this
-        direction counts, because two inputs cannot control the whole orientation.
+        If there are two inputs and the output declares a direction, only changes of this
+        direction count, because two inputs cannot control the whole orientation.
         """
         driven = [mechanism.variables_of(pair)[0] for pair in driven_pairs(mechanism)]
         return Transmission(
