@@ -127,7 +127,7 @@ class Closure:
         second link of each pair to the axes of its body, if bodies are groups of links.
         None if each body is one link.
     locks
-        Numbers of locked variables, with the values (n or 1, locks) at which they are
+        Indices of locked variables, with the values (n or 1, locks) at which they are
         locked (rad). None if no variable is locked.
     """
 
@@ -185,7 +185,7 @@ class Closure:
         values
             (n, variables) start values (rad).
         fixed
-            Numbers of the variables that stay constant, for example those of the inputs.
+            Indices of the variables that stay constant, for example those of the inputs.
         max_steps
             Largest number of steps.
         longest_step
@@ -194,7 +194,8 @@ class Closure:
         Returns
         -------
         The loops linearised at the last values: their closure errors, and the derivatives
-        by the variables. The loops can still be open, so the caller checks the errors.
+        with respect to the variables. The loops can still be open, so the caller checks the
+        errors.
         """
         linearisation, _ = self.solve_and_report_steps(
             values, fixed, max_steps=max_steps, longest_step=longest_step
@@ -217,7 +218,7 @@ class Closure:
         values
             (n, variables) start values (rad).
         fixed
-            Numbers of the variables that stay constant.
+            Indices of the variables that stay constant.
         max_steps
             Largest number of steps.
         longest_step
