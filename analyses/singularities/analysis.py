@@ -239,7 +239,7 @@ class SingularityAnalysis(AbstractAnalysis):
         return self._singularities(batch).scenes()
 
     def findings(self, batch: Batch) -> Findings:
-        """Return how many singularities there are, and where a mode comes near one."""
+        """Return how many singularities exist, and where a mode comes near one of them."""
         return self._singularities(batch).findings()
 
     def _singularities(self, batch: Batch) -> OneInput | SeveralInputs:

@@ -140,7 +140,7 @@ def _write_maximum(a: Array, b: Array, result: Array) -> None:
 
 
 def _float_maximum(a: float, b: float) -> float:
-    """Return the larger number, or NaN if one of both is NaN, as NumPy's maximum does."""
+    """Return the larger of two numbers, or NaN if either is NaN, like NumPy's maximum."""
     # Only NaN differs from itself. If b is NaN, both comparisons are false.
     if a >= b or a != a:
         return a
