@@ -77,34 +77,33 @@ Columns = dict[str, Any]
 OUTPUT_KINDS: tuple[LocusName, ...] = ("II", "I")
 """Kinds of singularities that are searched for every output."""
 SLICE_TIME_SHARE = 0.4
-"""Part of the time limit that slices (searches with all inputs but one locked) may
-take. The rest is for following loci and aspects. Larger: more loci are found; smaller:
-more of each locus is followed."""
+"""Part of the time limit that slices may take. The rest is for following loci and
+aspects. Larger: more loci are found; smaller: more of each locus is followed."""
 SAME_TYPE_THREE_POINT_RAD = 1e-6
 """Points of type III whose variables differ by less are one point, met on two curves.
 Larger: points near each other are listed once; smaller: one point is listed twice."""
 ANGLE_DECIMALS = 9
 """Decimals of an angle in degrees that are not rounding."""
 DEFAULT_SLICES = 12
-"""Default number of values at which each of two inputs is locked in mechanisms of
-dyads. Larger: smaller loci are found, in more time."""
+"""Values of each of two inputs at which mechanisms of dyads are cut by default. Larger:
+smaller loci are found, in more time."""
 EDGES_PER_RANGE = 4.0
-"""Smallest number of edges of the first mesh along the narrowest range of an input.
-Larger: smaller triangles, and more time."""
+"""Edges of the first mesh along the narrowest range of an input, at least. Larger: smaller
+triangles, and more time."""
 MAX_EDGE_HALVINGS = 2
-"""Largest number of times that the edges are halved afterwards, with vertices on the
-surface. Larger: finer surfaces, in more time."""
+"""How often edges are halved afterwards at most, with vertices on the surface. Larger:
+finer surfaces, in more time."""
 PARTS_PER_CHORD = 8
 """Parts into which each chord between two nodes of a drawn curve is divided. Larger:
 smoother curves."""
 LONGEST_EDGE_RAD = np.radians(15.0)
 """Longest edge of the first mesh."""
 MAX_OUTPUT_FREEDOMS = 3
-"""Largest number of degrees of freedom of an output."""
+"""Degrees of freedom that an output has at most."""
 CURVE_INPUT_COUNT = 2
-"""With this number of inputs, singular configurations of one kind form curves."""
+"""Number of inputs with which singular configurations of one kind form curves."""
 SURFACE_INPUT_COUNT = 3
-"""With this number of inputs, singular configurations of one kind form surfaces."""
+"""Number of inputs with which singular configurations of one kind form surfaces."""
 DEFAULT_ASPECT_SAMPLES = 11
 """Values of each input for aspects by default. Larger: narrow aspects are found, in more
 time."""
@@ -120,7 +119,7 @@ EFFECTS_EVERYWHERE: Mapping[str, str] = {
     **EFFECTS,
     "I": "the inputs can always move while the output rests",
 }
-"""What a kind of singularity means if it occurs in every configuration."""
+"""What a kind means that occurs in every configuration."""
 MAX_LISTED_REACHES = 4
 """Number of curves or surfaces whose inputs are printed; the table of points has all."""
 
@@ -145,11 +144,11 @@ class SearchResult:
     Attributes
     ----------
     loci
-        The loci (curves or surfaces of singular configurations), by the name of the
-        output.
+        The loci (curves or surfaces of singular configurations) of each output, by its
+        name.
     aspects
         The aspects (connected sets of configurations without singularities), or None if
-        the user does not want aspects.
+        they are not wanted.
     """
 
     loci: dict[str, list[Locus]]
@@ -242,7 +241,7 @@ class SeveralInputs:
         The set of all singular points of one kind is called a locus. Its `claim` states how
         complete the search for it was, for example certified or only sampled. The column
         `inside` states whether all inputs are within their declared ranges. The column
-        `curve` has a number for each curve of an output, or for each connected surface.
+        `curve` numbers the curves of an output, or the connected surfaces.
         """
         tables: list[Columns] = []
         for output in self.batch.mechanism.outputs:
@@ -426,7 +425,7 @@ class SeveralInputs:
         output
             The output.
         input_number
-            Index of the input among the moving inputs.
+            Number of the input among the moving inputs.
         """
         batch = self.batch
         # Coefficients, rates and distances of all n rows, arrays (n, inputs, ...).
@@ -491,15 +490,14 @@ class SeveralInputs:
         return ASPECTS.stacked(mechanism, [columns])
 
     def findings(self) -> Findings:
-        """Return which singularities and aspects exist, and rows near singularities.
+        """Return which singularities and aspects exist, and rows near a singularity.
 
         A locus is the set of all singular configurations of one kind: curves if there are
         two inputs, surfaces if there are three. An aspect is a connected set of
         configurations without singularities.
 
-        - The summary has for each output the kinds that occur in every configuration,
-          how many curves or vertices of surfaces were found, and the guarantee of each
-          search.
+        - The summary has for each output the kinds that occur in every configuration, the
+          numbers of curves or of vertices of surfaces, and the guarantee of each search.
         - The table for the screen has the number of curves or surfaces of each kind, and
           the inputs that they reach over.
         - Warnings concern rows near a singularity.
@@ -645,7 +643,7 @@ class SeveralInputs:
 
     @property
     def loci(self) -> dict[str, list[Locus]]:
-        """The loci (sets of singular configurations) by name of the output."""
+        """The loci of each output, by its name."""
         return self._search_result.loci
 
     @cached_property
@@ -765,7 +763,7 @@ class SeveralInputs:
 
     @cached_property
     def coefficients(self) -> dict[str, OutputCoefficients]:
-        """Coefficients and types of the rows for each output, by the name of the output."""
+        """Coefficients and types of the rows for each output, by its name."""
         position_analysis = self.batch.tracer
         mechanism = self.batch.mechanism
         return {
@@ -850,7 +848,7 @@ class SeveralInputs:
         for locus in loci:
             colour = COLOUR_OF_KIND[locus.kind]
             for curve in locus.curves:
-                # Further points between the computed ones make the drawn lines smooth.
+                # For smooth lines, further points between the computed ones are needed.
                 line = break_at_jumps(self._dense_points(curve).inputs)
                 curves.append(PlaneCurve(line, colour, name_kind(locus.kind)))
                 # `both` are the points of type III on the curve.
@@ -879,7 +877,7 @@ class SeveralInputs:
         """
         parts: list[Primitive] = []
         for locus in loci:
-            # Further points between the computed ones make the drawn lines smooth.
+            # For smooth lines, further points between the computed ones are needed.
             lines = [
                 _output_directions(self._dense_points(curve)) for curve in locus.curves
             ]
@@ -926,9 +924,8 @@ def _certainty_columns(claim: Completeness) -> Columns:
 def _summarize_locus(locus: Locus) -> dict[str, Any]:
     """Return numbers about a locus (all singularities of one kind), for the summary.
 
-    The singularities are on curves or on surfaces. The entries for curves state how
-    many curves are inside and outside of the ranges of the inputs. The entries for
-    surfaces are:
+    The singularities are on curves or on surfaces. The entries for curves are the numbers
+    of curves inside and outside of the ranges of the inputs. The entries for surfaces are:
 
     - ``vertices``: the number of vertices of the meshes that cover the surfaces.
     - ``irregular``: the number of singular configurations at which no mesh could be made,
@@ -980,9 +977,9 @@ def _reach_text(parts: Sequence[Floats], inputs: Sequence[str]) -> str:
 def _locus_table(rows: Sequence[tuple[str, ...]]) -> ScreenTable:
     """Return a table for the screen about the loci (singularities of one kind each).
 
-    The column "in the ranges" has the number of curves or surfaces of a locus in the
-    ranges of the inputs, the column "outside" the number of the others. The last column
-    lists the intervals of input angles over which they reach.
+    The column "in the ranges" has the number of curves or surfaces of a locus in the ranges
+    of the inputs, the column "outside" that of others. The last column lists the intervals
+    of input angles over which they reach.
 
     With one output, its name is in the title. With several, it is a column.
 

@@ -979,10 +979,10 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
 def _details(summary: Any) -> Lines:
     """Return lines on how the results of a run were computed, for ``--verbose``.
 
-    They state the mobility (number of degrees of freedom), methods, errors and cost. Groups
-    are sets of links whose positions are computed together, such as dyads (groups of two
-    links). An acceleration coefficient is the derivative of an angular velocity with
-    respect to the input, for an input that moves at 1 rad/s.
+    They state the mobility (number of degrees of freedom), methods, errors and cost.
+    Groups are sets of links whose positions are computed together, such as dyads (groups of
+    two links). An acceleration coefficient is the derivative of an angular velocity by the
+    input, for an input that moves at 1 rad/s.
 
     Parameters
     ----------

@@ -450,11 +450,12 @@ class FrictionEquation:
         return max_abs(eigenvalues, axis=1) < 1.0
 
     def right_side_slope(self, friction: Floats) -> Floats:
-        """Return (n, k, l) the derivatives of the right side for pair k by f_l.
+        """Return the derivatives (n, k, l) of the right side of equation k for f_l.
 
-        The equation for the friction torque of pair k is f_k = r_k sum_j |load_kj|, in n
-        rows. The loads depend on all friction torques f. The derivative of |load| is the
-        unit vector of the load times the derivative of the load.
+        Equation k, for the friction torque of pair k, is f_k = r_k sum_j |load_kj|, in n
+        rows. The loads depend on all friction torques f. The result has the derivatives of
+        the right sides with respect to each friction torque f_l. The derivative of |load|
+        is the unit vector of the load times the derivative of the load.
         """
         load_vectors = self.compute_loads(friction)
         lengths = np.linalg.norm(load_vectors, axis=3, keepdims=True)

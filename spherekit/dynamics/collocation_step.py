@@ -266,8 +266,8 @@ class CollocationStep:
         closure
             The loop-closure equations.
         rates
-            (N, m, variables) rates of the variables by the m coordinates, at the N nodes
-            (times at which the step evaluates the equations).
+            (N, m, variables) rates of the variables with respect to the m coordinates, at
+            the N nodes (times at which the step evaluates the equations).
 
         Returns
         -------

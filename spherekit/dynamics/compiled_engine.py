@@ -208,8 +208,8 @@ def _integrate(
     problem
         The mechanism with its loads, and the start of the motion.
     motion
-        The configuration at the start (1 row), with its derivatives by the coordinates of
-        the problem.
+        The configuration at the start (1 row), with its derivatives with respect to the
+        coordinates of the problem.
     tolerance
         Error of each step, relative to the largest element of the state.
     """

@@ -92,14 +92,15 @@ class CompiledEquation:
         The Taylor integrator. It stores the state of a run, so `lock` is acquired for a
         run. The functions may be called by several threads at once.
     rates_function
-        Computes from the variables the homogeneous rates of all variables by each
-        coordinate, then the measure of independence of the loop-closure equations. A
+        Computes from the variables the homogeneous rates of all variables with respect to
+        each coordinate, then the measure of independence of the loop-closure equations. A
         homogeneous rate is the rate per unit rate of the coordinate, times the determinant
         D of the velocity equations for given rates of the coordinates. It stays finite
         where D is zero, that is where the coordinates do not determine the rates.
     switch_function
-        Computes from state, time and parameters the switch conditions, then their rates by
-        time. A load changes abruptly where a condition is zero. None without conditions.
+        Computes from state, time and parameters the switch conditions, then their time
+        derivatives. A load changes abruptly where a condition is zero. None without
+        conditions.
     probe_function
         Computes from state, time and parameters the rates of the momenta, then the
         arguments of steep functions in loads, such as x in tanh(1000 x). Near a zero or an
@@ -139,7 +140,7 @@ class CompiledEquation:
 
         Returns
         -------
-        (n, m, variables) the homogeneous rates by each coordinate.
+        (n, m, variables) the homogeneous rates with respect to each coordinate.
         """
         # (m * variables + 1, n). The last row is another quantity, the measure of
         # independence of the loop-closure equations.
@@ -466,7 +467,7 @@ def _make_sticking_test(
     Parameters
     ----------
     switch_function
-        Returns all switch conditions, then their rates by time, from state, time and
+        Returns all switch conditions, then their time derivatives, from state, time and
         parameters.
     index
         Index of the condition to test.

@@ -32,15 +32,15 @@ class CoordinateMotion(ArrayRows):
     """Configurations in n rows, and their derivatives with respect to m coordinates.
 
     There are m degrees of freedom and m independent coordinates, for example the input
-    angles, or the arc length of the curve of configurations. A derivative by a coordinate
-    is a rate per unit rate of this coordinate.
+    angles, or the arc length of the curve of configurations. A derivative with respect to a
+    coordinate is a rate per unit rate of this coordinate.
 
     Attributes
     ----------
     values
         (n, variables) pair variables (joint angles, rad).
     rates
-        (n, m, variables) derivatives of the pair variables by each coordinate.
+        (n, m, variables) derivatives of the pair variables with respect to each coordinate.
     second
         (n, m, m, variables) second derivatives. NaN if only the first order was requested.
     rotations
@@ -49,8 +49,8 @@ class CoordinateMotion(ArrayRows):
         (n, m, links, 3) angular velocities of the links per unit rate of each coordinate,
         in ground axes.
     dw
-        (n, m, m, links, 3) at [:, i, k] the derivative of w[:, i] by coordinate k. NaN if
-        only the first order was requested.
+        (n, m, m, links, 3) at [:, i, k] the derivative of w[:, i] with respect to
+        coordinate k. NaN if only the first order was requested.
     status
         (n,) OK, unless a contact of two profiles is impossible. Then it is OFF_PROFILE
         (beyond the end of a profile) or CURVATURE (the profiles have equal curvature there,
@@ -87,13 +87,13 @@ class CoordinateMotion(ArrayRows):
 def motion_by_arc_length(
     closure: Closure, values: Floats, order: Order = 2
 ) -> CoordinateMotion:
-    """Return configurations and their derivatives by the arc length of their curve.
+    """Return configurations and their derivatives d/ds, s the arc length of a curve.
 
     The configurations of a mechanism with one degree of freedom form a curve in the space
-    of all pair variables (joint angles). Unlike an input angle, its arc length is a valid
-    coordinate even at dead centres. The first derivative is the unit tangent of the curve,
-    the null vector of the velocity equations. Its sense is arbitrary in each row; see
-    `continuous_signs` and `CoordinateMotion.with_senses`.
+    of all pair variables (joint angles). Unlike an input angle, the arc length s of this
+    curve is a valid coordinate even at dead centres. The first derivative is the unit
+    tangent of the curve, the null vector of the velocity equations. Its sense is arbitrary
+    in each row; see `continuous_signs` and `CoordinateMotion.with_senses`.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def motion_by_combinations(
     # only a left inverse, which is NaN if the matrix is singular.
     inverse = left_inverse(equations)
     # The inverse has a column for each equation: the changes of the variables per closure
-    # error, then the rates of the variables by each coordinate.
+    # error, then the rates of the variables with respect to each coordinate.
     closing_inverse = inverse[:, :, :-m]
     rates_in_columns = _refine_last_columns(inverse, equations, m)
     rates = np.ascontiguousarray(transpose(rates_in_columns))
@@ -217,7 +217,8 @@ def _complete_motion(
     linearisation
         n configurations with the Jacobians of their loop-closure equations.
     rates
-        (n, m, variables) derivatives of the variables by each of m coordinates.
+        (n, m, variables) derivatives of the variables with respect to each of m
+        coordinates.
     closing_inverse
         (n, variables, equations) matrices that solve the closure equations for changes of
         the variables, see `_differentiate_rates`.
@@ -264,8 +265,8 @@ def _second_derivatives(
     linearisation
         n configurations with the Jacobians J of their loop-closure equations.
     rates
-        (n, m, variables) derivatives of the pair variables (joint angles) by each of m
-        coordinates.
+        (n, m, variables) derivatives of the pair variables (joint angles) with respect to
+        each of m coordinates.
     w
         (n, m, links, 3) angular velocities of the links per unit rate of each coordinate.
     closing_inverse
@@ -275,9 +276,11 @@ def _second_derivatives(
     Returns
     -------
     second
-        (n, m, m, variables) at [:, i, k] the derivative of rate i by coordinate k.
+        (n, m, m, variables) at [:, i, k] the derivative of rate i with respect to
+        coordinate k.
     dw
-        (n, m, m, links, 3) at [:, i, k] the derivative of w[:, i] by coordinate k.
+        (n, m, m, links, 3) at [:, i, k] the derivative of w[:, i] with respect to
+        coordinate k.
     """
     tree = linearisation.tree
     # (n, variables, 3) the axis about which each pair variable turns.
@@ -286,7 +289,7 @@ def _second_derivatives(
     second = np.empty((n, m, m, variables))
     dw = np.empty((n, m, *w.shape[1:]))
     for k in range(m):
-        # Derivatives by coordinate k of the axes, of J and of all rates.
+        # Derivatives with respect to coordinate k of the axes, of J and of all rates.
         axis_derivatives = linearisation.vector_rates(w[:, k])
         jacobian_derivative = tree.jacobian(axis_derivatives)
         second[:, :, k] = _differentiate_rates(rates, jacobian_derivative, closing_inverse)
@@ -301,24 +304,26 @@ def _second_derivatives(
 def _differentiate_rates(
     rates: Floats, jacobian_derivative: Floats, closing_inverse: Floats
 ) -> Floats:
-    """Return the derivatives of all rates by one coordinate q.
+    """Return the derivatives of all rates with respect to one coordinate q.
 
-    The rates r_i of the variables by coordinate i keep the loops closed: J r_i = 0, with
-    the Jacobian J of the loop-closure equations. Differentiated by q, this is
+    The rates r_i of the variables with respect to coordinate i keep the loops closed: J r_i
+    = 0, with the Jacobian J of the loop-closure equations. Differentiated with respect to
+    q, this is
 
         J dr_i/dq = -dJ/dq r_i.
 
     A second condition, F dr_i/dq = 0, makes the solution unique. There are two cases:
 
     - The coordinates are weighted sums of the variables. F (m, variables) has the weights.
-      F r_i is constant, since the rates of the coordinates by each other are 1 or 0.
+      F r_i is constant, since the rates of the coordinates with respect to each other are 1
+      or 0.
     - The coordinate is the arc length of the configuration curve. Then r is the unit
       tangent, and F = r^T. The derivative of a unit vector is perpendicular to it.
 
     Parameters
     ----------
     rates
-        (n, m, variables) the rates r_i by each of m coordinates.
+        (n, m, variables) the rates r_i with respect to each of m coordinates.
     jacobian_derivative
         (n, equations, variables) dJ/dq.
     closing_inverse
@@ -339,8 +344,8 @@ def determinacy(rates: Floats) -> Floats:
 
     The measure is 1 / N with the 2-norm N of the matrix of rates. N is the largest length
     of the vector of all rates, if the vector of the coordinates' rates has length 1. With
-    one degree of freedom, 1 / N is also the size of the derivative of the coordinate by
-    the arc length of the curve of configurations.
+    one degree of freedom, 1 / N is also the size of the derivative of the coordinate with
+    respect to the arc length of the curve of configurations.
 
     Parameters
     ----------

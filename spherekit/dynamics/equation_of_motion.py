@@ -1,9 +1,9 @@
 """The equation of motion on the configurations of a mechanism, of any mobility m.
 
-The state consists of the pair variables v, the momenta p = R u and the work W of each
-load. Here u are the rates of m coordinates, and R is the symmetric root of the inertia
-matrix, M = R R. With the rates N of the variables by the coordinates, the Coriolis matrix C
-and the generalised forces Q, M du/dt + C u = Q becomes
+The state consists of the pair variables v, the momenta p = R u and the work W of each load.
+Here u are the rates of m coordinates, and R is the symmetric root of the inertia matrix, M
+= R R. With the rates N of the variables with respect to the coordinates, the Coriolis
+matrix C and the generalised forces Q, M du/dt + C u = Q becomes
 
     dv/dt = N u,   dp/dt = R^-1 Q + S p,   dW/dt = Q u,   u = R^-1 p,
     S p = (dR/dt) u - R^-1 C u.
@@ -126,7 +126,8 @@ class InertiaRoots:
         Parameters
         ----------
         dM
-            (n, m, m, m) derivatives of M by the m coordinates, which are the last axis.
+            (n, m, m, m) derivatives of M with respect to the m coordinates, which are the
+            last axis.
         u
             (n, m) rates of the coordinates.
         """
@@ -290,7 +291,7 @@ class EquationOfMotion:
         """
         # Only the motion is used, which does not depend on the time, so the time is 0.
         dynamics = self.evaluate(np.zeros(1), state[None], rate_weights)
-        # (variables,) the rates of the variables by time.
+        # (variables,) the time derivatives of the variables.
         variable_rates = rates_by_time(dynamics.motion, dynamics.speed)[0]
         # (m, variables) their rates per unit rate of each old coordinate. They are a basis
         # of the possible velocities.
@@ -306,7 +307,7 @@ class EquationOfMotion:
     def compute_motion(
         self, values: Floats, rate_weights: Floats, order: Order = 1
     ) -> CoordinateMotion:
-        """Return configurations with their derivatives by the m coordinates.
+        """Return configurations with their derivatives with respect to the m coordinates.
 
         With several degrees of freedom, the coordinates are weighted sums of the pair
         variables (joint angles). With one, the coordinate is the arc length of the curve of
@@ -334,10 +335,11 @@ class EquationOfMotion:
     def _compute_curve_motion(
         self, values: Floats, tangents: Floats, order: Order
     ) -> CoordinateMotion:
-        """Return configurations with their derivatives by the arc length of their curve.
+        """Return configurations and their derivatives d/ds, s the arc length of a curve.
 
-        The first derivative is a unit tangent of the curve. A tangent may point in either
-        of two directions. Approximate tangents decide which one is positive.
+        The configurations of a mechanism with one degree of freedom form the curve. The
+        first derivative is a unit tangent of the curve. A tangent may point in either of
+        two directions. Approximate tangents decide which one is positive.
 
         Parameters
         ----------
@@ -474,7 +476,7 @@ class EquationOfMotion:
         )
 
     def state_rates(self, dynamics: StateDynamics) -> Floats:
-        """Return the rates by time (n, states) of variables, momenta and works."""
+        """Return the time derivatives (n, states) of variables, momenta and works."""
         variable_rates = rates_by_time(dynamics.motion, dynamics.speed)
         return np.concatenate(
             [variable_rates, dynamics.momentum_rates, dynamics.power], axis=1

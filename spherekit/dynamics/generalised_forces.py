@@ -190,7 +190,7 @@ class Loads:
         motion
             Configurations in n rows, and their derivatives by m coordinates.
         speed
-            (n, m) rates of these coordinates by time.
+            (n, m) time derivatives of these coordinates.
         t
             (n,) time, s.
         carried
@@ -230,7 +230,7 @@ class Loads:
         motion
             Configurations in n rows, and their derivatives by m coordinates.
         speed
-            (n, m) rates of these coordinates by time.
+            (n, m) time derivatives of these coordinates.
         t
             (n,) times, s.
         """
@@ -272,7 +272,7 @@ class Loads:
         motion
             Configurations in n rows, and their derivatives by m coordinates.
         speed
-            (n, m) rates of these coordinates by time.
+            (n, m) time derivatives of these coordinates.
         t
             (n,) times, s.
         carried
@@ -289,9 +289,9 @@ class Loads:
 
 
 def rates_by_time(motion: CoordinateMotion, speed: Floats) -> Floats:
-    """Return the rates (n, variables) of all pair variables by time.
+    """Return the time derivatives (n, variables) of all pair variables.
 
-    `speed` (n, m) are the rates of the m coordinates by time, and `motion` has the
-    derivatives of the pair variables by these coordinates.
+    `speed` (n, m) are the time derivatives of the m coordinates, and `motion` has the
+    derivatives of the pair variables with respect to these coordinates.
     """
     return (speed[:, None] @ motion.rates)[:, 0]

@@ -54,8 +54,8 @@ class Inertia:
         (n, masses, m, m) contribution of each link to M, kg m2 per product of the units of
         two coordinates.
     dM_parts
-        (n, masses, m, m, m) its derivatives: at [..., i, j, k] that of M_ij by coordinate
-        k.
+        (n, masses, m, m, m) its derivatives: at [..., i, j, k] that of M_ij with respect to
+        coordinate k.
     """
 
     M_parts: Floats
@@ -68,7 +68,7 @@ class Inertia:
 
     @property
     def dM(self) -> Floats:
-        """(n, m, m, m) derivatives of M: at [..., k] those by coordinate k."""
+        """(n, m, m, m) derivatives of M: at [..., k] those with respect to coordinate k."""
         return np.sum(self.dM_parts, axis=1)
 
     @property
@@ -78,7 +78,7 @@ class Inertia:
 
     @property
     def dB(self) -> Floats:
-        """(n,) derivative of the equivalent inertia by the coordinate."""
+        """(n,) derivative of the equivalent inertia with respect to the coordinate."""
         return self.dM[:, 0, 0, 0]
 
 
@@ -99,8 +99,8 @@ def inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Inertia:
     M_ij is the sum of w_i . I w_j over the links (Di Gregorio 2024, eqs. (14), (15), for
     one coordinate). I is the inertia tensor of a link about the centre, and w_i its angular
     velocity per unit rate of coordinate i. The components of both are along link axes, so I
-    is constant. By the product rule, the derivative of M_ij by coordinate k is the sum over
-    the links of
+    is constant. By the product rule, the derivative of M_ij with respect to coordinate k is
+    the sum over the links of
 
         I w_i . dw_j/dq_k + I w_j . dw_i/dq_k,
 
@@ -276,8 +276,8 @@ def christoffel(dM: Floats) -> Floats:
     """Return the Christoffel symbols c (n, m, m, m) of n inertia matrices M.
 
     They give the velocity-dependent torques, sum of c_ijk q'_j q'_k. `dM` (n, m, m, m) has
-    at [i, j, k] the derivative of M_ij by coordinate k. Then c_ijk = (dM_ij/dq_k +
-    dM_ik/dq_j - dM_jk/dq_i) / 2.
+    at [i, j, k] the derivative of M_ij with respect to coordinate k. Then c_ijk =
+    (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i) / 2.
     """
     return 0.5 * (dM + (np.swapaxes(dM, 2, 3) - np.moveaxis(dM, 3, 1)))
 
@@ -285,8 +285,8 @@ def christoffel(dM: Floats) -> Floats:
 def coriolis(dM: Floats, rates: Floats) -> Floats:
     """Return the velocity-dependent (Coriolis and centrifugal) torques C q' (n, m).
 
-    `dM` (n, m, m, m) are the derivatives of the inertia matrix by the m coordinates (last
-    axis). `rates` (n, m) are the rates of the coordinates by time.
+    `dM` (n, m, m, m) are the derivatives of the inertia matrix with respect to the m
+    coordinates (last axis). `rates` (n, m) are the time derivatives of the coordinates.
     """
     return np.einsum("nijk,nj,nk->ni", christoffel(dM), rates, rates)
 
@@ -301,7 +301,7 @@ def driving_torques(M: Floats, dM: Floats, Q: Floats, dq: Floats, ddq: Floats) -
     ----------
     M, dM
         (n, m, m) inertia matrix at n rows, and (n, m, m, m) its derivatives: at [..., k]
-        those by coordinate k.
+        those with respect to coordinate k.
     Q
         (n, m) generalised forces, the sum over all loads.
     dq, ddq

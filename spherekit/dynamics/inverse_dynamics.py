@@ -163,8 +163,8 @@ class InverseSolution(InputMotion):
     M_parts
         (n, masses, inputs, inputs) contribution of each link to the inertia matrix, kg m2.
     dM_parts
-        (n, masses, inputs, inputs, inputs) derivatives of `M_parts` by the inputs, which
-        are the last axis, kg m2/rad.
+        (n, masses, inputs, inputs, inputs) derivatives of `M_parts` with respect to the
+        inputs, which are the last axis, kg m2/rad.
     Q_parts
         (n, inputs, loads) generalised force of each load, N m.
     torques
@@ -172,7 +172,7 @@ class InverseSolution(InputMotion):
     values
         (n, variables) pair variables (rad).
     motion
-        The configurations with their derivatives by the inputs.
+        The configurations with their derivatives with respect to the inputs.
     residual
         (n,) closure residual (rad).
     status
@@ -220,7 +220,7 @@ class InverseSolution(InputMotion):
 
     @property
     def dM(self) -> Floats:
-        """(n, inputs, inputs, inputs) derivatives of M by the inputs (the last axis)."""
+        """(n, inputs, inputs, inputs) derivatives of M; the last axis is the input."""
         return total(self.dM_parts, self.rate_status)
 
     @property
@@ -243,9 +243,9 @@ class InverseSolution(InputMotion):
         """
         # A size that overflows is infinite, and a finite torque then counts as 0.
         with np.errstate(over="ignore"):
-            # A Coriolis torque has derivatives of M by the inputs, times products of two
-            # input rates. M changes by about its own size when an input moves by 1 rad. So
-            # the torque is about M times such a product.
+            # A Coriolis torque has derivatives of M with respect to the inputs, times
+            # products of two input rates. M changes by about its own size when an input
+            # moves by 1 rad. So the torque is about M times such a product.
             speeds = np.abs(self.input_rates)
             largest_speed = np.max(speeds, axis=1)[:, None]
             acceleration_sizes = largest_speed * speeds
@@ -279,7 +279,7 @@ class InverseSolution(InputMotion):
 
     @property
     def dB_parts(self) -> Floats:
-        """(n, masses) derivatives of `B_parts` by the input."""
+        """(n, masses) derivatives of `B_parts` with respect to the input."""
         return only_column(self.dM_parts[..., 0, 0])
 
     @property
@@ -289,7 +289,7 @@ class InverseSolution(InputMotion):
 
     @property
     def dB_dq(self) -> Floats:
-        """(n,) derivative of the equivalent inertia by the input, kg m2/rad."""
+        """(n,) derivative dB/dq of the equivalent inertia B, q the input, kg m2/rad."""
         return only_column(self.dM[..., 0, 0])
 
     @property
@@ -308,7 +308,7 @@ class InverseSolution(InputMotion):
         return only_column(np.moveaxis(self.rates, 1, 2))
 
     def torque_at(self, pair: str) -> Floats:
-        """Return (n,) the torque (N m) that would drive the motion at another R pair.
+        """Return the torque (n,) in N m that would drive the motion at another R pair.
 
         This torque replaces the driving torque and has the same effect. It is not finite at
         dead centres of the pair, where a torque at the pair cannot move the mechanism.
@@ -543,7 +543,7 @@ def balancing(
     timing
         Times, rates and accelerations of the inputs.
     coordinates
-        The configurations at n rows, and their derivatives by the inputs.
+        The configurations at n rows, and their derivatives with respect to the inputs.
     rate_status
         (n,) status of the rates.
     locked

@@ -157,10 +157,10 @@ class EquationLayout:
         """Return the motion on which loads depend, as expressions and symbols.
 
         Loads need two kinds of rates. Their magnitude, such as that of a damper, depends on
-        rates by time. Their generalised force at a coordinate needs rates per unit rate of
-        this coordinate (principle of virtual power). The second kind is multiplied by the
-        determinant of the velocity equations, so that no division is needed. Such rates are
-        called homogeneous.
+        time derivatives. Their generalised force at a coordinate needs rates per unit rate
+        of this coordinate (principle of virtual power). The second kind is multiplied by
+        the determinant of the velocity equations, so that no division is needed. Such rates
+        are called homogeneous.
 
         Parameters
         ----------
@@ -168,7 +168,7 @@ class EquationLayout:
             Orientations of all links (`placed`), and the homogeneous rates of the pair
             variables (`tau`) and of the links (`w`).
         variable_rates
-            Rates of the pair variables (joint angles) by time.
+            Time derivatives of the pair variables (joint angles).
         """
         # The variables in the equation are reduced by whole turns. Loads such as springs
         # need the whole angles, so they also get symbols for the numbers of these turns.

@@ -1,8 +1,8 @@
 """Derives the equations of motion with several degrees of freedom, as symbolic expressions.
 
 With the homogeneous rates tau_i = D n_i of `spherekit.velocities.coordinate_rates` (D is
-their scale and n_i the rates of the variables by coordinate i), the rates u_i of the
-coordinates and s_i = u_i / D,
+their scale and n_i the rates of the variables with respect to coordinate i), the rates u_i
+of the coordinates and s_i = u_i / D,
 
     dv/dt = sum_i tau_i s_i,
     M' (du/dt) / D = Q' - sum_j w_ji . (I_j b_j + w_j x I_j w_j),
@@ -245,8 +245,8 @@ def _derive_events(
         ),
     ]
     if set(coordinate_rates.structure.inputs) != set(input_variables):
-        # The determinant of the rates of the inputs by the coordinates. It vanishes where
-        # the inputs do not determine the motion.
+        # The determinant of the rates of the inputs with respect to the coordinates. It
+        # vanishes where the inputs do not determine the motion.
         input_rates = determinant([[rates[v] for v in input_variables] for rates in tau])
         # An expression without variables is constant and has no zeros.
         if has_variables(input_rates):

@@ -483,8 +483,8 @@ class Collocation:
         step
             The accepted step.
         rates
-            (N, m, variables) derivatives of the pair variables by the m coordinates, at the
-            N nodes (times at which the step evaluates the equations).
+            (N, m, variables) derivatives of the pair variables with respect to the m
+            coordinates, at the N nodes (times at which the step evaluates the equations).
 
         Returns
         -------
@@ -666,18 +666,18 @@ class Collocation:
     def _momentum_rate_slopes(
         self, t: Floats, states: Floats, rates: Floats, scale: Floats
     ) -> Floats:
-        """Return the derivative (N,) of the momentum's rate by the momentum, at N nodes.
+        """Return the derivative (N,) of dp/dt with respect to the momentum p, at N nodes.
 
         Newton's method uses it where abrupt changes of loads make the momentum stiff. There
-        is one degree of freedom, so a state has a single momentum p. The derivative of
-        dp/dt by p is computed by a difference quotient. It is 0 where this is not finite.
+        is one degree of freedom, so a state has a single momentum p. The derivative is
+        computed by a difference quotient. It is 0 where this quotient is not finite.
 
         Parameters
         ----------
         t
             (N,) times of the nodes (at which the step evaluates the equations), s.
         states, rates
-            (N, states) states at the nodes and their rates by time.
+            (N, states) states at the nodes and their time derivatives.
         scale
             (states,) sizes of the quantities in a state.
         """
@@ -903,8 +903,8 @@ class Collocation:
         step
             A step whose error is small enough.
         rates
-            (N, m, variables) derivatives of the pair variables (joint angles) by the m
-            coordinates, at the N nodes of the step.
+            (N, m, variables) derivatives of the pair variables (joint angles) with respect
+            to the m coordinates, at the N nodes of the step.
         determinants
             (N,) closure determinants at the nodes, whose sign changes where curves of
             configurations cross; see `CollocationStep.closure_determinants`.
@@ -948,8 +948,8 @@ class Collocation:
         step
             The step.
         rates
-            (N, m, variables) derivatives of the pair variables (joint angles) by the m
-            coordinates, at the N nodes of the step.
+            (N, m, variables) derivatives of the pair variables (joint angles) with respect
+            to the m coordinates, at the N nodes of the step.
         determinants
             (N,) closure determinants at the nodes, whose sign changes where curves of
             configurations cross.
@@ -983,16 +983,16 @@ class Collocation:
         """Yield the events within a step at which the inputs do not determine the motion.
 
         A single input reverses there (dead centre of the input). With several inputs it is
-        a singularity of type II. In both cases the determinant of the inputs' rates by the
-        coordinates of the motion is zero.
+        a singularity of type II. In both cases the determinant of the inputs' rates with
+        respect to the coordinates of the motion is zero.
 
         Parameters
         ----------
         step
             The step.
         rates
-            (N, m, variables) derivatives of the pair variables (joint angles) by the m
-            coordinates of the motion, at the N nodes of the step.
+            (N, m, variables) derivatives of the pair variables (joint angles) with respect
+            to the m coordinates of the motion, at the N nodes of the step.
         """
         driven = list(self.problem.driven)
         input_rates = np.linalg.det(rates[:, :, driven])

@@ -122,7 +122,7 @@ class StoredModel:
         Parameters
         ----------
         x, dx, ddx
-            Coordinates (rad) and their first and second rates by time. A model of one
+            Coordinates (rad) and their first and second time derivatives. A model of one
             coordinate is along a curve: a point is a number, and an array of any shape is
             many points. A model of m inputs is over a box of their ranges: a point is a
             sequence (m,), and an array (n, m) is many points.
@@ -155,7 +155,8 @@ class StoredModel:
         Parameters
         ----------
         x, dx
-            Coordinates of the model (rad) at one or more points, and their rates by time.
+            Coordinates of the model (rad) at one or more points, and their time
+            derivatives.
         t
             Time (s) for loads that depend on it.
 
@@ -335,7 +336,7 @@ class StoredModel:
         return sense * self.value(f"rate {stored_name}", x)
 
     def rate_derivative(self, name: str, x: Coordinate) -> Coordinate:
-        """Return the acceleration coefficient of a pole, the derivative of `rate` by x."""
+        """Return the acceleration coefficient of a pole, the x derivative of `rate`."""
         stored_name, sense = self.heading.pole(name)
         return sense * self.value(self.heading.derivative(f"rate {stored_name}"), x)
 
@@ -397,7 +398,7 @@ class StoredModel:
                 f'{heading.mechanism}: "{variable}" is not a pair variable'
                 f"{choices(variable, heading.variables, 'Variables')}"
             )
-        # Columns of the variable and of its derivative by the coordinate.
+        # Columns of the variable and of its derivative with respect to the coordinate.
         columns = self._indices_in_group((variable, heading.derivative(variable)))
         assert isinstance(series, PiecewiseChebyshev)
         is_angle = variable in {f"theta_{pair}" for pair in heading.angles}
@@ -406,7 +407,8 @@ class StoredModel:
             """Return a number that is 0 where a variable has `value`, and its derivative.
 
             Both are (k,) at coordinates x (k,) along the curve of configurations. The
-            derivative is by x. Zeros of this number are the places that are searched.
+            derivative is with respect to x. Zeros of this number are the places that are
+            searched.
             """
             values, rates = series.evaluate(x)[:, columns].T
             half_difference = 0.5 * (values - value)
@@ -554,9 +556,9 @@ class StoredModel:
         configuration_values
             The values of `evaluate_configuration` at this point, such as the inertia.
         x, dx, ddx
-            Coordinates (rad) and their first and second rates by time. In a model with one
-            coordinate they are numbers. In a model with m coordinates they are sequences
-            (m,).
+            Coordinates (rad) and their first and second time derivatives. In a model with
+            one coordinate they are numbers. In a model with m coordinates they are
+            sequences (m,).
         t
             Time (s) for loads that depend on it.
 

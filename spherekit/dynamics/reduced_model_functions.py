@@ -31,8 +31,8 @@ class FunctionKind(Enum):
     function that is nearly zero would have to follow rounding errors.
 
     The coordinates of the model are the arc length of the configuration curve, or the
-    inputs. "Derivative" means that by a coordinate, and a velocity is that per unit rate of
-    a coordinate.
+    inputs. "Derivative" means that with respect to a coordinate, and a velocity is that per
+    unit rate of a coordinate.
 
     Every model has these kinds:
 
@@ -87,7 +87,8 @@ class FunctionLabel:
         Name that the components of one vector share; their errors are judged relative to
         the largest component. Empty if the function is not a component of a vector.
     derivative_of
-        Name of the function whose derivative by a coordinate this is, or empty.
+        Name of the function whose derivative with respect to a coordinate this is, or
+        empty.
     """
 
     name: str

@@ -240,7 +240,7 @@ class StoredHeading:
         ]
 
     def derivative(self, name: str) -> str:
-        """Return the name of the derivative of a function by the only coordinate."""
+        """Return the name of a function's derivative with respect to the coordinate."""
         return f"d({name})/d{self.by[0]}"
 
     def by_coordinates(self, name: str) -> list[str]:
@@ -374,7 +374,8 @@ class StoredHeading:
         if name == "t":
             return self._time
         if name.startswith("dtheta_"):
-            # Chain rule: derivatives of the angle by the coordinates times their rates.
+            # Chain rule: derivatives of the angle with respect to the coordinates times
+            # their rates.
             derivatives = self._velocity_by_coordinates(name.removeprefix("d"))
             return dot(derivatives, self._rates)
         return self._function_symbol(name)
@@ -483,7 +484,7 @@ class StoredHeading:
         raise self._domain_error(x)
 
     def count_laps(self, x: Floats) -> Floats:
-        """Return the numbers of whole laps in coordinates x (n,) of a curve, rad.
+        """Return how many whole laps (n,) coordinates x (n,), rad, of a curve contain.
 
         The curve consists of the configurations of a mechanism. If it is closed,
         coordinates beyond its ends are in further laps. The numbers are 0 if it is not

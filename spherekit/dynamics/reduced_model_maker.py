@@ -33,7 +33,7 @@ from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.progress import ProgressReporter
 
 FIRST_CURVE_CELLS = 16
-"""Cells into which a curve is divided at first.
+"""Number of cells into which a curve is divided before any cell is refined.
 
 Smaller: a narrow feature can be missed. Larger: smooth functions need more memory.
 """

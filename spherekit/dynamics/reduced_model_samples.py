@@ -163,8 +163,8 @@ class Sampler:
     Attributes
     ----------
     nodes
-        Known configurations with their derivatives by the inputs, from which Newton's
-        method finds others.
+        Known configurations with their derivatives with respect to the inputs, from which
+        Newton's method finds others.
     driven
         Indices of the inputs among the pair variables.
     by
@@ -268,7 +268,7 @@ class Sampler:
         return labels
 
     def _label_variable_derivatives(self, heading: StoredHeading) -> list[FunctionLabel]:
-        """Return the labels of the derivatives of all variables by each coordinate."""
+        """Return labels of all variables' derivatives with respect to each coordinate."""
         labels = []
         for number, variable in enumerate(heading.variables):
             kind = FunctionKind.CONTACT_ARC_DERIVATIVE
@@ -400,7 +400,7 @@ class Sampler:
 def _flatten_by_coordinate(derivatives: Floats) -> Floats:
     """Return derivatives (n, m, k) of k functions by m coordinates as an array (n, k m).
 
-    The derivatives of one function by all coordinates are next to each other.
+    The derivatives of one function with respect to all coordinates are next to each other.
     """
     return np.swapaxes(derivatives, 1, 2).reshape(len(derivatives), -1)
 
@@ -566,7 +566,7 @@ class CurveSampler(Sampler):
         return np.concatenate(functions, axis=1)
 
     def _compute_motion(self, x: Floats) -> CoordinateMotion:
-        """Return configurations with their derivatives by the coordinate x of the model.
+        """Return configurations with their derivatives d/dx, x the coordinate of the model.
 
         Parameters
         ----------
@@ -579,7 +579,7 @@ class CurveSampler(Sampler):
         return self._compute_motion_by_arc_length(x)
 
     def _compute_motion_by_input(self, q: Floats) -> CoordinateMotion:
-        """Return the motion with derivatives by the input variable q (n,), rad.
+        """Return the motion with derivatives d/dq at input variables q (n,), rad.
 
         The configurations form a closed curve, on which q grows by `lap_length` in each
         lap. The nodes (known configurations from which Newton's method starts) cover one
@@ -600,7 +600,7 @@ class CurveSampler(Sampler):
         return motion_by_variables(self.closure, values, self.driven)
 
     def _compute_motion_by_arc_length(self, s: Floats) -> CoordinateMotion:
-        """Return the motion with derivatives by the arc length s (n,) of the curve, rad."""
+        """Return the motion with derivatives d/ds at arc lengths s (n,), rad."""
         points = self.curve.at(s)
         motion = motion_by_arc_length(self.closure, points.values)
         # The unit tangent is computed as a null vector, whose sense is arbitrary. It gets
@@ -894,18 +894,18 @@ class BoxSampler(Sampler):
         return functions
 
     def _is_valid(self, closed: ClosedConfigurations, motion: CoordinateMotion) -> Bools:
-        """Return which of n configurations are valid configurations of the assembly mode.
+        """Return a mask (n,) of valid configurations of the assembly mode.
 
         An assembly mode is one way to assemble the links. In a valid configuration the
         loops are closed, all contacts exist, and no singularity is near. The assembly mode
-        is that of the node (known configuration) from which Newton's method started.
+        is the mode of the node (known configuration) from which Newton's method started.
 
         Parameters
         ----------
         closed
             Configurations that Newton's method found.
         motion
-            The same configurations with their first derivatives by the inputs.
+            The same configurations with their first derivatives with respect to the inputs.
         """
         is_closed = closed.linearisation.closure_residual < CLOSURE_TOLERANCE
         has_contacts = motion.status == Status.OK
@@ -933,7 +933,8 @@ class BoxSampler(Sampler):
         closed
             Configurations with their nodes, and the steps of the inputs from these.
         rates
-            (n, m, variables) rates of the variables by the inputs in the configurations.
+            (n, m, variables) rates of the variables with respect to the inputs in the
+            configurations.
         """
         node_rates = self.nodes.rates[closed.nodes]
         # Letters: n row, i input, v variable.
@@ -967,7 +968,7 @@ def _compute_grid_nodes(
 
     Returns
     -------
-    The configurations, with first and second derivatives by the inputs.
+    The configurations, with first and second derivatives with respect to the inputs.
 
     Raises
     ------
@@ -1049,7 +1050,7 @@ def _evaluate_pole(motion: CoordinateMotion, pole: Pole, direction: Floats) -> F
     Parameters
     ----------
     motion
-        n configurations and their derivatives by one coordinate.
+        n configurations and their derivatives with respect to one coordinate.
     pole
         Numbers of the two links.
     direction

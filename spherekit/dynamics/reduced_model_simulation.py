@@ -146,7 +146,7 @@ def simulate_reduced(
         )
 
     def state_rates(time: float, state: Floats) -> tuple[float, float, float]:
-        """Return the rates by time of the state: coordinate x, momentum p and work W.
+        """Return the time derivatives of the state: coordinate x, momentum p and work W.
 
         With the inertia B of the model, the momentum is p = sqrt(B) dx/dt, so the kinetic
         energy is p^2 / 2. With the generalised force Q of all loads, the rates are p /
@@ -253,7 +253,8 @@ def _tabulate_motion(
     # Pair variables (joint angles) and their rates, in rows before the end of the curve.
     coordinates, momenta, work = states.T
     finite = np.isfinite(coordinates)
-    # The rates dx/dt. Rates of variables by time are derivatives by x times dx/dt.
+    # The rates dx/dt. Time derivatives of variables are derivatives with respect to x times
+    # dx/dt.
     speeds = momenta[finite] / np.sqrt(model.inertia(coordinates[finite]))
     derivative_names = [heading.derivative(name) for name in heading.variables]
     values, value_rates = nans((2, len(t), len(heading.variables)))

@@ -46,8 +46,8 @@ class PathStates(ArrayRows):
     Attributes
     ----------
     states, rates
-        (n, states) states and their rates by time. The pair variables are reduced by whole
-        revolutions.
+        (n, states) states and their time derivatives. The pair variables are reduced by
+        whole revolutions.
     rate_weights
         (n, m, variables) the weights: the matrix W in u = W v'.
     turns
@@ -201,7 +201,7 @@ class MomentumConversion(Protocol):
         Parameters
         ----------
         states, state_rates
-            (n, states) states (pair variables, momenta, works) and their rates by time.
+            (n, states) states (pair variables, momenta, works) and their time derivatives.
         """
 
     def compute_rate_weights(self, states: Floats) -> Floats:
@@ -248,8 +248,8 @@ class CurveMomentumConversion:
         Parameters
         ----------
         states, state_rates
-            (n, states) states and their rates by time. The momentum is the column after the
-            pair variables.
+            (n, states) states and their time derivatives. The momentum is the column after
+            the pair variables.
         """
         momentum = self.equation.layout.variable_count
         states[:, momentum] *= self.sense
@@ -321,8 +321,9 @@ class CoordinateMomentumConversion:
         Parameters
         ----------
         states, state_rates
-            (n, states) states and their rates by time. The columns `equation.momenta` have
-            the scaled rates of the coordinates before the call, and the momenta after it.
+            (n, states) states and their time derivatives. The columns `equation.momenta`
+            have the scaled rates of the coordinates before the call, and the momenta after
+            it.
         """
         columns = self.equation.momenta
         coordinate_rates = states[:, columns] / self.rate_scale
@@ -374,7 +375,8 @@ class CoordinateMomentumConversion:
         momenta, momentum_rates
             (n, m) p and dp/dt.
         """
-        # First and second derivatives of the configurations by the coordinates.
+        # First and second derivatives of the configurations with respect to the
+        # coordinates.
         motion = self.equation.compute_motion(pair_variables, self.rate_weights, order=2)
         mechanism_inertia = inertia(self.equation.mechanism, motion)
         inertia_roots = InertiaRoots.from_inertia(mechanism_inertia.M)

@@ -105,8 +105,8 @@ class Problem:
     """A simulation problem that has passed all checks.
 
     The start is given by the pair variables v and the rates u of m coordinates, where m is
-    the number of degrees of freedom. With a matrix W of orthonormal rows, the rates of the
-    pair variables by time are v' = W^T u. Conversely u = W v'.
+    the number of degrees of freedom. With a matrix W of orthonormal rows, the time
+    derivatives of the pair variables are v' = W^T u. Conversely u = W v'.
 
     Attributes
     ----------
@@ -214,7 +214,7 @@ def prepare(
         q, _ = start.each(inputs)
         values, turns = _find_configuration(mechanism, q, assembly_mode)
 
-    # The velocities that are possible there.
+    # The velocities that the mechanism can have in this configuration.
     linearisation = closure.linearise(values[None])
     freedoms = int(rank_mobility(closure.tree, linearisation.vectors)[0])
     if freedoms != len(inputs):

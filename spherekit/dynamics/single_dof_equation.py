@@ -2,8 +2,8 @@
 
 The state is that of `spherekit.dynamics.equation_of_motion`: the pair variables v, the
 momentum p = sqrt(B) u and the work W of each load. With the homogeneous parameter of
-`spherekit.velocities.coordinate_rates` as coordinate, u its rate by time, and tau the
-rates of the variables by it,
+`spherekit.velocities.coordinate_rates` as coordinate, u the time derivative of this
+coordinate, and tau the derivatives of the variables with respect to it,
 
     dv/dt = u tau,   dp/dt = Q / sqrt(B),   dW/dt = Q u,   u = p / sqrt(B)
 
@@ -33,12 +33,12 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
 
         dv/dt = tau u,   dp/dt = Q / sqrt(B),   dW/dt = Q u,   u = p / sqrt(B).
 
-    - v are the pair variables (joint angles), and tau = dv/dx their derivatives by the
-      coordinate x.
-    - x is a parameter of the curve of configurations, with the rate u = dx/dt. The input
-      q would not do, because derivatives by q are infinite at its dead centres. x is
-      chosen so that dq/dx = D, the determinant of the velocity equations. Then tau needs
-      no division.
+    - v are the pair variables (joint angles), and tau = dv/dx their derivatives with
+      respect to the coordinate x.
+    - x is a parameter of the curve of configurations, with the rate u = dx/dt. The input q
+      would not do, because derivatives with respect to q are infinite at its dead centres.
+      x is chosen so that dq/dx = D, the determinant of the velocity equations. Then tau
+      needs no division.
     - B is the generalised inertia: the kinetic energy is B u^2 / 2.
     - p = sqrt(B) u is the momentum: the kinetic energy is p^2 / 2.
     - Q is the generalised force of all loads at x. W is the work of each load.

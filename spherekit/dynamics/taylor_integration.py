@@ -158,11 +158,11 @@ class Segment:
     work: Floats
 
     def evaluate(self, t: Floats) -> tuple[Floats, Floats]:
-        """Return the states and their rates by time (n, states) at times (n,), in SI units.
+        """Return the states and their time derivatives (n, states) at times (n,) in s.
 
-        A state has the pair variables, the momenta and the work of each load. The variables
-        are without the whole turns that were taken off for this segment (group of steps).
-        Works are those since the start of the simulation.
+        A state has the pair variables, the momenta and the work of each load, in SI units.
+        The variables are without the whole turns that were taken off for this segment
+        (group of steps). Works are those since the start of the simulation.
         """
         step = np.searchsorted(self.starts[1:], t, side="right")
         states, rates = _evaluate_series(self.series[step], t - self.starts[step])
@@ -841,7 +841,7 @@ class TaylorIntegration:
             # The parameters include the signs of conditions 0 to k - 1.
             parameters = self._make_parameters(interval_end)
             inputs = np.concatenate([self.start_state, [self.time], parameters])
-            # All conditions, then their rates by time.
+            # All conditions, then their time derivatives.
             outputs = switch_function(inputs[:, None])[:, 0]
             self.switch_signs[k] = _choose_sign(
                 condition=outputs[k], condition_rate=outputs[count + k]

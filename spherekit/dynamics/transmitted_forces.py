@@ -354,7 +354,7 @@ class NewtonEuler:
         self.slides = self._find_sliding_links(is_unbalanced)
 
     def _find_sliding_links(self, is_unbalanced: Bools) -> Bools:
-        """Return which links (n, links) can be displaced from the centre O.
+        """Return a mask (n, links) of links that can be displaced from the centre O.
 
         A link can be displaced if there is a force on it that no reactions balance. Each
         equation states the equilibrium of one link in one component: a moment about an axis
@@ -706,7 +706,7 @@ def _invert(matrix: Floats) -> InvertedEquations:
 
 
 def _is_axis_in_span(vectors: Floats, is_spanning: Bools) -> Bools:
-    """Return which coordinate axes are in the subspace that some unit vectors span.
+    """Return a mask (n, k) of coordinate axes in the subspace that unit vectors span.
 
     Parameters
     ----------
@@ -877,7 +877,7 @@ def acceleration_wrenches(
     """Return the moments and forces (n, links, 6) that accelerate links, in ground axes.
 
     A wrench is a moment about the centre O followed by a force. `accelerations` (n, m) are
-    the second derivatives by time of the m coordinates of `motion`. The part of the inertia
+    the second time derivatives of the m coordinates of `motion`. The part of the inertia
     forces that depends on velocities is not included. The force on a link is 0 if the
     centre of mass of the link is not known.
     """
@@ -904,7 +904,7 @@ def velocity_wrenches(
     motion
         Configurations in n rows, and their derivatives by m coordinates.
     rates
-        (n, m) rates of these coordinates by time.
+        (n, m) time derivatives of these coordinates.
     """
     # At constant rates q' the angular acceleration is the sum of dw_i/dq_k q'_i q'_k. The
     # letters are: n rows, i and k coordinates, l links, a components.

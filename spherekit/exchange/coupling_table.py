@@ -237,8 +237,8 @@ class CouplingTable:
 
         A mode is one way to assemble the mechanism. A cell is a box between neighbouring
         nodes, and its corners are nodes. A corner has a stored angle f with its gradient g
-        (the coefficients) and Hessian H (their derivatives) by the inputs. At the distance
-        d from the corner these give
+        (the coefficients) and Hessian H (their derivatives) with respect to the inputs. At
+        the distance d from the corner these give
 
         - the angle f + (2/3) g d + (1/6) d H d,
         - the coefficients g + (1/2) H d,
@@ -396,7 +396,8 @@ def columns(table: CouplingTable) -> dict[str, Floats]:
 
     - ``theta_41``: a passive variable (angle of a joint that is not driven, rad);
     - ``theta_41_by_21``: its coefficient, the rate per unit rate of the input 21;
-    - ``theta_41_by_21_by_51``: the derivative of the coefficient by a second input (1/rad);
+    - ``theta_41_by_21_by_51``: the derivative of the coefficient with respect to a second
+      input (1/rad);
     - ``w_6_1_x_by_12``: the x component of the angular velocity of link 6 relative to link
       1, per unit rate of the input 12;
     - ``cell_error``: the largest measured error (rad) in the cell (box between neighbouring

@@ -38,13 +38,14 @@ def express_dependent_numbers(
     design_expressions: DesignExpressions,
     arguments: Sequence[ExpressionNode],
 ) -> dict[ExpressionNode, Expr]:
-    """Return numbers of the formulas as expressions of the numbers of the file that vary.
+    """Return expressions for numbers in formulas that depend on varied numbers of a file.
 
-    The formulas contain these numbers as symbols of their own: numbers of masses, of loads
-    and of links that replace contacts. If a number of the file becomes an argument of the
-    formulas, they have to follow it. The inertia of a mass that the file states by axes of
-    pairs (joints) becomes an expression of the sizes of links. Any other number is a linear
-    function of the numbers that vary. Its slopes are measured by changing these numbers.
+    The formulas contain these dependent numbers as symbols of their own: numbers that
+    describe masses, loads and links that replace contacts. If a number of the file becomes
+    an argument of the formulas, the dependent numbers have to follow it. The inertia of a
+    mass that the file states by axes of pairs (joints) becomes an expression of the sizes
+    of links. Any other number is a linear function of the numbers that vary. Its slopes are
+    measured by changing these numbers.
 
     Parameters
     ----------

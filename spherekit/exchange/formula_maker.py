@@ -386,7 +386,7 @@ def _find_results(
 
 
 def _list_size_arguments(varied_mechanism: VariedMechanism) -> tuple[Argument, ...]:
-    """Return the numbers of the file that are arguments; angles are in rad."""
+    """Return the numbers in the mechanism file that are arguments; angles are in rad."""
     values = varied_mechanism.unit_scales * varied_mechanism.nominal_values
     return tuple(
         Argument(

@@ -70,9 +70,10 @@ class ImportedPair(NamedTuple):
     value
         Variable (joint angle, rad) in the pose of the model.
     joint
-        Number of its joint in the model. It is -1 for a pair that is no joint there: one
-        that closes a loop, or that carries an idler wheel. Two gears that turn about one
-        axis do not touch, so an idler wheel is added that touches both.
+        Index of the pair's joint in the model. It is -1 for a pair that is no joint in the
+        model: a pair that closes a loop, or a pair that carries an idler wheel. Two gears
+        that turn about one axis do not touch, so an idler wheel is added that touches both
+        gears.
     """
 
     name: str

@@ -205,7 +205,7 @@ def find_outputs(linkage: ImportedLinkage) -> Table:
 
 
 def _find_last_links(linkage: ImportedLinkage) -> list[int]:
-    """Return the numbers of the links at the ends of chains, which become outputs.
+    """Return the indices of the links at the ends of chains, which become outputs.
 
     The end of an open chain is a link with a single pair (joint). If there are such links,
     they are returned, but a wheel in a gear train, such as that of a motor, is no output.

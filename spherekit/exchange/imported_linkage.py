@@ -345,7 +345,7 @@ class ImportedLinkage:
     # Pairs
 
     def _find_redundant_ball_hinges(self) -> set[int]:
-        """Return the numbers of the hinges of ball joints that are to be left out.
+        """Return the indices of the hinges of ball joints that are to be left out.
 
         A ball joint has been replaced by three hinges. At the centre of a spherical
         mechanism it does not constrain anything. Its hinges would double the number of

@@ -47,9 +47,9 @@ class CoefficientFormulas:
     """Formulas of the motion of all links per unit rate of each input.
 
     A velocity coefficient is the angular velocity of a link about its pole (axis of its
-    rotation) per unit rate of an input. An acceleration coefficient is its derivative by
-    the input. The constructor writes formulas to the list: poles, velocity coefficients,
-    acceleration coefficients, then coefficients between moving links.
+    rotation) per unit rate of an input. An acceleration coefficient is its derivative with
+    respect to the input. The constructor writes formulas to the list: poles, velocity
+    coefficients, acceleration coefficients, then coefficients between moving links.
 
     Parameters
     ----------

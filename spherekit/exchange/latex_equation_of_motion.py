@@ -116,7 +116,7 @@ class LatexEquationOfMotion:
         The torque of input k is sum_i B_ki qdd_i + r_k - Q_k. Here qdd_i are the
         accelerations of the inputs. The inertia forces r_k remain if all inputs have
         constant rates qd, and Q_k are the generalized forces of the loads. With one input,
-        r = (1/2) B' qd^2, where B' is the derivative of B by the input.
+        r = (1/2) B' qd^2, where B' is the derivative of B with respect to the input.
 
         Parameters
         ----------

@@ -186,8 +186,8 @@ class FormulaList:
     def select_required(self, expressions: Sequence[Expr]) -> dict[ExpressionNode, Formula]:
         """Return the formulas that some expressions need, in the order of printing.
 
-        A formula is needed if an expression, or another needed formula, contains its
-        symbol. The meanings of symbols that no needed formula contains are removed from
+        A formula is required if an expression, or another required formula, contains its
+        symbol. The meanings of symbols that no required formula contains are removed from
         `symbol_meanings`, so that they are not printed.
         """
         required = {*iterate_nodes(expressions)}

@@ -45,8 +45,8 @@ class LatexFormulas:
     inputs
         Numbers of the driven pairs.
     input_suffixes
-        For each input the text that ends the names of derivatives by this input. It is
-        empty if there is only one input.
+        For each input the text that ends the names of derivatives with respect to this
+        input. It is empty if there is only one input.
     pole_plans
         For each input the plan of the poles (axes of relative rotations) while it moves.
     omitted_loads
@@ -76,16 +76,17 @@ class LatexFormulas:
         ground_axes
             (3, 3) matrix whose columns are the axes i, j, k of the ground.
         free_sizes
-            Keys of numbers of the file, such as ("zeros", name of a pair), that are printed
-            as symbols whatever their values. Users can then insert other values.
+            Keys of numbers in the mechanism file, such as ("zeros", name of a pair). These
+            numbers are printed as symbols whatever their values, so that users can insert
+            other values.
         """
         self.mechanism = mechanism
         assembly = plan_assembly(mechanism)
         self.inputs = assembly.inputs
         input_names = mechanism.names_of(self.inputs)
         self.formula_list = FormulaList(mechanism, len(input_names))
-        # With several inputs, each derivative is by one input while the others are locked.
-        # Its name ends in the name of this input.
+        # With several inputs, each derivative is with respect to one input while the others
+        # are locked. Its name ends in the name of this input.
         self.input_suffixes = [""]
         if len(input_names) > 1:
             self.input_suffixes = [f"_by_{name}" for name in input_names]

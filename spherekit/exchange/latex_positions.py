@@ -109,8 +109,8 @@ def _end_of_arc(start: Expr, tangent: Expr, length: AngleExpression) -> Expr:
 def _tangent_of_return(start: Expr, tangent: Expr, length: AngleExpression) -> Expr:
     """Return the unit tangent at the end of an arc, in the direction back to its start.
 
-    It is sin(length) start - cos(length) tangent: minus the derivative of the end by the
-    length. The parameters are those of `_end_of_arc`.
+    It is sin(length) start - cos(length) tangent: minus the derivative of the end point
+    with respect to the length. The parameters are those of `_end_of_arc`.
     """
     return length.sine * start - length.cosine * tangent
 

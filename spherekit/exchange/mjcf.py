@@ -689,12 +689,12 @@ def _add(parent: Element, tag: str, **attributes: Any) -> Element:
 
 
 def _format_drawn(numbers: Any) -> str:
-    """Return numbers of the appearance, from which nothing is computed, in five digits."""
+    """Return numbers that only affect the drawing (sizes, positions), in five digits."""
     return " ".join(f"{x:.5g}" if abs(x) > DRAWN_ZERO else "0" for x in np.ravel(numbers))
 
 
 def _format_numbers(numbers: Any) -> str:
-    """Return numbers in all their digits; a number that is zero by rounding is 0."""
+    """Return numbers as text in all digits; a number that is zero up to rounding is 0."""
     values = np.ravel(numbers)
     least_written = WRITTEN_ZERO_RATIO * max_abs(values)
     return " ".join(

@@ -122,8 +122,8 @@ def _move_joints(mujoco: Any, model: Any, data: Any, joints: Sequence[int]) -> b
     """Close the loops by Newton's method with some of the joints.
 
     Each step solves J dq = gaps for the least dq, and subtracts dq from the joint angles. J
-    is the matrix of derivatives of the gaps by the joint angles. Large steps are shortened,
-    because Newton's method can diverge far from a solution.
+    is the matrix of derivatives of the gaps with respect to the joint angles. Large steps
+    are shortened, because Newton's method can diverge far from a solution.
 
     Parameters
     ----------

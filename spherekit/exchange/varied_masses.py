@@ -1,7 +1,7 @@
 """Masses as expressions of the numbers of a mechanism file.
 
-A file may state inertia by axes of pairs, as that of a uniform arc between two axes. Such
-inertia follows the sizes of links.
+A file may state inertia by axes of pairs, for example the inertia of a uniform arc between
+two axes. Such inertia changes with the sizes of the links.
 """
 
 from collections.abc import Mapping

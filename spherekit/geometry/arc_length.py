@@ -150,7 +150,7 @@ class ArcLength:
         Parameters
         ----------
         panel
-            (n,) indices of the panels.
+            (n,) numbers of the panels.
         length_in_panel
             (n,) arc lengths from the starts of the panels to the positions.
         panel_length
@@ -249,8 +249,7 @@ def integrate_rate(
     final_series: list[Floats] = []
     scale = 0.0  # size of the whole integral, set in the first round
     for halvings in range(MAX_PIECE_HALVINGS + 1):
-        # (panels, order) series of the rate as a function of the position x from -1 to 1 in
-        # each panel.
+        # (panels, order) series of the rate by the position x from -1 to 1 in each panel.
         half = 0.5 * (high - low)[:, None]
         series = half * (rate(low[:, None] + half * (1.0 + nodes)) @ to_coefficients)
         largest = max_abs(series, axis=1)

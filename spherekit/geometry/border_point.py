@@ -101,7 +101,7 @@ def find_crossings(
     points
         (n, 3) unit vectors on the border.
     margins
-        (n,) indices of the margins; `UNDEFINED_MARGIN` if the region ends because a margin
+        (n,) numbers of the margins; `UNDEFINED_MARGIN` if the region ends because a margin
         is NaN.
     """
     arc_margins = ArcMargins(evaluate, inside, outside)
@@ -171,7 +171,7 @@ def find_corners(
         (n, 3) unit vectors, the ends of the chords. The first margin is zero at the start,
         the second at the end.
     margins
-        (n, 2) indices of these margins.
+        (n, 2) numbers of these margins.
 
     Returns
     -------

@@ -179,7 +179,7 @@ def check_no_self_intersection(path: SplinePath) -> None:
     arcs_per_panel = max(MIN_ARCS_PER_PANEL, ceil(MIN_CHECKED_ARCS / panel_count))
     starts = _sample_panels(path, arcs_per_panel)
     ends = np.roll(starts, -1, axis=0)
-    # Indices of the arcs in each pair. Successive arcs share an end and are no pair.
+    # Numbers of the arcs in each pair. Successive arcs share an end and are no pair.
     i, j = _find_close_arcs(starts, ends)
     # Arcs meet if each has its ends on both sides of the great circle of the other.
     meets = _lie_on_both_sides(a=starts[i], b=ends[i], c=starts[j], d=ends[j])

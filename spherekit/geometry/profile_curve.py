@@ -1,7 +1,7 @@
 """Smooth curves on the unit sphere by their arc length: the profiles of contact pairs.
 
 The frame of a curve has the columns t, n = p x t and p, where p is the point and t the
-tangent. Its derivatives with respect to the arc length s are dp/ds = t, dt/ds = k n - p and
+tangent. Its derivatives by the arc length s are dp/ds = t, dt/ds = k n - p and
 dn/ds = -k t. The geodesic curvature k is positive where the curve turns left.
 """
 
@@ -67,12 +67,12 @@ class CurvePoint:
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve on the unit sphere as a function of its arc length.
+    """A curve on the unit sphere by its arc length.
 
     Attributes
     ----------
     path
-        The same curve as a function of another parameter.
+        The same curve by a parameter of its own.
     table
         Arc length of the path as a function of its parameter; None if they are the same.
     length
@@ -178,8 +178,8 @@ def circle(centre: ArrayLike, radius: float) -> Curve:
         )
     sine = float(np.sin(radius))
     path = CirclePath(axes_about(centre), sine, float(np.cos(radius)))
-    # Other curves have a table of the arc length as a function of the parameter of their
-    # path. The parameter of a circle is the arc length itself.
+    # Other curves have a table of the arc length by the parameter of their path. The
+    # parameter of a circle is the arc length itself.
     return Curve(path, table=None, length=2.0 * np.pi * sine, closed=True)
 
 
@@ -247,8 +247,8 @@ def through(points: ArrayLike, closed: bool = True) -> Curve:
 
     The curve is the radial projection of a quintic spline through the points. The parameter
     of the spline is nearly the arc length s. The geodesic curvature has two continuous
-    derivatives with respect to s, also at the first point of a closed curve. Open curves
-    may meet themselves.
+    derivatives by s, also at the first point of a closed curve. Open curves may meet
+    themselves.
 
     Parameters
     ----------
@@ -285,8 +285,8 @@ def spline_fits(points: ArrayLike, closed: bool) -> Iterator[tuple[SplinePath, A
     """Yield splines through the same points, each with its arc length.
 
     The last spline is the smooth curve through the points (`spline_through`). Its knots
-    depend on the splines before, so derivatives of the curve with respect to the points
-    need all splines.
+    depend on the splines before, so derivatives of the curve by the points need all
+    splines.
 
     Knots are the parameters of a spline at the points. For the first spline they are the
     sums of the great-circle arcs between the points. For every later spline they are the

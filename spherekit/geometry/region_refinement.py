@@ -97,9 +97,9 @@ class TriangleDivision:
         Parameters
         ----------
         node
-            (m,) indices of the nodes of all segments, in the order of the segments.
+            (m,) numbers of the nodes of all segments, in the order of the segments.
         segment
-            (m,) index of the segment of each node.
+            (m,) number of the segment of each node.
         """
         # A triangle joins the apex to a node and to the next node of the same segment.
         has_next_node = segment[:-1] == segment[1:]
@@ -116,7 +116,7 @@ class TriangleDivision:
         Parameters
         ----------
         start_node
-            (n,) index of the first node of each segment.
+            (n,) number of the first node of each segment.
         """
         corners = [self.apex, self.other_inside, start_node]
         return np.stack(corners, axis=1)[self.has_extra_triangle]
@@ -297,7 +297,7 @@ class RegionRefinement:
         return whole + crossed
 
     def surface(self) -> tuple[Floats, Indices]:
-        r"""Return a triangulation of only the region, up to its border.
+        r"""Return a triangulation of the region alone, up to its border.
 
         Triangles of the mesh with all vertices inside the region stay whole. Triangles that
         the border crosses are divided, and only their part inside the region is used. The
@@ -319,7 +319,7 @@ class RegionRefinement:
         points
             (P, 3) unit vectors: the vertices of the mesh, then the nodes of the border.
         triangles
-            (F, 3) indices of points.
+            (F, 3) numbers of points.
         """
         division = self._divide_triangles()
         all_segments = np.arange(len(self.segments.start))
@@ -348,7 +348,7 @@ class RegionRefinement:
         return order_chains(segment_count, links, directed=True)
 
     def _find_next_segments(self) -> Indices:
-        """Return the index of the segment (n,) after each one along the border, or -1.
+        """Return the number of the segment (n,) after each one along the border, or -1.
 
         The border curves are assembled from segments (pieces of the border) in this order.
         A crossing is a point at which the border crosses an edge of the mesh. The border
@@ -384,7 +384,7 @@ class RegionRefinement:
         A segment is a smooth piece of the border in one triangle, with the region on its
         left. A triangle has one segment, or two that meet at a corner of the border. Its
         vertices follow counter-clockwise: the odd one, then the second and the third one.
-        The odd one is the only vertex inside, or the only one outside::
+        The odd one alone is inside, or it alone is outside::
 
             one vertex inside               two vertices inside
 
@@ -520,7 +520,7 @@ class RegionRefinement:
         margins = self.crossings.margins[start_stop]
         starts, stops = self.crossings.points[start_stop]
 
-        # `margins` (2, n) are the indices of the margins that are 0 at start and stop. If
+        # `margins` (2, n) are the numbers of the margins that are 0 at start and stop. If
         # they differ, the border has a corner between them.
         with_corner = np.flatnonzero(margins[0] != margins[1])
         corner, is_corner = find_corners(
@@ -563,7 +563,7 @@ class RegionRefinement:
         Parameters
         ----------
         first, second
-            (n,) indices of both vertices of each edge. One of them is inside the region.
+            (n,) numbers of both vertices of each edge. One of them is inside the region.
         """
         first_is_inside = self.is_inside[first]
         return self.crossings.find(
@@ -671,7 +671,7 @@ class RegionRefinement:
         self.points = mesh.points
         self.triangles = mesh.triangles
 
-        # `mesh.origin` (new T,) is the old index of each triangle, -1 for new ones. The
+        # `mesh.origin` (new T,) is the old number of each triangle, -1 for new ones. The
         # properties of new triangles are placeholders until `_classify` computes them.
         self.classes = _carry_over(self.classes, mesh.origin, UNCLASSIFIED)
         self.longest_edges = _carry_over(self.longest_edges, mesh.origin, 0.0)
@@ -681,14 +681,14 @@ class RegionRefinement:
         self._renumber_segments(mesh.origin, old_count=len(is_cut))
 
     def _renumber_segments(self, origin: Indices, old_count: int) -> None:
-        """Adapt the segments to new indices of triangles; drop those in cut triangles.
+        """Adapt the segments to new numbers of triangles; drop those in cut triangles.
 
         A segment is the piece of the border in one triangle.
 
         Parameters
         ----------
         origin
-            (T,) old index of each triangle, -1 for new ones.
+            (T,) old number of each triangle, -1 for new ones.
         old_count
             Number of triangles before the cut.
         """
@@ -709,7 +709,7 @@ def _carry_over(values: Array, origin: Indices, placeholder: float) -> Array:
     values
         (old T,) one value for each triangle, in the old numbering.
     origin
-        (T,) old index of each triangle, -1 for new ones.
+        (T,) old number of each triangle, -1 for new ones.
     placeholder
         Value of the new triangles.
     """

@@ -135,8 +135,7 @@ class EliminantRoots:
         (n,) rounding error of the coefficients of each eliminant, relative to its largest
         coefficient.
     problems
-        For each system the reason why the roots do not give the solutions of the system, or
-        "".
+        For each system the reason why the roots do not give its solutions, or "".
     """
 
     roots: Complexes
@@ -364,7 +363,7 @@ def _resultant_degree(incidence: Bools, angle: int) -> int:
     incidence
         (t, t) whether an equation (row) contains an angle (column), for t = 2 or 3.
     angle
-        Index of the angle, counted from 0. It is not the last one.
+        Number of the angle, counted from 0. It is not the last one.
     """
     return 2 * int(np.sum(incidence[-2:, angle]))
 
@@ -857,8 +856,7 @@ def _sample_eliminants(
         samples = _sample_eliminants_of_two(equations, all_first_angles)
     else:
         # When the third angle is eliminated from the last two equations, their resultant
-        # remains. To eliminate the second angle too, the degree of the resultant in this
-        # angle is needed.
+        # remains. Its degree in the second angle is needed to eliminate that angle, too.
         resultant_degree = _resultant_degree(incidence, angle=1)
         samples = _sample_eliminants_of_three(equations, all_first_angles, resultant_degree)
     if np.isrealobj(equations):
@@ -1305,7 +1303,7 @@ def _relative_residual(equations: Numbers, angles: Complexes) -> Floats:
 
 
 def _are_distinct(angles: Complexes) -> Bools:
-    """Return a mask (n,) of the solutions (n, t) that are not copies of earlier ones."""
+    """Return (n,) which of n solutions (n, t) are not copies of earlier ones."""
     roots = np.exp(1j * angles)
     is_same = np.all(np.abs(roots[:, None] / roots - 1.0) < SAME_SOLUTION_RAD, axis=2)
     return ~np.any(np.tril(is_same, -1), axis=1)
@@ -1336,8 +1334,8 @@ def _evaluate(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complex
     """Return the values of n systems of equations and their derivatives by the angles.
 
     An equation is a sum of coefficients, each multiplied by one factor (1, cosine or sine)
-    of every angle. Its derivative with respect to an angle is the same sum with 0, -sine
-    and cosine in place of the factors of that angle.
+    of every angle. Its derivative by an angle is the same sum with 0, -sine and cosine in
+    place of the factors of that angle.
 
     Parameters
     ----------

@@ -34,16 +34,16 @@ def find_spanning_tree(
     Parameters
     ----------
     ends
-        Indices of the two bodies of every pair.
+        Numbers of the two bodies of every pair.
     start
-        Indices of the bodies from which the search starts, breadth first. Each of them is
+        Numbers of the bodies from which the search starts, breadth first. Each of them is
         the root of its own tree.
     pairs
-        Indices of the pairs that may be used. By default all.
+        Numbers of the pairs that may be used. By default all.
 
     Returns
     -------
-    The branches in the order in which they are found: the index of the pair, the body from
+    The branches in the order in which they are found: the number of the pair, the body from
     which it leads, and the body that it reaches. Bodies that no pair reaches are missing.
     """
     usable_pairs = range(len(ends)) if pairs is None else sorted(pairs)

@@ -4,8 +4,7 @@ An R pair has one variable, the angle about its axis. A rolling contact has one,
 length along both profiles. A sliding contact has two, the arc length along each profile.
 
 A profile is a curve on the unit sphere. Its moving frame has the columns tangent t, normal
-n and point p. With the geodesic curvature k, the derivatives with respect to the arc length
-s are
+n and point p. With the geodesic curvature k, the derivatives by the arc length s are
 
     dp/ds = t,    dt/ds = k n - p,    dn/ds = -k t.
 """
@@ -57,8 +56,7 @@ class PairStates(NamedTuple):
         (n, pairs, 2) geodesic curvatures of the profiles (contact curves) of both links at
         the contact. Zero for R pairs (hinges).
     curvature_rates
-        (n, pairs, 2) derivatives of the curvatures with respect to the arc length of their
-        profile.
+        (n, pairs, 2) derivatives of the curvatures by the arc length of their profile.
     inside
         (n, pairs) whether the contact point is on both profiles, not beyond their ends.
     """
@@ -251,7 +249,7 @@ class Joint(ABC):
             derivatives are in the same axes.
         states
             States of the pairs, with the geodesic curvatures of both profiles and their
-            derivatives with respect to the arc length.
+            derivatives by the arc length.
         first_w, second_w
             (n, m, 3) angular velocities (rad/s) of the first and the second links, in the
             same axes.
@@ -420,8 +418,7 @@ class Sliding(Joint):
             (samples, pairs, 3, 3) frames of the contacts, with the columns tangent, normal
             and contact point.
         states
-            The geodesic curvatures of both profiles, and their derivatives with respect to
-            arc length.
+            The geodesic curvatures of both profiles, and their derivatives by arc length.
         first_w, second_w
             (samples, pairs, 3) angular velocities (rad/s) of the first and second links.
 

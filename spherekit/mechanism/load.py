@@ -196,7 +196,7 @@ class LoadedMechanism(Protocol):
 
     @property
     def angles(self) -> Mapping[str, int]:
-        """Indices of the variables that are angles, by R pair."""
+        """Numbers of the variables that are angles, by R pair."""
 
     def pair(self, name: str) -> Pair:
         """Return the pair with this name; `ModelError` if there is none."""

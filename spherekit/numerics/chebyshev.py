@@ -186,7 +186,7 @@ class PiecewiseChebyshev:
 
     @cached_property
     def derivative(self) -> "PiecewiseChebyshev":
-        """The derivatives of the interpolant with respect to the variable."""
+        """The derivatives of the interpolant by the variable."""
         reduced_per_position = 2.0 / np.diff(self.edges)
         slopes = chebyshev.chebder(self.coefficients, axis=1)
         return PiecewiseChebyshev(self.edges, slopes * reduced_per_position[:, None, None])

@@ -45,7 +45,7 @@ class TensorChebyshev:
     low, high
         (m,) lower and upper corner of the box.
     splits
-        (splits, 4) halvings of cells, that of the whole box first. A row has the index of
+        (splits, 4) halvings of cells, that of the whole box first. A row has the number of
         the halved axis, the position of the cut, and the links to the lower and the upper
         half. A positive link is the row of another halving. A link of -1 - k is the
         finished cell k. A link of 0 leads outside the domain.

@@ -96,15 +96,15 @@ class TurnBrackets:
     """Intervals of the turn, each of which contains a configuration of a mechanism.
 
     The turn is the angle of the output link about the direction at which it points. With
-    direction and turn given, all links but one are placed. They determine the angle d
-    between the axes of the two pairs of this closing link. The link has the arc a between
-    them, so it fits only where the residual f = cos(d) - cos(a) is 0. f changes its sign in
-    each of the k intervals.
+    direction and turn given, all links but one (the closing link) are placed. The placed
+    links determine the angle d between the axes of the two pairs of the closing link. The
+    closing link has the arc a between these axes, so it fits only where the residual f =
+    cos(d) - cos(a) is 0. f changes its sign in each of the k intervals.
 
     Attributes
     ----------
     row
-        (k,) number of the direction to which the interval belongs.
+        (k,) index of the direction to which the interval belongs.
     low, high
         (k,) ends of the interval (rad).
     low_residual, high_residual
@@ -120,7 +120,7 @@ class TurnBrackets:
 
 @dataclass(frozen=True)
 class DyadsWithClosingLink:
-    """A pointing mechanism that consists of dyads and a closing link.
+    """A mechanism with a pointing output that consists of dyads and a closing link.
 
     The output link points in a direction and can turn about this direction. If direction
     and turn are fixed, all links but one follow as dyads (two links each, closed by known
@@ -210,10 +210,9 @@ class DyadsWithClosingLink:
     def measure_turns(self, directions: Floats, rotations: Floats) -> Floats:
         """Return the angles of the output link about its direction, in given orientations.
 
-        They are starts from which the exact turns are searched. The output points in a
-        direction, and the turn is its angle about this direction. The pointing axis of a
-        given orientation may deviate from the direction. The turn then fits the orientation
-        best.
+        The exact turns are searched from these angles. The output points in a direction,
+        and the turn is its angle about this direction. The pointing axis of a given
+        orientation may deviate from the direction. The turn then fits the orientation best.
 
         Parameters
         ----------
@@ -310,11 +309,11 @@ class DyadsWithClosingLink:
         return first_rate - second_rate
 
     def slope(self, mode: WorkingMode, directions: Floats) -> Floats:
-        """Return the derivative (n,) of the closure error f by the turn of the output.
+        """Return the derivative df/d(turn) (n,) of the closure error f of the closing link.
 
-        The turn is the rotation of the output link about its direction (3, n). The
-        derivative is the rate of f at the angular speed 1 about this direction. Newton's
-        method needs it.
+        The turn is the angle of the output link about its direction (3, n). The derivative
+        is the rate of f at the angular speed 1 about this direction. Newton's method needs
+        it.
         """
         rate = self.residual_rate(mode)
         return dot_columns(rate.numerator, directions) / rate.denominator
@@ -382,8 +381,8 @@ class DyadsWithClosingLink:
 
         Returns
         -------
-        The turns in (-pi, pi] with their directions, and for each the sign of the slope of
-        f by the turn. The sign is 1 if the slope is 0.
+        The turns in (-pi, pi] with their directions, and for each turn the sign of the
+        derivative of f with respect to the turn. The sign is 1 if the derivative is 0.
         """
         # Intervals of the turn in which f changes its sign. A jump of f is no root.
         brackets = self._bracket_roots(directions, signs)
@@ -525,11 +524,11 @@ def find_closing_link(
 ) -> DyadsWithClosingLink | None:
     """Return the dyads and the closing link of a pointing output, None if it has none.
 
-    A closing link has two pairs (joints). Suppose it is removed, and the output is fixed in
-    a direction and at a turn about it. The other links must then be dyads (two links each)
-    that can be placed one after another. The arc of the closing link determines the turn.
-    Every link is tried. If several links fit, that with the fewest joints between dyads is
-    chosen.
+    A closing link has two pairs (joints). Suppose this link is removed, and the output is
+    fixed in a direction and at a turn about this direction. The other links must then be
+    dyads (two links each) that can be placed one after another. The arc of the closing link
+    determines the turn. Every link is tried. If several links fit, that with the fewest
+    joints between dyads is chosen.
 
     Parameters
     ----------
@@ -599,7 +598,7 @@ def _merge_equal_turns(row: Indices, turn: Floats) -> tuple[Indices, Floats]:
     Parameters
     ----------
     row
-        (k,) number of the direction to which a turn belongs.
+        (k,) index of the direction to which a turn belongs.
     turn
         (k,) turns (rad) in (-pi, pi].
     """
@@ -616,7 +615,7 @@ def _merge_equal_turns(row: Indices, turn: Floats) -> tuple[Indices, Floats]:
 
 
 def _count_dependences(candidate: DyadsWithClosingLink) -> int:
-    """Return how many outer pairs of a candidate's dyads join links of other dyads."""
+    """Return how many outer pairs of the dyads of a candidate join links of other dyads."""
     chain = candidate.chain
     count = 0
     for dyad in chain.dyads:

@@ -93,7 +93,7 @@ class ChainDyad:
 
 @dataclass(frozen=True)
 class AxisSource:
-    """The pair and link from which the axis of a wanted pair is known earliest.
+    """The pair and link from which the axis of a requested pair is known earliest.
 
     Links are placed one after another. If several pairs have their axes on one line, this
     line is known when the first link with one of these pairs is placed. Example: a link is
@@ -103,11 +103,11 @@ class AxisSource:
     Attributes
     ----------
     pair
-        Number of the wanted pair, or of another pair on the same axis line.
+        Number of the requested pair, or of another pair on the same axis line.
     link
         Number of the link with this pair that is placed first.
     sense
-        1 if the axis of `pair` has the direction of the wanted axis, -1 if it has the
+        1 if the axis of `pair` has the direction of the requested axis, -1 if it has the
         opposite direction.
     """
 
@@ -134,9 +134,9 @@ class DyadChain:
     base
         Number of the link in whose axes all vectors are given.
     posed_link
-        Number of the link that each pose places. A pose gives its orientation, or only the
-        axes of its pairs if the dyads need no more. The angular velocity of the output is
-        that of this link relative to the base.
+        Number of the link that each pose places. A pose gives the orientation of this link,
+        or only the axes of its pairs if the dyads need no more. The angular velocity of the
+        output is the angular velocity of this link relative to the base.
 
     Attributes
     ----------
@@ -147,11 +147,11 @@ class DyadChain:
     dyad_of_link, dyad_of_pair
         Numbers of the dyads to which links and pairs belong.
     sign_dependencies
-        For each quantity, the numbers of the dyads that it depends on by their signs. The
-        sign of a dyad says which of its two possible positions it has. A quantity is the
-        name of a method of `spherekit.outputs.working_mode.WorkingMode`, with its
-        arguments. The entry is written when the quantity is first computed. Modes with
-        equal signs of these dyads share the result.
+        For each quantity, the numbers of the dyads on whose signs it depends. The sign of a
+        dyad says which of two possible positions the dyad has. A quantity is the name of a
+        method of `spherekit.outputs.working_mode.WorkingMode`, with its arguments. The
+        entry is written when the quantity is first computed. Modes with equal signs of
+        these dyads share the result.
     """
 
     def __init__(
@@ -198,8 +198,8 @@ class DyadChain:
             for pair in dyad.pairs:
                 self.dyad_of_pair[pair] = number
         # For each quantity, such as the angle of pair 3, the numbers of the dyads whose
-        # signs it depends on. Empty at first. The class `WorkingMode` fills it when it
-        # computes a quantity.
+        # signs it depends on. The mapping begins empty. The class `WorkingMode` adds an
+        # item when it computes a quantity.
         self.sign_dependencies: dict[Hashable, frozenset[int]] = {}
 
     def _cache_methods(self) -> None:
@@ -279,25 +279,25 @@ class DyadChain:
         return dyad.far_pair, dyad.far_support
 
     def _find_axis_source(self, pair: int, link: int) -> AxisSource:
-        """Return the pair and link from which the axis of a wanted pair is known earliest.
+        """Return the pair and link that give the axis of a requested pair earliest.
 
         Links are placed one after another. An outer pair hinges each link to a link placed
-        earlier, its support. If the wanted axis is the axis line of this outer pair, the
-        support has it, too, and it is known as soon as the support is placed. The search
-        goes back in this way from link to support. It ends at a link whose outer pair has
-        another axis line.
+        earlier, its support. If the requested axis is on the axis line of this outer pair,
+        this line is also fixed in the support. The requested axis is then known as soon as
+        the support is placed. The search goes back in this way from link to support. It
+        ends at a link whose outer pair has another axis line.
 
         Parameters
         ----------
         pair, link
-            Numbers of the wanted pair and of one of its links.
+            Numbers of the requested pair and of one of its links.
 
         Returns
         -------
-        A pair and a link. The wanted axis is `sense` (1 or -1) times the axis of this pair,
-        as it is fixed in this link.
+        A pair and a link. The requested axis is `sense` (1 or -1) times the axis of this
+        pair, as it is fixed in this link.
         """
-        # At all times, the wanted axis is `sense` times the axis of `source_pair` in
+        # At all times, the requested axis is `sense` times the axis of `source_pair` in
         # `source_link`.
         source_pair = pair
         source_link = link
@@ -396,13 +396,13 @@ class InputRates:
 
     @property
     def type_1(self) -> Floats:
-        """(n, inputs) distance of each input from a singularity of type I.
+        """(n, inputs) measure of how far each input is from a singularity of type I.
 
         There are n poses of the output.
 
-        It is the least angular speed that the output can have while this input has the rate
-        1 and the others have any rates. At the singularity it is 0: the input can move
-        while the output rests.
+        The measure is the least angular speed that the output can have while this input has
+        the rate 1 and the other inputs have any rates. At the singularity the measure is 0:
+        the input can move while the output rests.
         """
         # The rate is 1 if numerator . w = denominator. The shortest such w is parallel to
         # the numerator and has the length |denominator| / |numerator|.
@@ -437,10 +437,11 @@ def invert_jacobian(jacobian: Floats, directions: Floats | None) -> InputRates:
 def reciprocal_vectors(vectors: Floats, direction: Floats | None) -> tuple[Floats, Floats]:
     """Return the reciprocal vectors of two or three vectors, times their volume.
 
-    The reciprocal vectors of a, b, c are b x c, c x a and a x b, divided by the volume
-    a . (b x c). Each has the scalar product 1 with its vector and 0 with the two others, so
-    they are the columns of the inverse of the matrix with the rows a, b, c. Here they are
-    returned without the division. They are then finite also if the vectors are coplanar.
+    The reciprocal vectors of a, b, c are b x c, c x a and a x b, divided by the volume a .
+    (b x c). Each reciprocal vector has the scalar product 1 with the vector that it belongs
+    to, and 0 with the two other vectors, so the reciprocal vectors are the columns of the
+    inverse of the matrix with the rows a, b, c. Here they are returned without the
+    division. They are then finite also if the vectors are coplanar.
 
     Parameters
     ----------

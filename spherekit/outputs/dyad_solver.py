@@ -110,8 +110,8 @@ class DyadKinematics(ClosedKinematics):
         """The smallest and the largest angle between the outer axes of every leg.
 
         They limit the reach of the leg. A leg is here a dyad: two links that a middle pair
-        joins. Its near and its far pair join them to other links. The outer axes are those
-        of these two pairs.
+        joins. A near pair and a far pair join these links to other links. The outer axes
+        are the axes of the near and the far pair.
 
         A leg can end at a virtual pair, which was added to hold the output. If a real pair
         has the same axis, its number is reported instead, because users know its name.
@@ -146,13 +146,13 @@ class DyadKinematics(ClosedKinematics):
 class EntryAngle:
     """The angle of an entry pair as a linear function of the inputs: ratios . q + offset.
 
-    An entry pair is a pair at which the linkage that carries the output is driven. It is an
-    input itself, or toothed wheels turn it. The inputs have the angles q.
+    An entry pair is a pair at which the linkage that carries the output is driven. Such a
+    pair is an input itself, or toothed wheels turn it. The inputs have the angles q.
 
     Attributes
     ----------
     ratios
-        (inputs,) derivatives of the angle by the inputs.
+        (inputs,) derivatives of the angle with respect to the inputs.
     offset
         Angle (rad) at q = 0.
     """
@@ -189,11 +189,11 @@ class GearedKinematics(ClosedKinematics):
     offsets
         (inputs,) angles (rad) of the entry pairs at the inputs 0.
     inverse_ratios
-        (inputs, inputs) derivatives of the inputs (first axis) by the angles of the entry
-        pairs (second axis).
+        (inputs, inputs) derivatives of the inputs (first axis) with respect to the angles
+        of the entry pairs (second axis).
     wheelless_number
-        Number of a pair in the mechanism without wheels, by its number in the whole
-        mechanism.
+        For the number of each pair in the whole mechanism, its number in the mechanism
+        without wheels.
     """
 
     solved_by = "dyads"
@@ -321,10 +321,10 @@ class _GearedMode:
     def _values(self) -> Floats:
         """(n, pairs) variables of all pairs at n poses of the output.
 
-        The variable of an R pair is its angle in (-pi, pi] (rad). That of a contact of two
-        wheels is the arc length (rad) by which they have rolled on each other. There are
-        three sources: the inputs, the wheels for pairs that follow the inputs, and the
-        mechanism without wheels (`wheelless_mode`) for all other R pairs.
+        The variable of an R pair is its angle in (-pi, pi] (rad). The variable of a contact
+        of two wheels is the arc length (rad) by which the wheels have rolled on each other.
+        There are three sources: the inputs, the wheels for pairs that follow the inputs,
+        and the mechanism without wheels (`wheelless_mode`) for all other R pairs.
         """
         kinematics = self.kinematics
         train = kinematics.train
@@ -349,14 +349,14 @@ class _GearedMode:
         """(n, inputs, 3) rates of the inputs per unit angular velocity of the output.
 
         Entry pairs are the joints through which inputs act on the mechanism without wheels.
-        The rates of the entry pairs are multiplied by the derivatives of the inputs by
-        their angles.
+        The rates of the entry pairs are multiplied by the derivatives of the inputs with
+        respect to the angles of these pairs.
         """
         return self.kinematics.inverse_ratios @ self.wheelless_mode.rates
 
     @property
     def type_1(self) -> Floats:
-        """(n, inputs) measures of type I, 0 where an input can move with a resting output.
+        """(n, inputs) measures of type I, 0 where an input can move while the output rests.
 
         The measure of an input is the least angular speed of the output per unit rate of
         this input: 1 / (largest rate of the input per unit angular velocity of the output).
@@ -384,9 +384,10 @@ class _GearedMode:
         negative there, so that the limit can be searched from both sides.
 
         The mechanism without wheels has entry pairs, at which the wheels or the inputs
-        drive it. It gives the continued square for each entry pair. If an entry pair has
-        unit rate, an input has the rate r, the derivative of the input by the angle of the
-        pair. Per unit rate of the input, the square is therefore divided by r^2.
+        drive it. This mechanism gives the continued square for each entry pair. If an entry
+        pair has unit rate, an input has the rate r, the derivative of the input with
+        respect to the angle of the pair. Per unit rate of the input, the square is
+        therefore divided by r^2.
 
         A pose is out of reach if a single entry pair is. So the least quotient counts.
 
@@ -407,7 +408,7 @@ class _GearedMode:
 
     @property
     def type_2(self) -> Floats:
-        """(n,) measure of type II, 0 where the output can move with locked inputs."""
+        """(n,) transmission measure, 0 where the output can move with locked inputs."""
         return self.kinematics.type_2(self._values)
 
 
@@ -499,7 +500,7 @@ def _choose_least_inputs(entry_angles: Floats, inverse_ratios: Floats) -> Floats
     entry_angles
         (n, entry pairs) angles (rad) in (-pi, pi], less their values at inputs of 0.
     inverse_ratios
-        (inputs, entry pairs) derivatives of the inputs by these angles.
+        (inputs, entry pairs) derivatives of the inputs with respect to these angles.
 
     Returns
     -------

@@ -108,8 +108,8 @@ class RotationSamples:
     theta
         (n,) rad, the angle by which the output link has turned about the axis.
     inputs, rates, second_rates
-        (n, inputs): the driven variables (rad) and their first and second derivatives by
-        theta.
+        (n, inputs): the driven variables (rad) and their first and second derivatives with
+        respect to theta.
     values
         (n, variables) rad, the variables of all pairs.
     orientation
@@ -187,7 +187,7 @@ class FollowedRotation(RotationPath):
 
         They come from two sources. At the leaps, the tracking of the rotation stepped over
         a singular configuration. The others are found where the transmission measure falls
-        to 0. This measure says how surely locked inputs hold the output. All angles are
+        to 0. This measure says how well the locked inputs hold the output. All angles are
         between 0 and `reached`, up to which the rotation was tracked.
         """
         # Evaluate the measure on a grid. A value that is not larger than its two neighbours
@@ -218,8 +218,8 @@ class FollowedRotation(RotationPath):
     def _measure_transmission(self, theta: Floats) -> Floats:
         """Return the transmission measure (n,) at angles (n,) rad up to `reached`.
 
-        The measure tells how surely the locked inputs hold the output link. It is 0 where
-        the output can move although the inputs are locked (type II singularity).
+        The measure tells how well the locked inputs hold the output link. It is 0 where the
+        output can move although the inputs are locked (type II singularity).
         """
         guess, _ = self.nodes.interpolate(theta)
         deviation, _ = self.find_nearest(theta, guess)
@@ -316,7 +316,7 @@ class FollowedRotation(RotationPath):
     def _compute_rates(
         self, theta: Floats, deviation: TargetDeviation
     ) -> tuple[Floats, Floats]:
-        """Return the first and second derivatives of the variables by theta.
+        """Return the first and second derivatives of the variables with respect to theta.
 
         theta is the angle by which the output link turns about a fixed axis.
 

@@ -43,7 +43,7 @@ class PoseSolutions:
     Attributes
     ----------
     row
-        (k,) number of the pose, or of the inputs, to which the configuration belongs.
+        (k,) index of the pose, or of the set of inputs, to which the configuration belongs.
     inputs
         (k, inputs) values of the inputs (rad).
     values
@@ -58,8 +58,8 @@ class PoseSolutions:
         k tuples, one for each configuration: the sign (1 or -1) of each dyad, 0 for groups
         that are no dyads. Groups are in the order in which they are placed.
     complete
-        (n,) for each of the n poses or sets of inputs, whether surely no configuration is
-        missing.
+        (n,) for each of the n poses or sets of inputs, whether it is certain that no
+        configuration is missing.
     """
 
     row: Indices
@@ -120,8 +120,8 @@ def find_configurations(
         (n, inputs) inputs of `solver` (rad). Rows that are not finite are left out.
     released
         If `solver` belongs to the mechanism with a fixed output, the solver of the
-        mechanism itself. Its variables are the first ones of `solver`. Only these and its
-        inputs are returned.
+        mechanism itself. Its variables are the first ones of `solver`. Only these variables
+        and the inputs of the mechanism itself are returned.
 
     Returns
     -------
@@ -180,7 +180,8 @@ class Forward:
     modes
         The signs of the dyads in each of the m modes.
     rotations
-        (m, n, 3, 3) from axes of the output link to those of the link it is seen from.
+        (m, n, 3, 3) from axes of the output link to those of the link from which it is
+        seen.
     directions
         (m, n, 3) directions at which the output points; None if it declares no direction.
     status
@@ -252,7 +253,7 @@ class ForwardKinematics:
         inputs
             (n, inputs) values of the inputs (rad).
         modes
-            The modes wanted, each with the sign, 1 or -1, of every dyad (a group of two
+            The requested modes, each with the sign, 1 or -1, of every dyad (a group of two
             links that can be placed in two ways); all modes by default.
 
         Raises
@@ -350,8 +351,9 @@ def output_rates(motion: Motion, output: Output) -> Floats:
 
     One input moves while the others are locked. The rates of the passive (not driven)
     variables follow from the velocity equations of all loops, J_passive rates = -J_input.
-    Here J is the derivative of the loop closure equations by the variables. J_passive has
-    the columns of the passive variables, and J_input has the column of the moving input.
+    Here J is the derivative of the loop closure equations with respect to the variables.
+    J_passive has the columns of the passive variables, and J_input has the column of the
+    moving input.
 
     Parameters
     ----------

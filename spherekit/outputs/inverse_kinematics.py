@@ -67,7 +67,7 @@ file are refused.
 
 @dataclass(frozen=True)
 class Inverse:
-    """The inputs of n poses in m working modes, and how near they are to singularities.
+    """The inputs for n poses in m working modes, and how near these are to singularities.
 
     A dyad is two links that can be placed in two ways between their neighbours. A working
     mode is a choice of one way, given by a sign 1 or -1, for each dyad. A bar is a single
@@ -84,9 +84,9 @@ class Inverse:
         (m, n) values of `Status`: OK, OUT_OF_REACH, or AT_SINGULARITY where a dyad of the
         mode is stretched or folded, or can turn about two axes that coincide.
     margin
-        (m, n) rad: by how much the pose is within reach, negative outside. For each dyad it
-        is how far the angle between its outer axes is from the angle at which the dyad is
-        stretched or folded; the least of all dyads counts.
+        (m, n) rad: by how much the pose is within reach, negative outside. The margin of a
+        dyad is how far the angle between its outer axes is from the angle at which the dyad
+        is stretched or folded. The least margin of all dyads counts.
     limiting
         (m, n) the number of the dyad that the margin belongs to, see `legs` of
         `InverseKinematics`.
@@ -104,10 +104,10 @@ class Inverse:
         in the sense in which the rate of the input is positive. The axes are those of the
         link from which the output is observed. None if they were not asked for.
     slope
-        (m, n) derivative of the cosine between the two axes of the bar by the turn of the
-        output about its direction; None without a bar. The error of the turn is the
-        rounding error divided by the slope. If the slope is 0, two solutions meet or the
-        output can turn.
+        (m, n) derivative of the cosine between the two axes of the bar with respect to the
+        turn of the output about its direction; None without a bar. The error of the turn is
+        the rounding error divided by the slope. If the slope is 0, two solutions meet or
+        the output can turn.
     """
 
     modes: tuple[Signs, ...]
@@ -216,8 +216,8 @@ class InverseKinematics:
         Links are placed in groups. If all groups are dyads (two links each), poses are
         solved in closed form. If not, a closing link is searched: a link with two pairs,
         without which the links form dyads for each direction and assumed turn of the
-        output. The right turn is the one at which the axes of these pairs are apart by the
-        arc of the closing link.
+        output. The right turn is the one at which the angle between the axes of these two
+        pairs is the arc of the closing link.
 
         Parameters
         ----------
@@ -299,9 +299,10 @@ class InverseKinematics:
 
         The order of the signs is that of `legs`. A dyad (two links) has the sign 1 or -1
         for its two positions; a group without a closed form has the sign 0. A bar is a link
-        with an arc that determines the turn of the output about its direction. Its sign is
-        that of the derivative of the cosine between its axes by the turn. A direction may
-        have several solutions with the same sign.
+        with an arc that determines the turn of the output about its direction. The sign of
+        the bar is the sign of the derivative, with respect to the turn, of the cosine of
+        the angle between its axes. A direction may have several solutions with the same
+        sign.
         """
         choices = [(1, -1) if group.is_dyad else (0,) for group in self._assembly.groups]
         if self._closing_link is not None:
@@ -324,17 +325,17 @@ class InverseKinematics:
             (n, 3, 3) orientations of the output link, or (n, 3) directions in which it
             points. Both are relative to the link from which the output is observed.
         modes
-            The working modes wanted, each with the signs of its dyads as in the property
+            The requested working modes, each with the signs of its dyads as in the property
             `modes`; all by default.
         normals
             Whether the result includes the normals, which the Jacobian needs. With one
             input locked, the output can still have some angular velocities. The normal of
             this input is perpendicular to all of them.
         near
-            (n, 3, 3) approximate orientations of the output link. If only its direction is
-            given, its rotation about this direction is unknown. In some mechanisms a bar
-            that closes a loop fixes this rotation. Newton's method finds the rotation,
-            starting from `near`. Other mechanisms do not need `near`.
+            (n, 3, 3) approximate orientations of the output link. If only the direction of
+            the link is given, its rotation about this direction is unknown. In some
+            mechanisms a bar that closes a loop fixes this rotation. Newton's method finds
+            the rotation, starting from `near`. Other mechanisms do not need `near`.
 
         Raises
         ------
@@ -380,7 +381,7 @@ class InverseKinematics:
                 # The output link can turn about its direction. This turn follows from the
                 # arc of one link, the closing link: it must be the angle between the two
                 # axes of this link. The slope is the derivative of the cosine of the angle
-                # by the turn. It shows how accurate the turn is.
+                # with respect to the turn. It shows how accurate the turn is.
                 results["slope"] = mode.slope
             return results
 
@@ -494,7 +495,7 @@ class InverseKinematics:
             posed_rotation = transposed_poses
 
         def measure_type_2(mode: WorkingMode) -> Floats:
-            """Return the measure of type II (n,) of a mode."""
+            """Return the transmission measure (n,) of a mode."""
             # The pairs of the mechanism itself, without the virtual ones.
             axes = mode.axes(len(self.own.pairs))
             return self._transmission.measure(axes, directions)
@@ -525,7 +526,7 @@ class InverseKinematics:
 
     @cached_property
     def _transmission(self) -> Transmission:
-        """The measure of type II of the output."""
+        """The transmission measure of the output, see `Inverse.type_2`."""
         return Transmission.from_mechanism(self.own, self.wrist.output)
 
     @checked(SolveError)
@@ -697,7 +698,7 @@ class InverseKinematics:
 
         Returns
         -------
-        (count, 3, 3) orientations, or an array (count, 0) if no search is needed.
+        (count, 3, 3) orientations, or an array (count, 0) if the mechanism needs no search.
 
         Raises
         ------
@@ -807,8 +808,8 @@ def _close_mode(
         (n, 3, 3) orientations of the output link from whose turns Newton's method starts.
     signs
         The sign of each dyad, then that of the closing link: the sign of the derivative of
-        the residual by the turn at the solution. Poses at which the method arrives at a
-        solution with the other sign have the status MODE_LOST.
+        the residual with respect to the turn at the solution. Poses at which the method
+        arrives at a solution with the other sign have the status MODE_LOST.
     """
     dyad_signs = signs[:-1]
     link_sign = signs[-1]
@@ -818,8 +819,8 @@ def _close_mode(
     slope = closing_link.slope(mode, directions)
     residual = np.abs(closing_link.residual(mode))
 
-    # `slope` is the derivative of the residual by the turn alone. Rates of the inputs also
-    # need its rate for any angular velocity of the output.
+    # `slope` is the derivative of the residual with respect to the turn alone. Rates of the
+    # inputs also need its rate for any angular velocity of the output.
     residual_rate = closing_link.residual_rate(mode)
     status = _closing_status(mode.status, residual, slope, link_sign)
     state = ClosingLinkState(residual_rate, directions, status)
@@ -837,7 +838,7 @@ def _closing_status(
 
     - OUT_OF_REACH where a dyad does not reach,
     - NOT_CONVERGED where the residual is not 0,
-    - MODE_LOST where the slope has not the sign of the mode,
+    - MODE_LOST where the slope does not have the sign that belongs to the mode,
     - AT_SINGULARITY where the slope is almost 0, because two solutions are about to meet,
     - otherwise that of the dyads.
 
@@ -849,7 +850,7 @@ def _closing_status(
         (n,) absolute error: the cosine of the angle between the axes of the closing link
         less the cosine of its arc.
     slope
-        (n,) derivative of the residual (with its sign) by the turn.
+        (n,) derivative of the residual (with its sign) with respect to the turn.
     link_sign
         Sign of the slope in the mode, 1 or -1.
     """

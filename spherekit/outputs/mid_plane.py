@@ -255,8 +255,8 @@ class MidPlane:
         """Return the signs (n, 2) of the driven legs at input values (n, 2) rad.
 
         A leg has two links; its elbow is the axis between them. The mid-plane contains all
-        elbows and has the normal n. The sign of a leg is that of n . (base axis x elbow).
-        It tells which of two possible elbows the leg has.
+        elbows and has the normal n. The sign of a leg is the sign of n . (base axis x
+        elbow). It tells which of two possible elbows the leg has.
         """
         products = cross(self.axes[self.driven], self._driven_elbows(inputs))
         return np.sign(np.vecdot(self.normals(inputs)[:, None], products))
@@ -302,7 +302,7 @@ class MidPlane:
         return inputs_by_mode
 
     def nearest(self, normal: Floats, margin: float = 0.0) -> Floats:
-        """Return the mid-plane within reach of all legs that is nearest to a wanted one.
+        """Return the mid-plane within reach of all legs that is nearest to a given one.
 
         Base and end effector mirror each other in the mid-plane. Its normal determines the
         pose.
@@ -310,7 +310,7 @@ class MidPlane:
         Parameters
         ----------
         normal
-            (3,) unit normal of the wanted mid-plane, which may be out of reach.
+            (3,) unit normal of the given mid-plane, which may be out of reach.
         margin
             Least angle (rad) to the border of the reach.
 

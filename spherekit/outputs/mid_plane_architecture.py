@@ -210,7 +210,7 @@ class MidPlaneArchitecture:
             return difference / distance[:, None], distance
 
     def angles_to(self, directions: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the angles of the mid-planes for which the output points as wanted.
+        """Return the angles of the mid-planes for which the output has given directions.
 
         Base and output link mirror each other in the mid-plane. A mid-plane with the unit
         normal (x, y, z), z >= 0, has the angles phi = -2 arcsin(x), gamma = 2 arcsin(y) and
@@ -253,7 +253,7 @@ class MidPlaneArchitecture:
 
         Returns
         -------
-        (n, k, 2) derivatives of phi and of gamma by these variables.
+        (n, k, 2) derivatives of phi and of gamma with respect to these variables.
         """
         velocities = np.swapaxes(angular_velocities, 1, 2)  # (n, k, 3)
         # The direction p of the output changes at the rate w x p.
@@ -291,7 +291,7 @@ class MidPlaneArchitecture:
             (n, 3) directions p of the output, in mirror axes (axes of the base that are
             turned by the constant matrix `frame`).
         direction_rates
-            (n, k, 3) derivatives p' by k variables.
+            (n, k, 3) derivatives p' with respect to k variables.
 
         Returns
         -------
@@ -354,8 +354,8 @@ class MidPlaneArchitecture:
             (legs,) or (n, legs) signs, 1 or -1, which choose one of the two elbows (axes
             between its two links) that each leg can have.
         links
-            Numbers of the links wanted, all by default. Others are left NaN, except the
-            base and the end effector.
+            Numbers of the requested links, all by default. The orientations of other links
+            are left NaN, except for the base and the end effector.
 
         Returns
         -------
@@ -444,11 +444,11 @@ class MidPlaneArchitecture:
 
     @cached_property
     def _transmission(self) -> Transmission:
-        """The measure of type II of the output."""
+        """The transmission measure of the output, with which `transmission` is computed."""
         return Transmission.from_mechanism(self.mechanism, self.output)
 
     def transmission(self, normals: Floats, elbows: Floats) -> Floats:
-        """Return the measure (n,) of type II, 0 where the output moves with locked inputs.
+        """Return the transmission measure (n,); 0 if the output moves with locked inputs.
 
         Base and output link mirror each other in the mid-plane. If the output declares a
         direction, this is the mirror image of `home`, a constant direction of the base.

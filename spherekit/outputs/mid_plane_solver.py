@@ -161,7 +161,7 @@ class MidPlaneKinematics(ClosedKinematics):
         )
 
     def _list_modes(self, mid_planes: InputMidPlanes) -> tuple[Indices, Indices]:
-        """Return which assembly modes are possible at each mid-plane.
+        """Return the pairs of a mid-plane and an assembly mode that is possible there.
 
         A mode has a sign for each leg. The inputs determine the signs of the driven legs.
         The signs of the other legs are free.
@@ -244,7 +244,7 @@ class _MidPlaneMode:
 
         The elbow e is the axis between the two links of a driven leg. It is in the
         mid-plane with the normal n, in which base and output link mirror each other. The
-        derivative of e . n = 0 by time is
+        time derivative of e . n = 0 is
 
             e' . n + e . n' = 0.
 

@@ -58,7 +58,7 @@ class InverseRows(ArrayRows):
     Attributes
     ----------
     pose
-        (k,) number of the pose, ascending.
+        (k,) index of the pose, ascending.
     mode
         (k,) label of the working mode (way to assemble the legs), such as ``+-``. A group
         of links without a sign has ``~``. Empty for a pose without a configuration.
@@ -69,7 +69,7 @@ class InverseRows(ArrayRows):
         are NaN; AT_SINGULARITY where a measure is nearly 0 or has no value.
     margin, limiting
         (k,) angle (rad) that is left to the nearest limit, negative beyond it, and (k,) the
-        number of this limit in `limits`. They are NaN and -1 if no limit applies.
+        index of this limit in `limits`. They are NaN and -1 if no limit applies.
     type_1
         (k, inputs) speed of the output per unit rate of each input; 0 at a singularity of
         type I, where the input moves while the output rests.
@@ -105,10 +105,10 @@ class InverseRows(ArrayRows):
         return self.status != Status.OUT_OF_REACH
 
     def with_status(self) -> Self:
-        """Return the rows with the status that follows from their other values.
+        """Return the rows, each with the status that follows from its other values.
 
-        A row is one configuration of a pose. Its margin is the angle (rad) that is left to
-        the nearest limit.
+        A row is one configuration at a pose. The margin of a row is the angle (rad) that is
+        left to the nearest limit.
 
         - A row with a negative margin becomes OUT_OF_REACH, and its values become NaN.
         - Another row becomes AT_SINGULARITY if a measure of type I or II is nearly 0 or not
@@ -146,7 +146,7 @@ class InverseRows(ArrayRows):
 
     @classmethod
     def concatenate(cls, parts: Sequence[Self]) -> Self:
-        """Return the rows of several modes, those of a pose together."""
+        """Return the rows of several modes; rows of the same pose follow each other."""
         rows = super().concatenate(parts)
         return rows.rows(np.argsort(rows.pose, kind="stable"))
 
@@ -190,7 +190,7 @@ class OutputKinematics:
         return tuple(map(label_of, self.modes))
 
     def chosen_modes(self, text: str) -> tuple[Signs, ...]:
-        """Return the working modes that a text of the user names.
+        """Return the working modes that the user has named by a text.
 
         A working mode is one way to assemble the legs at a pose, with a sign for each leg.
         The text is the label of a mode, such as ``+-+``, or its number. An empty text means
@@ -221,9 +221,10 @@ class OutputKinematics:
     def inverse(
         self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
     ) -> InverseRows:
-        """Return the configurations of poses, which outputs of this class do not have.
+        """Raise an error, because outputs of this class have no inverse kinematics.
 
-        Subclasses override this method. Here it raises an error with the reason.
+        Subclasses override this method and return the configurations at poses. In this
+        class, the error says why there is no inverse kinematics.
 
         Parameters
         ----------
@@ -263,7 +264,7 @@ class OutputKinematics:
         return output_rates(make_motion(self._forward.solver, values), self.output)
 
     def type_2(self, values: Floats) -> Floats:
-        """Return the measure (n,) of type II at configurations (n, variables)."""
+        """Return the transmission measure (n,) at configurations (n, variables)."""
         transmission = Transmission.from_mechanism(self.mechanism, self.output)
         return transmission.measure_configurations(self._closure, values)
 

@@ -1,4 +1,4 @@
-"""Poses of an output in any of its descriptions, and the configurations that have them.
+"""Poses of an output in several descriptions, and the configurations at these poses.
 
 With a mid-plane symmetric architecture the configurations come from its closed forms.
 Otherwise they come from the inverse kinematics of the output and from the assembly modes of
@@ -127,8 +127,8 @@ class PoseCandidates(ArrayRows):
     labels
         (k,) signs of the assembly mode as text, such as ``+-``. Each dyad (group of two
         links) has a sign, and any other group of links has ~. In a mid-plane symmetric
-        architecture, whose base and output link are mirror images of each other, each leg
-        has a sign instead.
+        architecture (base and output link are mirror images of each other), each leg has a
+        sign instead.
     singular
         (k,) whether the inputs do not determine the configuration, or some motion of the
         inputs does not move the output.
@@ -144,7 +144,7 @@ class PoseCandidates(ArrayRows):
         return len(self.values)
 
     def number_of(self, mode: str) -> int:
-        """Return the number of the configuration that a text of the user names.
+        """Return the index of the configuration that the user has named by a text.
 
         Parameters
         ----------
@@ -181,8 +181,7 @@ class EndOrientation:
         (3, 3) rotation from the axes of the output link to those of the link that the
         output is relative to.
     number, count
-        Number of the chosen configuration, and number of all configurations at the end
-        pose.
+        Index of the chosen configuration, and count of all configurations at the end pose.
     has_start_mode
         Whether the configuration was chosen because its dyads have the same signs as those
         of the start. A dyad is two links that can be placed in two ways, which its sign

@@ -73,7 +73,7 @@ class ModeAtPoses(Protocol):
 
     @property
     def type_2(self) -> Floats:
-        """(n,) measure from 0 to 1 of how surely the locked inputs hold the output.
+        """(n,) measure from 0 to 1 of how well the locked inputs hold the output.
 
         It is the transmission measure. At a singularity of type II it is 0, because the
         output can move although the inputs are locked.
@@ -280,7 +280,7 @@ def find_least_margin(
     margin
         (n,) angle (rad) to the nearest limit, negative beyond it; NaN if it is not known.
     limiting
-        (n,) number of this limit, -1 if it is not known.
+        (n,) index of this limit, -1 if it is not known.
     """
     # 1. Size: the least angle that is left, over all limits. NaN is ignored.
     angle_margins = np.stack([bound.left(rows) for bound in bounds], axis=1)  # (n, limits)

@@ -1,6 +1,6 @@
 """Rates and aspects of configurations of an output, row by row.
 
-They follow from the rates of the inputs. It does not matter whether these were computed in
+The rates and aspects follow from the rates of the inputs, whether these were computed in
 closed form or from the graph of all links.
 """
 
@@ -14,9 +14,9 @@ from spherekit.outputs.dyad_chain import reciprocal_vectors
 def turns_of(rates: Floats, directions: Floats | None) -> Floats:
     """Return the output's angular velocity per unit rate of each input.
 
-    The rates of the inputs per unit angular velocity form a matrix (inputs, 3). The wanted
-    angular velocities are the columns of its inverse. Column i is the angular velocity
-    while input i has the rate 1 and the others are locked.
+    The rates of the inputs per unit angular velocity form a matrix (inputs, 3). The angular
+    velocities are the columns of the inverse of this matrix. Column i is the angular
+    velocity while input i has the rate 1 and the others are locked.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def turns_of(rates: Floats, directions: Floats | None) -> Floats:
 
 
 def sense_of(rates: Floats, directions: Floats | None) -> Integers:
-    """Return the sign (k,) of the determinant of the rates, 0 if it has no sign.
+    """Return the sign (k,) of the determinant of the rates; 0 if this is 0 or NaN.
 
     The sign changes at singularities only. Connected poses with the same sign and the same
     working mode (choice of one of two positions for each leg) form an aspect. The mechanism

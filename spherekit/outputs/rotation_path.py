@@ -3,9 +3,9 @@
 The target orientation turns about the axis by the angle theta, and the path consists of the
 configurations nearest to it (`spherekit.outputs.target_deviation`). It is tracked in steps
 that are verified as `spherekit.positions.verified_steps` describes, with exact first and
-second derivatives by theta. A singular configuration, at which the loops and the target do
-not determine the links, is stepped over at once. This is a *leap*. It is accepted if the
-path continues smoothly on the other side.
+second derivatives with respect to theta. A singular configuration, at which the loops and
+the target do not determine the links, is stepped over at once. This is a *leap*. It is
+accepted if the path continues smoothly on the other side.
 """
 
 from dataclasses import dataclass
@@ -144,7 +144,7 @@ errors of nearly singular configurations prevent leaps.
 
 @dataclass(frozen=True)
 class PathNodes(ArrayRows):
-    """n configurations on a path, with their derivatives by theta.
+    """n configurations on a path, with their derivatives with respect to theta.
 
     The path consists of the configurations nearest to a target orientation that turns about
     an axis by the angle theta.
@@ -156,15 +156,15 @@ class PathNodes(ArrayRows):
     values
         (n, variables) pair variables (rad).
     first, second
-        (n, variables) first and second derivatives of the variables by theta.
+        (n, variables) first and second derivatives of the variables with respect to theta.
     follows
         (n,) whether the output link turns exactly with the target.
     is_valid
         (n,) whether the configuration is the nearest one, with finite derivatives.
     system
         (n, equations + 3, variables) matrices. The first rows are the derivatives of the
-        closure equations by the variables. The last three rows are the angular velocities
-        of the output link per unit rate of each variable.
+        closure equations with respect to the variables. The last three rows are the angular
+        velocities of the output link per unit rate of each variable.
     condition
         (n,) reciprocal condition number of `system` in the Frobenius norm; 0 if the
         equations do not determine the motion.
@@ -194,8 +194,8 @@ class PathNodes(ArrayRows):
 
         This object must have only this configuration (node) of the path. The distances are
         differences of the angle theta of the target (rad). The prediction is a Taylor
-        series with the first and second derivatives by theta. A second derivative that is
-        NaN counts as 0.
+        series with the first and second derivatives with respect to theta. A second
+        derivative that is NaN counts as 0.
         """
         distance = distance[:, None]
         bend = 0.5 * distance**2 * np.nan_to_num(self.second)
@@ -205,9 +205,9 @@ class PathNodes(ArrayRows):
         """Return the variables at angles between the nodes of the path.
 
         A node is a computed configuration at an angle theta of the path, with derivatives
-        by theta. Between two nodes, each variable is a polynomial of degree 5 that agrees
-        with the values and the first and second derivatives at both nodes (quintic Hermite
-        interpolation).
+        with respect to theta. Between two nodes, each variable is a polynomial of degree 5
+        that agrees with the values and the first and second derivatives at both nodes
+        (quintic Hermite interpolation).
 
         Parameters
         ----------
@@ -273,7 +273,7 @@ def _measure_conditioning(deviation: TargetDeviation) -> Floats:
 
 
 def _measure_isolation(deviation: TargetDeviation) -> Floats:
-    """Return numbers (n,), positive if no configuration nearby is as near the target.
+    """Return values (n,), positive if no nearby configuration is as near the target.
 
     The target is an orientation of the output link. Two numbers must be positive: the least
     second derivative of half the squared angle to the target over all motions, and the
@@ -369,7 +369,7 @@ class RotationPath:
             The configurations at these angles, compared with the target. They should be the
             nearest ones.
         """
-        # First and second derivatives of the variables by theta.
+        # First and second derivatives of the variables with respect to theta.
         rates = deviation.rates(self.axis)
         has_rates = all_finite(rates.first, 1)
         # If the output link can reach the target (`exact`), the error is its rotation to
@@ -383,9 +383,9 @@ class RotationPath:
             # Whether the output link turns exactly with the target.
             follows=rates.follows,
             is_valid=has_rates & is_nearest,
-            # Derivatives, by the variables, of the loop equations and of the orientation of
-            # the output link. Their change from node to node shows whether a singular
-            # configuration can lie between the nodes.
+            # Derivatives, with respect to the variables, of the loop equations and of the
+            # orientation of the output link. Their change from node to node shows whether a
+            # singular configuration can lie between the nodes.
             system=deviation.system,
             # How well `system` determines the variables: its reciprocal condition number.
             condition=_measure_conditioning(deviation),

@@ -11,8 +11,8 @@ The first equation says that the gradient of a^2 / 2 vanishes along the configur
 is the equilibrium of a torsional spring of unit stiffness between output link and target:
 a^2 / 2 is its energy, d its moment on the output link, and m are the reactions that keep
 the loops closed. If the mechanism can reach the target, d and m are zero. Differentiated
-once and twice by the angle through which the target turns, the equations give exact rates
-of the variables.
+once and twice with respect to the angle through which the target turns, the equations give
+exact rates of the variables.
 """
 
 from dataclasses import dataclass, replace
@@ -129,7 +129,7 @@ class OutputLink:
 class JacobianSplit:
     """The free motions and the pseudo-inverse of the closure Jacobian J.
 
-    J has the derivatives of the loop closure equations by the variables, at n
+    J has the derivatives of the loop closure equations with respect to the variables, at n
     configurations. A singular value decomposition splits it. Its rank r is set to the
     number of variables less the degrees of freedom, the rank at regular configurations.
     Near singular ones the rank could not be recognised safely from the singular values.
@@ -151,15 +151,16 @@ class JacobianSplit:
 
 @dataclass(frozen=True)
 class TargetRates:
-    """Derivatives of n configurations by the angle theta of a target orientation.
+    """Derivatives of n configurations with respect to the angle theta of a target.
 
-    The target turns about an axis by theta. Each configuration is the one nearest to the
-    target.
+    The target is an orientation that turns about an axis by the angle theta. Each
+    configuration is the one nearest to the target.
 
     Attributes
     ----------
     first, second
-        (n, variables) first and second derivatives of the pair variables by theta.
+        (n, variables) first and second derivatives of the pair variables with respect to
+        theta.
     follows
         (n,) whether the output link is on the target and turns exactly with it.
     """
@@ -384,8 +385,8 @@ class TargetDeviation:
         """Return the change (n, variables) of the gradient of a^2 / 2.
 
         The symbol a is the angle (rad) between the output link and its target. The gradient
-        has the derivatives by the pair variables. The variables move at rates (n,
-        variables), and the target is fixed.
+        has the derivatives with respect to the pair variables. The variables move at rates
+        (n, variables), and the target is fixed.
         """
         output_velocity = np.matvec(self.output_jacobian, rates)
         rotation_rate = log_rate(-self.remaining_rotation, output_velocity)
@@ -482,8 +483,8 @@ class TargetDeviation:
         # the output link and the remaining rotation d.
         force = np.vecmat(self.remaining_rotation, self.output_jacobian)
         # The stiffness is the second derivative of the energy. Only with a positive
-        # definite (convex) stiffness does the step surely lead to a minimum, not to a
-        # maximum. Where the true one is not convex, an approximation replaces it.
+        # definite (convex) stiffness does the step certainly lead to a minimum, not to a
+        # maximum. Where the true stiffness is not convex, an approximation replaces it.
         stiffness = self._convex_stiffness()
         return self._solve_motion(
             force=force,
@@ -495,10 +496,10 @@ class TargetDeviation:
         """Return a stiffness (n, freedoms, freedoms) for steps that decrease the angle a.
 
         a is the angle between the output link and its target. The `stiffness` is the second
-        derivative of a^2 / 2 by the motions that keep the loops closed. Where it is not
-        clearly positive definite, a Newton step could increase the angle. It is replaced
-        there by the Gauss-Newton matrix W^T W, which has no negative eigenvalues. The
-        columns of W are the angular velocities of the output link in these motions.
+        derivative of a^2 / 2 with respect to the motions that keep the loops closed. Where
+        it is not clearly positive definite, a Newton step could increase the angle. It is
+        replaced there by the Gauss-Newton matrix W^T W, which has no negative eigenvalues.
+        The columns of W are the angular velocities of the output link in these motions.
         """
         # `free_output_rates` is W.
         gauss_newton = transpose(self.free_output_rates) @ self.free_output_rates
@@ -559,8 +560,8 @@ class TargetDeviation:
 
         Returns
         -------
-        For each configuration the first and second derivatives of its variables by theta,
-        and whether the output link follows the target.
+        For each configuration the first and second derivatives of its variables with
+        respect to theta, and whether the output link follows the target.
         """
         following = self._following_rates(axis)
         if np.all(following.follows):
@@ -577,8 +578,8 @@ class TargetDeviation:
         """Return the derivatives with which the output link follows its target exactly.
 
         The target turns about the axis by the angle theta. With the Jacobians J of the
-        loops and G of the output link, the first and second derivatives of the variables by
-        theta, x' and x'', have to satisfy
+        loops and G of the output link, the first and second derivatives of the variables
+        with respect to theta, x' and x'', have to satisfy
 
             J x' = 0,           G x' = axis,
             J x'' = -J' x',     G x'' = -G' x'.
@@ -642,9 +643,10 @@ class TargetDeviation:
         Jacobian of the output link, J that of the loops, and m are the reactions in the
         loops.
 
-        This equation is differentiated once and twice by theta. Each derivative has the
-        form stiffness @ unknown = force. The unknown is the first or second derivative of
-        the variables, and `force` has all other terms. `_solve_motion` solves it.
+        This equation is differentiated once and twice with respect to theta. Each
+        derivative has the form stiffness @ unknown = force. The unknown is the first or
+        second derivative of the variables, and `force` has all other terms. `_solve_motion`
+        solves it.
         """
         d = self.remaining_rotation
 

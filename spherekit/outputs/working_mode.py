@@ -389,7 +389,7 @@ class WorkingMode:
 
     @property
     def type_2(self) -> Floats:
-        """(n,) transmission measure: how surely the locked inputs hold the output.
+        """(n,) transmission measure: how well the locked inputs hold the output.
 
         It is 0 at a singularity of type II, where the output can move with locked inputs.
         It is NaN where the mode has no configuration.
@@ -407,7 +407,7 @@ class WorkingMode:
 
     @property
     def slope(self) -> Floats:
-        """(n,) derivative of the residual of the closing link by the turn of the output."""
+        """(n,) derivative of the residual of the closing link, d(residual)/d(turn)."""
         assert self.closing_link is not None
         rate = self.closing_link.residual_rate
         return dot_columns(rate.numerator, self.closing_link.directions) / rate.denominator
@@ -459,7 +459,7 @@ class WorkingMode:
         return np.minimum(angle - dyad.shortest, dyad.longest - angle)
 
     def _is_dyad_regular(self, dyad_number: int) -> Bools:
-        """Return whether a dyad (two links) is well determined (n,) at n poses.
+        """Return, for each of n poses, whether a dyad (two links) is well determined.
 
         A dyad is badly determined if it is nearly stretched or nearly folded, or out of
         reach. The triple product of its three axes is the product of three sines: of both
@@ -890,12 +890,13 @@ class WorkingMode:
         return np.where(is_out_of_reach, self._continue_speed_square(pair), square)
 
     def _continue_speed_square(self, pair: int) -> Floats:
-        """Return numbers (n,) that continue the squared output speed out of reach.
+        """Return values (n,) that continue the squared output speed out of reach.
 
-        The search for the border of a workspace needs a number that changes its sign there.
-        The squared speed of the output per unit rate of an input is positive within the
-        reach and 0 at its limit. This function continues it beyond. It returns 0 where the
-        dyad of the input reaches or is unknown.
+        The search for the border of a workspace needs a value that changes its sign at the
+        border. The squared speed of the output per unit rate of an input is positive within
+        the reach and 0 at the limit of the reach. This function returns the negative values
+        that continue the square beyond this limit. It returns 0 where the dyad of the input
+        reaches the pose, or where its outer axes are unknown.
 
         A dyad is two links between two others, with three pair axes a, b and c. Let it join
         the base to the output link, and let the input drive the link with the axes a and b.

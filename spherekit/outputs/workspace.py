@@ -40,7 +40,7 @@ class Judged:
         workspace. NaN if it is not known: a limited angle may have no value where a leg
         does not reach.
     limiting
-        (n,) number of this limit, -1 if the margin is not known.
+        (n,) index of this limit, -1 if the margin is not known.
     inputs
         (n, inputs) rad.
     type_1
@@ -48,8 +48,9 @@ class Judged:
         output, per unit rate of the input. It is 0 at a singularity of type I, where an
         input moves while the output rests.
     type_2
-        (n,) measure of type II, from 0 to 1: how surely locked inputs hold the output. It
-        is 0 at a singularity of type II, where the output can move nevertheless.
+        (n,) measure of type II, from 0 to 1: how well the locked inputs hold the output. It
+        is 0 at a singularity of type II, where the output can move although the inputs are
+        locked.
     """
 
     margin: Floats
@@ -212,7 +213,7 @@ def direction_workspaces(
     kinematics, bounds
         The output, and the limits of angles that a pose has to keep.
     modes
-        The working modes wanted, each with the signs, 1 or -1, of its legs.
+        The requested working modes, each with the signs, 1 or -1, of its legs.
     tolerance
         Error of the area to aim at, relative to the area.
 
@@ -334,7 +335,7 @@ def orientation_workspaces(
     kinematics, bounds
         The output with closed formulas, and the limits of angles that a pose has to keep.
     modes
-        The working modes wanted, each with the signs, 1 or -1, of its legs.
+        The requested working modes, each with the signs, 1 or -1, of its legs.
     tolerance
         Error of the volume to aim at, relative to the volume.
     """
@@ -463,8 +464,8 @@ def nearest_in_mode(
 
     def is_inside(poses: Floats) -> Bools:
         """Return whether poses (n, 3 or 4) keep all limits."""
-        # The margin is the angle that is left to the nearest limit. It is computed alone,
-        # because measures of singularities would take much more time.
+        # The margin is the angle that is left to the nearest limit. Only the margin is
+        # computed, because measures of singularities would take much more time.
         with np.errstate(all="ignore"):
             mode = kinematics.at(_convert_poses(kinematics, poses), signs)
             margin, _ = find_least_margin(bounds, mode)

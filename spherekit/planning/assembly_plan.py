@@ -27,7 +27,7 @@ from spherekit.wording import listing
 
 
 def driven_pairs(mechanism: Mechanism) -> tuple[int, ...]:
-    """Return the indices of the driven pairs, which are the inputs of a mechanism.
+    """Return the numbers of the driven pairs, which are the inputs of a mechanism.
 
     Raises
     ------
@@ -89,10 +89,10 @@ class Group(NamedTuple):
     Attributes
     ----------
     bodies
-        For each body the indices of its links, which are already rigid relative to each
+        For each body the numbers of its links, which are already rigid relative to each
         other. Positions of the other bodies are computed relative to the first body.
     pairs
-        Indices of the pairs between these bodies.
+        Numbers of the pairs between these bodies.
     ends
         For each pair the positions in `bodies` of the two bodies that it joins. The body of
         its first link comes first.
@@ -142,13 +142,13 @@ class Group(NamedTuple):
 
     @property
     def middle(self) -> int:
-        """The index of the middle pair of a dyad."""
+        """The number of the middle pair of a dyad."""
         _, middle, _ = self.dyad_positions
         return self.pairs[middle]
 
     @property
     def dyad_pairs(self) -> tuple[int, int, int]:
-        """Indices of the three pairs of a dyad, in the order of its links.
+        """Numbers of the three pairs of a dyad, in the order of its links.
 
         They are the first outer pair, the middle pair and the other outer pair.
         """
@@ -184,10 +184,10 @@ class Assembly(NamedTuple):
     Attributes
     ----------
     inputs
-        Indices of the input pairs.
+        Numbers of the input pairs.
     body_of_link
         For each link the number of the body that it belongs to before any group is placed.
-        The number of a body is the smallest of the indices of its links.
+        The number of a body is the smallest of the numbers of its links.
     groups
         The groups. Each one uses the bodies that earlier groups have formed.
     """
@@ -198,7 +198,7 @@ class Assembly(NamedTuple):
 
     @property
     def input(self) -> int:
-        """The index of the only input pair; `PlanError` if there are several."""
+        """The number of the only input pair; `PlanError` if there are several."""
         if len(self.inputs) != 1:
             raise PlanError(
                 "this is possible only for mechanisms with one input, but there are "
@@ -222,7 +222,7 @@ class Assembly(NamedTuple):
         Parameters
         ----------
         link, reference
-            Indices of the two links.
+            Numbers of the two links.
 
         Returns
         -------
@@ -300,9 +300,9 @@ def _split_with_redundancy(
         The mechanism.
     body_of_link
         For each link the number of its body, a set of rigidly joined links: the smallest
-        index of a link in it.
+        number of a link in it.
     pairs
-        Indices of the pairs that join the bodies.
+        Numbers of the pairs that join the bodies.
     """
     carried_contacts = find_carried_contacts(mechanism)
     try:
@@ -335,12 +335,12 @@ def split_into_groups(
     mechanism
         The mechanism.
     body_of_link
-        For each link the smallest index of a link of its body.
+        For each link the smallest number of a link of its body.
     pairs
-        Indices of the pairs that join the bodies. Links without any of these pairs are left
+        Numbers of the pairs that join the bodies. Links without any of these pairs are left
         out.
     carried_contacts
-        Indices of rolling contacts of two wheels on one link, the carrier. The carrier
+        Numbers of rolling contacts of two wheels on one link, the carrier. The carrier
         already keeps the wheels in touch. Only one of the two constraints of such a contact
         is therefore counted.
 
@@ -400,7 +400,7 @@ def _make_group(
 
     A group is a set of bodies that become one rigid body when all its pairs are closed. A
     body is a set of links that are rigid already. The number of a body is the smallest of
-    the indices of its links.
+    the numbers of its links.
 
     Parameters
     ----------
@@ -411,7 +411,7 @@ def _make_group(
     base_body
         The body that comes first in the group. The others are placed relative to it.
     pairs
-        Indices of the pairs of the group.
+        Numbers of the pairs of the group.
     redundant
         Whether the group has more equations than unknowns.
     """
@@ -449,17 +449,17 @@ def _find_smallest_part(
 
     A part is a set of bodies, which are placed together next. A pair is open if it has not
     been placed yet. Of parts of equal size the first one is returned, in the order of the
-    indices of the two bodies.
+    numbers of the two bodies.
 
     Parameters
     ----------
     pebble_game
         Counts the degrees of freedom of sets of bodies.
     open_pairs
-        The two links of each open pair, by index of the pair.
+        The two links of each open pair, by number of the pair.
     body_of_link
         For each link the number of its body, a set of rigidly joined links: the smallest
-        index of a link in it.
+        number of a link in it.
     """
     parts = []
     for body_a, body_b in _list_couples(open_pairs, body_of_link):
@@ -505,7 +505,7 @@ def _find_smallest_part_with(pebble_game: PebbleGame, body_a: int, body_b: int) 
     pebble_game
         The game with all constraints of the structure.
     body_a, body_b
-        Indices of the two bodies.
+        Numbers of the two bodies.
 
     Notes
     -----

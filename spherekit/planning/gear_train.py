@@ -53,16 +53,16 @@ class GearTrain(NamedTuple):
     Attributes
     ----------
     followers
-        Indices of the R pairs whose angles follow from the inputs, without the inputs
+        Numbers of the R pairs whose angles follow from the inputs, without the inputs
         themselves.
     ratios
-        (followers, inputs) derivatives of their angles with respect to the inputs.
+        (followers, inputs) derivatives of their angles by the inputs.
     offsets
         (followers,) their angles (rad) at inputs of zero.
     contacts
-        Indices of the rolling contacts.
+        Numbers of the rolling contacts.
     length_ratios
-        (contacts, inputs) derivatives of their rolled lengths with respect to the inputs.
+        (contacts, inputs) derivatives of their rolled lengths by the inputs.
     lengths
         (contacts,) their rolled lengths (rad) at inputs of zero.
     wheel_lengths
@@ -109,7 +109,7 @@ def find_gear_train(
     mechanism
         The mechanism.
     driven
-        Indices of the driven pairs.
+        Numbers of the driven pairs.
     max_gap
         Largest error of the arc between the centres of two wheels, measured by its cosine.
         An arc without an error lets the circles touch exactly. Wheels with a gap roll at
@@ -196,7 +196,7 @@ class _Relations(NamedTuple):
         (contacts, pairs) factors of the pair variables in sin(r) f alone. The rolled length
         of a contact is a constant minus sin(r) f.
     followers
-        Indices of the related pairs that are not driven.
+        Numbers of the related pairs that are not driven.
     """
 
     factors: Floats
@@ -223,7 +223,7 @@ class _Relations(NamedTuple):
         pair_count
             Number of all pairs of the mechanism.
         driven
-            Indices of the driven pairs.
+            Numbers of the driven pairs.
         """
         factors, first_factors = np.zeros((2, len(contacts), pair_count))
         for k, contact in enumerate(contacts):
@@ -253,7 +253,7 @@ def _solve_train(
     The relation of a contact is a sum of pair variables with constant factors, which keeps
     its value while the wheels roll. Followers are the pairs in these sums that are not
     driven. With the factors F of the followers and G of the inputs, the derivatives of the
-    follower angles with respect to the inputs are -F^-1 G.
+    follower angles by the inputs are -F^-1 G.
 
     F is formed from contacts with independent relations. These already give the angles of
     the wheels of all other contacts. The meshing teeth of the other contacts are chosen to
@@ -264,7 +264,7 @@ def _solve_train(
     mechanism
         The mechanism.
     inputs
-        Indices of the driven pairs.
+        Numbers of the driven pairs.
     contacts
         The contacts of the train.
     relations
@@ -320,7 +320,7 @@ def _solve_train(
 
 
 def _list_first_variables(mechanism: Mechanism, pairs: Sequence[int]) -> list[int]:
-    """Return the index of the first variable of each pair (joint).
+    """Return the number of the first variable of each pair (joint).
 
     For an R pair (revolute joint) this is its angle. For a rolling contact it is the rolled
     length.

@@ -23,14 +23,14 @@ def merge_locked_links(mechanism: Mechanism, locked: Iterable[int]) -> tuple[int
     """Return the number of the body of each link, if some pairs (joints) are locked.
 
     A body consists of all links that locked pairs join to each other. The number of a body
-    is the smallest index of its links.
+    is the smallest number of its links.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     locked
-        Indices of the locked pairs.
+        Numbers of the locked pairs.
     """
     locked_ends = (mechanism.ends[pair] for pair in locked)
     return tuple(component_labels(len(mechanism.links), locked_ends))
@@ -206,7 +206,7 @@ class PebbleGame:
         Parameters
         ----------
         part
-            Indices of the bodies of the part.
+            Numbers of the bodies of the part.
         into
             The body that remains.
         """
@@ -254,9 +254,9 @@ def check_mobility(
     mechanism
         Any chain of R, Cr and Cs pairs.
     driven
-        Indices of all driven pairs.
+        Numbers of all driven pairs.
     locked
-        Indices of the driven pairs that are locked. Each part of the mechanism that only
+        Numbers of the driven pairs that are locked. Each part of the mechanism that only
         the locked inputs could move becomes one body.
     by_rank
         Whether the rank of the velocity equations at a configuration is known to leave
@@ -381,11 +381,11 @@ def play_on_bodies(
     mechanism
         The mechanism.
     body_of_link
-        For each link the number of its body: the smallest index of a link in the body.
+        For each link the number of its body: the smallest number of a link in the body.
     pairs
-        Indices of the pairs whose constraints are added.
+        Numbers of the pairs whose constraints are added.
     carried_contacts
-        Indices of rolling contacts of two wheels with a common carrier. The carrier keeps
+        Numbers of rolling contacts of two wheels with a common carrier. The carrier keeps
         the distance of the wheels, so the contact has one further constraint and not two.
 
     Returns
@@ -424,7 +424,7 @@ def _play_with_locked_inputs(
     mechanism
         The mechanism.
     driven, locked
-        Indices of all driven pairs, and indices of the driven pairs that are locked.
+        Numbers of all driven pairs, and numbers of the driven pairs that are locked.
 
     Returns
     -------

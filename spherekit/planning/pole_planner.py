@@ -99,7 +99,7 @@ def _pole_of_bodies(whole_plan: Plan, pole: Pole | str) -> Pole:
     whole_plan
         The plan of all poles.
     pole
-        Indices of two links, or a text such as ``3/1``.
+        Numbers of two links, or a text such as ``3/1``.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def _pole_of_bodies(whole_plan: Plan, pole: Pole | str) -> Pole:
     """
     mechanism = whole_plan.mechanism
     names = mechanism.links
-    # The indices of the two links.
+    # The numbers of the two links.
     if isinstance(pole, str):
         i, j = parse_pole(mechanism, pole)
     else:

@@ -176,7 +176,7 @@ def _find_line_poles(
     empty_plan
         The mechanism with its bodies and the moving input, as a plan without steps.
     contacts_by_pole
-        Indices of the sliding pairs that join the bodies of a pole.
+        Numbers of the sliding pairs that join the bodies of a pole.
     known_poles
         The poles of earlier passes (rounds of the search).
     poles
@@ -326,7 +326,7 @@ def _choose_opening(
     empty_plan
         The mechanism with its bodies and the moving input, as a plan without steps.
     contacts_by_pole
-        Indices of the sliding pairs that join the bodies of a pole.
+        Numbers of the sliding pairs that join the bodies of a pole.
     known_poles
         The poles that are known before the part is solved.
     block
@@ -384,7 +384,7 @@ def _open_block(
     empty_plan
         The mechanism with its bodies and the moving input, as a plan without steps.
     contacts_by_pole
-        Indices of the sliding pairs that join the bodies of a pole.
+        Numbers of the sliding pairs that join the bodies of a pole.
     known_poles
         The poles that are known before the part is solved. They are not changed.
     block

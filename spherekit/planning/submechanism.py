@@ -35,7 +35,7 @@ def moving_pairs(
     assembly
         Its groups in the order in which they are placed.
     links
-        Indices of the links.
+        Numbers of the links.
     """
     requested_links = frozenset(links)
     needed_groups = placing_groups(mechanism, assembly, requested_links)
@@ -70,7 +70,7 @@ def placing_groups(
     assembly
         Its groups in the order in which they are placed.
     links
-        Indices of the links.
+        Numbers of the links.
 
     Returns
     -------
@@ -102,13 +102,13 @@ def _are_one_body(
     mechanism
         The whole mechanism.
     inputs
-        Indices of the driven pairs that are locked.
+        Numbers of the driven pairs that are locked.
     groups
         The groups that are closed, in the order in which they are placed. A group consists
         of bodies, each a set of rigidly joined links. When all its pairs are closed, the
         bodies become one rigid body.
     links
-        Indices of the links that have to end in one body.
+        Numbers of the links that have to end in one body.
 
     Returns
     -------
@@ -149,7 +149,7 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
     mechanism
         The mechanism.
     links
-        Indices of the links that have to move as before.
+        Numbers of the links that have to move as before.
 
     Raises
     ------
@@ -186,7 +186,7 @@ def of_pairs(mechanism: Mechanism, numbers: Iterable[int]) -> Mechanism:
     mechanism
         The whole mechanism.
     numbers
-        Indices of the pairs that stay.
+        Numbers of the pairs that stay.
     """
     # The pairs that stay, their names, and the names of the ground and of their links.
     pairs = tuple(mechanism.pairs[number] for number in sorted(numbers))

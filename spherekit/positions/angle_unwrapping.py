@@ -130,9 +130,9 @@ class UnwrappedStretch:
     curve
         The followed configurations.
     input_variable
-        Index of the variable of the input.
+        Number of the variable of the input.
     angles
-        Indices of the variables that are passive angles (angles of pairs without an input).
+        Numbers of the variables that are passive angles (angles of pairs without an input).
     period
         Growth of the input (rad) after which the configurations repeat, or infinite.
     winding
@@ -283,7 +283,7 @@ class AngleUnwrapping:
             (n, inputs) inputs (rad) over full revolutions. They may differ from the inputs
             in `values` by whole periods, after which configurations repeat.
         requested
-            Indices of the variables for which revolutions are needed. Those of other
+            Numbers of the variables for which revolutions are needed. Those of other
             variables may be returned as zero, which saves time.
         last
             (variables,) the configuration before `values[0]`, such as the last one of the
@@ -341,7 +341,7 @@ class AngleUnwrapping:
         q
             (n, 1) inputs (rad) over full revolutions.
         requested
-            Indices of the variables whose revolutions are needed.
+            Numbers of the variables whose revolutions are needed.
 
         Returns
         -------
@@ -401,7 +401,7 @@ class AngleUnwrapping:
         q
             Value of the only input (rad).
         requested
-            Indices of the variables whose revolutions are needed.
+            Numbers of the variables whose revolutions are needed.
 
         Returns
         -------
@@ -698,7 +698,7 @@ def continue_angles(
     inputs = motion.assembly.inputs
     names = list(names)
     revolutions = np.zeros_like(motion.values)
-    # `mechanism.angles` maps the name of each R pair to the index of its variable.
+    # `mechanism.angles` maps the name of each R pair to the number of its variable.
     requested = [mechanism.angles[name] for name in names if name in mechanism.angles]
     if requested and motion.sense is None:
         for index, mode in enumerate(motion.assembly_modes):

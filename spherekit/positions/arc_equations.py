@@ -130,8 +130,8 @@ class GroupGeometry:
             (samples, order.root_count, t) angles of `order.tree_pairs` (rad). NaN if not
             all solutions of a sample were found.
         determinants
-            (samples, order.root_count) determinants of the derivatives of the equations
-            with respect to the angles. A determinant is zero if two solutions coincide.
+            (samples, order.root_count) determinants of the derivatives of the equations by
+            the angles. A determinant is zero if two solutions coincide.
         """
         equations = self.form_equations(order)
         tree_angles = find_all_angles(equations, order.incidence)

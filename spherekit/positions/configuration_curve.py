@@ -65,8 +65,7 @@ POINT_ROUNDING_FACTOR = 8.0
 """Rounding error of a point, in units of EPS over the reciprocal condition number."""
 
 CurveFunction = Callable[[CurvePoints], tuple[Floats, Floats]]
-"""Takes n points of a curve; returns a function and its derivative with respect to s, both
-(n,)."""
+"""Takes n points of a curve; returns a function and its derivative by s, both (n,)."""
 
 
 @dataclass(frozen=True)
@@ -329,8 +328,8 @@ class ArcCurve(Chords):
         # The smaller one of both ends of each chord counts.
         on_chords = np.minimum(at_nodes[:-1], at_nodes[1:])
         rounding = POINT_ROUNDING_FACTOR * EPS / on_chords
-        # `_speed` is the derivative of the arc length with respect to u. The integration
-        # does not try to resolve its rounding errors.
+        # `_speed` is the derivative of the arc length by u. The integration does not try to
+        # resolve its rounding errors.
         return integrate_rate(self._speed, self.starts, rounding)
 
     def _speed(self, u: Floats) -> Floats:
@@ -396,7 +395,7 @@ class ArcCurve(Chords):
         Parameters
         ----------
         variable
-            Index of the variable.
+            Number of the variable.
         period
             Growth (rad) of the variable after which all configurations of the mechanism
             return, as far as gear ratios tell. Infinite if wheels follow the variable by
@@ -442,10 +441,10 @@ class ArcCurve(Chords):
         Parameters
         ----------
         function
-            Takes n points of the curve; returns a function and its derivative with respect
-            to the arc length, both (n,).
+            Takes n points of the curve; returns a function and its derivative by the arc
+            length, both (n,).
         variable
-            Index of a variable, if the function depends on this one alone. If the variable
+            Number of a variable, if the function depends on this one alone. If the variable
             is constant along the curve, no zeros are returned, because the function is
             constant.
 
@@ -485,7 +484,7 @@ class ArcCurve(Chords):
         Parameters
         ----------
         variable
-            Index of the variable.
+            Number of the variable.
         value
             The value (rad). Values that differ from it by whole periods count too.
         period

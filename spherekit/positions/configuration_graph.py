@@ -264,7 +264,7 @@ class ConfigurationGraph:
         self.values = np.empty((0, variables))
         # (n,) whether all configurations of a sample are nodes. The caller sets it.
         self.is_complete = np.zeros(len(input_grid), dtype=bool)
-        # Indices of the variables of the inputs, and of those that are angles of R pairs.
+        # Numbers of the variables of the inputs, and of those that are angles of R pairs.
         # Only angles are compared; the others are arc lengths along profiles at contacts.
         self._driven = list(solver.driven)
         self._angles = solver.angles
@@ -388,7 +388,7 @@ class ConfigurationGraph:
 
         Returns
         -------
-        (m,) indices of the new nodes.
+        (m,) numbers of the new nodes.
         """
         new_nodes = self._node_table.append(sample)
         self._pieces.append(new_nodes)
@@ -495,7 +495,7 @@ class ConfigurationGraph:
         -------
         (m,) the nearest candidate, or -1 if it differs from the configuration.
         """
-        # (m, c, variables) differences. `_angles` has the indices of the variables that are
+        # (m, c, variables) differences. `_angles` has the numbers of the variables that are
         # angles.
         differences = wrap(self.values[candidates] - values[:, None])
         angle_differences = differences[..., self._angles]
@@ -611,7 +611,7 @@ class ConfigurationGraph:
         Parameters
         ----------
         directions
-            Indices of directions: 2 a leads to the next sample along axis a of the grid,
+            Numbers of directions: 2 a leads to the next sample along axis a of the grid,
             and 2 a + 1 to the previous one.
         """
         paths_per_piece = 1
@@ -885,8 +885,8 @@ class ConfigurationGraph:
 
         Returns
         -------
-        list of (n,) arrays, one for each mode: the index of its node at each sample, or -1.
-        The mode with the most nodes comes first. Modes with equally many are sorted by
+        list of (n,) arrays, one for each mode: the number of its node at each sample, or
+        -1. The mode with the most nodes comes first. Modes with equally many are sorted by
         their first sample.
         """
         # Paths join nodes to connected components. A component can have several nodes at a
@@ -962,7 +962,7 @@ def _number_within_groups(*keys: Indices) -> Indices:
     # Number of the group of each sorted element, and the position of its first element.
     group = np.append(0, np.cumsum(begins_group))
     start_of_group = np.searchsorted(group, group)
-    # Write the indices of the sorted elements to their old places.
+    # Write the numbers of the sorted elements to their old places.
     numbers = np.empty(len(order), dtype=np.intp)
     numbers[order] = np.arange(len(order)) - start_of_group
     return numbers

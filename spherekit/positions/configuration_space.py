@@ -138,7 +138,7 @@ def monotone_pieces(
     curve
         The curve. If the input is constant on it, it is one part.
     driven
-        Index of the variable of the input.
+        Number of the variable of the input.
     low, high
         Range of the input (rad).
     period
@@ -203,7 +203,7 @@ def _find_cuts(
     curve
         The configuration curve.
     driven
-        Index of the variable of the input.
+        Number of the variable of the input.
     low, high
         Range of the input (rad).
     period
@@ -239,7 +239,7 @@ def _may_reach_range(
     curve
         The configuration curve.
     driven
-        Index of the variable of the input.
+        Number of the variable of the input.
     low, high
         Range of the input (rad).
     period

@@ -81,9 +81,9 @@ SINGULAR_START = (
 class _ArcNodes(CurvePoints):
     """n points of configuration curves, with all that the next steps along them need.
 
-    `values` are the pair variables, `tangents` and `bends` their first two derivatives with
-    respect to the arc length, and `residual` is the closure residual, as in `CurvePoints`.
-    A limit is a bound of a variable, or a state of a contact, at which a curve ends.
+    `values` are the pair variables, `tangents` and `bends` their first two derivatives by
+    the arc length, and `residual` is the closure residual, as in `CurvePoints`. A limit is
+    a bound of a variable, or a state of a contact, at which a curve ends.
 
     Attributes
     ----------
@@ -134,8 +134,8 @@ class _ArcNodes(CurvePoints):
         # equations can make it non-square, so its left inverse is used.
         equations = bordered(linearisation.jacobian[chosen], points.tangents)
         inverse = left_inverse(equations)
-        # Margins, and their derivatives with respect to the variables. Those of contacts
-        # depend on the curvatures of the profiles.
+        # Margins, and their derivatives by the variables. Those of contacts depend on the
+        # curvatures of the profiles.
         margins, gradients = limits.margins(
             points.values,
             linearisation.states.curvatures[chosen],
@@ -559,7 +559,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         row
             (1,) index of the curve.
         number
-            Index of the limit.
+            Number of the limit.
         """
         node = self.last_nodes.rows(row)
         # With a margin of zero, the node is at the limit already.
@@ -590,7 +590,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         values
             (1, variables) configuration (rad) at which Newton's method starts.
         number
-            Index of the limit.
+            Number of the limit.
 
         Returns
         -------

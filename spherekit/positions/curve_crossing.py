@@ -231,9 +231,8 @@ def _solve_crossing(closure: Closure, start: Floats, freedoms: int) -> Crossing 
         left_vectors, singular_values, right_vectors = np.linalg.svd(jacobian)
         left_null_vectors = left_vectors[:, rank:]
         motions = right_vectors[rank:]
-        # Derivatives (l, k, b) of l J T with respect to x. In the sum, b is the variable of
-        # the derivative, m an equation, l a left null vector, k a motion and a its
-        # variable.
+        # Derivatives (l, k, b) of l J T by x. In the sum, b is the variable of the
+        # derivative, m an equation, l a left null vector, k a motion and a its variable.
         rates = compute_jacobian_rates(closure, x)
         bends = np.einsum("bma,ml,ka->lkb", rates, left_null_vectors, motions)
         if has_converged or iteration == MAX_CROSSING_STEPS:
@@ -290,9 +289,9 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
     (variables, 3 loops, variables) derivatives. The first axis is the variable of the
     derivative.
     """
-    # The derivative with respect to one variable is the rate of J if this variable alone
-    # has the rate 1. The loops open in this motion. There is one such motion, and one row
-    # of the linearisation, for each variable.
+    # The derivative by one variable is the rate of J if this variable alone has the rate 1.
+    # The loops open in this motion. There is one such motion, and one row of the
+    # linearisation, for each variable.
     count = len(values)
     linearisation = closure.linearise(np.tile(values, (count, 1)))
     # J consists of the velocity vectors of the variables (for an R pair, its axis). A

@@ -20,7 +20,7 @@ class VariableBound(NamedTuple):
     Attributes
     ----------
     variable
-        Index of the variable.
+        Number of the variable.
     value
         The bound (rad).
     sense
@@ -43,9 +43,9 @@ class ContactLimit(NamedTuple):
     Attributes
     ----------
     pair
-        Index of the pair.
+        Number of the pair.
     variables
-        Indices of the variables that are the arc lengths along both profiles. For a rolling
+        Numbers of the variables that are the arc lengths along both profiles. For a rolling
         contact both numbers are the same.
     """
 
@@ -62,7 +62,7 @@ class LimitMargins(NamedTuple):
         (n, limits) margins, negative beyond a limit: differences of a variable (rad) or of
         two curvatures.
     gradients
-        (n, limits, variables) derivatives of the margins with respect to the variables.
+        (n, limits, variables) derivatives of the margins by the variables.
     """
 
     margins: Floats
@@ -143,8 +143,7 @@ class CurveLimits:
             (n, variables) configurations (rad).
         curvatures, curvature_rates
             (n, pairs, 2) geodesic curvatures of both profiles of each pair, and their
-            derivatives with respect to the arc length, as in
-            `spherekit.mechanism.joint.PairStates`.
+            derivatives by the arc length, as in `spherekit.mechanism.joint.PairStates`.
 
         Returns
         -------
@@ -180,8 +179,8 @@ class CurveLimits:
         Parameters
         ----------
         curvatures, curvature_rates
-            (n, pairs, 2) curvatures of both profiles of each pair, and their derivatives
-            with respect to the arc length.
+            (n, pairs, 2) curvatures of both profiles of each pair, and their derivatives by
+            the arc length.
         variable_count
             Number of variables of the mechanism.
         """

@@ -7,8 +7,7 @@ inverse gives
 
 - Newton's step towards the point,
 - the tangent, which is the last column, normalised,
-- with the bias acceleration along the tangent, the second derivative with respect to the
-  arc length.
+- with the bias acceleration along the tangent, the second derivative by the arc length.
 
 The bordered Jacobian is regular wherever the motion is unique, also at the dead centres of
 all pairs.
@@ -94,8 +93,8 @@ def interpolate_between(
     Parameters
     ----------
     starts, stops
-        n points each, with variables v (`values`) and their derivatives with respect to the
-        arc length s of the curve: `tangents` dv/ds and `bends` d2v/ds2.
+        n points each, with variables v (`values`) and their derivatives by the arc length s
+        of the curve: `tangents` dv/ds and `bends` d2v/ds2.
     fractions
         (n,) projections on the chords, 0 at the start and 1 at the stop.
 
@@ -112,7 +111,7 @@ def interpolate_between(
         speed = np.vecdot(points.tangents, directions)[:, None]  # du/ds
         acceleration = np.vecdot(points.bends, directions)[:, None]  # d2u/ds2
         # The chain rule: dv/ds = v' du/ds and d2v/ds2 = v'' (du/ds)^2 + v' d2u/ds2, where
-        # v' and v'' are the derivatives with respect to u.
+        # v' and v'' are the derivatives by u.
         first = points.tangents / speed
         second = (points.bends - first * acceleration) / speed**2
         return points.values, first, second
@@ -164,8 +163,8 @@ def curve_points(
     """Return the tangents and second derivatives of configuration curves at some points.
 
     They follow from the closure Jacobian J with a further row b (border). The tangent t
-    solves J t = 0 with b . t > 0. The second derivative dt/ds with respect to the arc
-    length s solves J dt/ds + dJ/ds t = 0.
+    solves J t = 0 with b . t > 0. The second derivative dt/ds by the arc length s solves J
+    dt/ds + dJ/ds t = 0.
 
     Parameters
     ----------

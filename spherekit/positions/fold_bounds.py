@@ -157,7 +157,7 @@ def place_at_folds(
     closure
         The loops of a whole mechanism.
     driven
-        Indices of the variables of the inputs.
+        Numbers of the variables of the inputs.
     q
         (n, inputs) rad, the values of the inputs.
     values
@@ -283,9 +283,9 @@ class _FoldModel:
     Attributes
     ----------
     sensitivity
-        (n,) Frobenius norm of the left inverse of J, the derivative of the residual with
-        respect to the variables that are not inputs. It bounds the change of the variables
-        per change of the residual. Infinite if a singular value is zero.
+        (n,) Frobenius norm of the left inverse of J, the derivative of the residual by the
+        variables that are not inputs. It bounds the change of the variables per change of
+        the residual. Infinite if a singular value is zero.
     quadratic
         The component u . F at the distance x along v, up to terms of third order.
     """
@@ -294,16 +294,16 @@ class _FoldModel:
         """Decompose the closure Jacobian at n nearly closed configurations.
 
         The closure residual is by how much the loops are open. Its Jacobian J has the
-        derivatives with respect to the variables that are not inputs. At a fold, two
-        configurations meet at one input. The smallest singular value of J is then near
-        zero. So there is a direction of the variables in which the loops hardly open.
+        derivatives by the variables that are not inputs. At a fold, two configurations meet
+        at one input. The smallest singular value of J is then near zero. So there is a
+        direction of the variables in which the loops hardly open.
 
         Parameters
         ----------
         linearisation
             The loop closure at the configurations.
         free
-            Indices of the variables that are not inputs.
+            Numbers of the variables that are not inputs.
         """
         self._linearisation = linearisation
         self._free = free
@@ -351,7 +351,7 @@ class _FoldModel:
         The direction (n, free) has a component for each variable that is not an input. The
         inputs are constant.
         """
-        # The derivatives of all variables with respect to the distance along the direction.
+        # The derivatives of all variables by the distance along the direction.
         rates = np.zeros_like(self._linearisation.values)
         rates[:, self._free] = direction
         # If the variables change at constant rates, the second derivative of the residual

@@ -62,13 +62,13 @@ class GearPhases(NamedTuple):
     Attributes
     ----------
     variables
-        Indices of the m variables that are these rolled lengths.
+        Numbers of the m variables that are these rolled lengths.
     anchor_inputs
         (inputs,) values of the inputs (rad) at which the lengths are `lengths`.
     lengths
         (m,) rolled lengths (rad) at these inputs, the anchor.
     ratios
-        (m, inputs) derivatives of the rolled lengths with respect to the inputs.
+        (m, inputs) derivatives of the rolled lengths by the inputs.
     periods
         (inputs,) for each input, by how much it must grow (rad) until the same
         configurations return. This follows from the gear ratios.
@@ -215,7 +215,7 @@ def _find_input_period(lap_lengths: Floats, ratios: Floats) -> float:
         (m,) growth of the rolled length (rad) of each contact after which both its wheels
         are in their first positions again. Infinite if they never are.
     ratios
-        (m,) derivatives of the rolled lengths with respect to the input.
+        (m,) derivatives of the rolled lengths by the input.
 
     Returns
     -------

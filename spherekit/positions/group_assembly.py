@@ -38,9 +38,9 @@ class AssemblyState:
     joints
         The joint of each pair.
     ends
-        The indices of the two links of each pair.
+        The numbers of the two links of each pair.
     variables
-        The indices of the variables of each pair.
+        The numbers of the variables of each pair.
     body_from_link
         Rotations (n, 3, 3) from the axes of each link, by its number, to the axes of its
         body. The axes of a body are those of one of its links.
@@ -161,7 +161,7 @@ class AssemblyState:
         Parameters
         ----------
         group
-            The bodies, each with the indices of its links, and the pairs between them.
+            The bodies, each with the numbers of its links, and the pairs between them.
         rotations
             (n, bodies, 3, 3) rotations from the axes of each body of the group to the axes
             of its first body.
@@ -235,7 +235,7 @@ def orient_links_in_bodies(
     """
     identity = np.broadcast_to(np.eye(3), (sample_count, 3, 3))
     body_from_link = dict.fromkeys(range(len(mechanism.links)), identity)
-    # The links that give the bodies their axes. A body has the index of this link.
+    # The links that give the bodies their axes. A body has the number of this link.
     first_links = assembly.body_of_link
     # From them, each input leads from a link with a known orientation (parent) to another
     # link of the body (child).
@@ -316,7 +316,7 @@ def place_dyad(state: AssemblyState, group: Group, sign: Floats | float) -> Floa
 
 
 def group_variables(state: AssemblyState, group: Group) -> list[int]:
-    """Return the indices of the variables of a group's pairs, among all variables."""
+    """Return the numbers of the variables of a group's pairs, among all variables."""
     return [number for pair in group.pairs for number in state.variables[pair]]
 
 
@@ -392,7 +392,7 @@ def find_train_paths(
     group
         The train. Its first body is placed already.
     fixed_pairs
-        Indices of the R pairs whose angles are known from the inputs.
+        Numbers of the R pairs whose angles are known from the inputs.
 
     Returns
     -------
@@ -424,15 +424,15 @@ def place_train_bodies(
         The train: bodies that R pairs and rolling contacts join.
     body_from_link
         Rotations (..., 3, 3) from the axes of each link to those of its body. The index or
-        key is the index of the link. Some callers also need solutions of the loop equations
-        with complex angles. The rotations are then complex matrices.
+        key is the number of the link. Some callers also need solutions of the loop
+        equations with complex angles. The rotations are then complex matrices.
     ends
-        Indices of the two links of each pair of the mechanism. (In `group.ends` they are
+        Numbers of the two links of each pair of the mechanism. (In `group.ends` they are
         positions of bodies instead.)
     joints
         The joint of each pair of the mechanism.
     angles
-        Angles (...) in rad of the R pairs that the inputs determine, by index of the pair.
+        Angles (...) in rad of the R pairs that the inputs determine, by number of the pair.
 
     Returns
     -------

@@ -77,8 +77,8 @@ class InputPathNodes(ArrayRows):
     values
         (n, variables) pair variables (rad).
     slope, bend
-        (n, variables) first and second derivatives of the variables with respect to the
-        distance that the inputs move.
+        (n, variables) first and second derivatives of the variables by the distance that
+        the inputs move.
     sign
         (n,) sign of the determinant of the closure Jacobian with locked inputs. It changes
         only at singular configurations.
@@ -96,16 +96,16 @@ def nodes_at(
 ) -> InputPathNodes:
     """Return closed configurations with their derivatives as the inputs move.
 
-    With all variables v and the closure Jacobian J, the derivatives with respect to the
-    distance that the inputs move satisfy J v' = 0 and J v'' + bias = 0. The bias is the
-    part of the second derivative of the closure that is quadratic in v'.
+    With all variables v and the closure Jacobian J, the derivatives by the distance that
+    the inputs move satisfy J v' = 0 and J v'' + bias = 0. The bias is the part of the
+    second derivative of the closure that is quadratic in v'.
 
     Parameters
     ----------
     linearisation
         The closure linearised at n closed configurations.
     driven
-        Indices of the variables of the inputs.
+        Numbers of the variables of the inputs.
     direction
         (n, inputs) unit vectors along which the inputs move.
     """
@@ -155,7 +155,7 @@ def is_nearly_singular(
     linearisation
         The closure at n configurations.
     driven
-        Indices of the variables of the inputs.
+        Numbers of the variables of the inputs.
     ratio
         The Jacobian is nearly singular if the ratio of its smallest to its largest singular
         value is at most this number.
@@ -208,7 +208,7 @@ def _try_steps(
     closure
         The loops of the whole mechanism.
     driven
-        Indices of the variables of the inputs.
+        Numbers of the variables of the inputs.
     nodes
         (k) nodes from which the steps start.
     steps
@@ -282,7 +282,7 @@ def _explain_end(closure: Closure, driven: Sequence[int], values: Floats) -> Sta
     closure
         The loops of the whole mechanism.
     driven
-        Indices of the variables of the inputs.
+        Numbers of the variables of the inputs.
     values
         (1, variables) the last configuration (rad).
 
@@ -349,7 +349,7 @@ def follow_inputs(
     closure
         The loops of the whole mechanism.
     driven
-        Indices of the variables of the inputs.
+        Numbers of the variables of the inputs.
     values
         (n, variables) closed configurations (rad) from which the paths start.
     q

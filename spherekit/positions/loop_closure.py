@@ -127,7 +127,7 @@ class Closure:
         second link of each pair to the axes of its body, if bodies are groups of links.
         None if each body is one link.
     locks
-        Indices of locked variables, with the values (n or 1, locks) at which they are
+        Numbers of locked variables, with the values (n or 1, locks) at which they are
         locked (rad). None if no variable is locked.
     """
 
@@ -185,7 +185,7 @@ class Closure:
         values
             (n, variables) start values (rad).
         fixed
-            Indices of the variables that stay constant, for example those of the inputs.
+            Numbers of the variables that stay constant, for example those of the inputs.
         max_steps
             Largest number of steps.
         longest_step
@@ -194,8 +194,7 @@ class Closure:
         Returns
         -------
         The loops linearised at the last values: their closure errors, and the derivatives
-        with respect to the variables. The loops can still be open, so the caller checks the
-        errors.
+        by the variables. The loops can still be open, so the caller checks the errors.
         """
         linearisation, _ = self.solve_and_report_steps(
             values, fixed, max_steps=max_steps, longest_step=longest_step
@@ -218,7 +217,7 @@ class Closure:
         values
             (n, variables) start values (rad).
         fixed
-            Indices of the variables that stay constant.
+            Numbers of the variables that stay constant.
         max_steps
             Largest number of steps.
         longest_step

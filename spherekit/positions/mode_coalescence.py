@@ -183,7 +183,7 @@ class ModeCoalescence:
         # For each group its elimination order. None for a train of wheels: gear ratios give
         # its angles.
         self._orders: list[EliminationOrder | None] = []
-        # For each group the indices of the earlier groups on which its determinants depend.
+        # For each group the numbers of the earlier groups on which its determinants depend.
         self._dependences: list[frozenset[int]] = []
         for position in range(len(self.groups)):
             # Elimination fails in some orders, so they are tried at a few test inputs.
@@ -327,7 +327,7 @@ class ModeCoalescence:
 
         A group is a set of bodies that are placed together. A mode is one real or complex
         solution of its equations. The determinant is that of the derivatives of the
-        equations with respect to the unknown angles. It is zero where two modes meet.
+        equations by the unknown angles. It is zero where two modes meet.
 
         A group that is placed earlier has modes, too. The determinants are computed for
         each combination of a mode of this group with one mode of each earlier group.
@@ -466,7 +466,7 @@ class ModeCoalescence:
         Parameters
         ----------
         pairs
-            Indices of the pairs.
+            Numbers of the pairs.
         body_from_link
             For each link the rotation (n, modes, 3, 3) from the axes of the link to those
             of its body, at n values of the inputs and in each mode.

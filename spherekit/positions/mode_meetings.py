@@ -140,7 +140,7 @@ class ModeMeeting:
     input
         Value of the only input (rad).
     modes
-        One tuple for each configuration at which curves cross. It has the indices of the
+        One tuple for each configuration at which curves cross. It has the numbers of the
         modes that meet there.
     successors
         Maps the number of a mode below the input to the number of the mode above it that
@@ -188,7 +188,7 @@ class ModeMeeting:
             (option "pass"). With "end", a mode keeps the signs of its dyads (groups of two
             links), and no mode with other signs continues it.
         """
-        # `modes` has one tuple for each configuration at which curves cross: the indices of
+        # `modes` has one tuple for each configuration at which curves cross: the numbers of
         # the modes that meet there. A tuple of two or more numbers becomes a text such as
         # "0 and 1". `dict.fromkeys` drops repeated tuples and keeps the order.
         meeting_modes = []
@@ -381,7 +381,7 @@ def _measure_misses(nodes: InputPathNodes, step: float, values: Floats) -> Float
     ----------
     nodes
         Configuration of each mode at one input, with its first derivatives `slope` and
-        second derivatives `bend` with respect to the input.
+        second derivatives `bend` by the input.
     step
         Difference (rad) of the other input from this one, with its sign.
     values

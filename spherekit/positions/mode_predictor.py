@@ -94,7 +94,7 @@ class ModeCurve:
     values
         (k, variables) pair variables at the nodes (rad).
     slopes
-        (k, variables) exact derivatives of the variables with respect to the input.
+        (k, variables) exact derivatives of the variables by the input.
     ends
         Why the curve ends at the first and at the last node: OK if the range ends,
         otherwise the status of the samples beyond.
@@ -112,7 +112,7 @@ class ModeCurve:
         """Interpolate the configurations of a mode between its nodes by cubic polynomials.
 
         The nodes are verified configurations, at the values `inputs` of the only input,
-        with the derivatives `slopes` of the variables with respect to the input.
+        with the derivatives `slopes` of the variables by the input.
 
         Parameters
         ----------
@@ -199,15 +199,15 @@ def follow_each(
 
     From each configuration the input moves to both ends of the range, in steps that are
     verified to stay on the mode. At a dead centre the input is stationary, so the variables
-    have no derivatives with respect to the input. A mode that starts there is followed from
-    a point nearby.
+    have no derivatives by the input. A mode that starts there is followed from a point
+    nearby.
 
     Parameters
     ----------
     closure
         The loops of the whole mechanism, as equations for the pair variables.
     driven
-        Index of the variable of the input.
+        Number of the variable of the input.
     values
         (n, variables) closed configurations (rad).
     low, high
@@ -248,18 +248,18 @@ def _follow_from_dead_centre(
 ) -> ModeCurve:
     """Return the assembly mode through a dead centre.
 
-    At a dead centre the input is stationary on the curve of configurations. Derivatives
-    with respect to the input are infinite there, so the mode is followed from a point near
-    it. Several curves may leave the dead centre. From a point near it on each, the curve is
-    followed to both ends of the range of the input. The first curve that leads back to the
-    dead centre is the mode.
+    At a dead centre the input is stationary on the curve of configurations. Derivatives by
+    the input are infinite there, so the mode is followed from a point near it. Several
+    curves may leave the dead centre. From a point near it on each, the curve is followed to
+    both ends of the range of the input. The first curve that leads back to the dead centre
+    is the mode.
 
     Parameters
     ----------
     closure
         The loops of the whole mechanism.
     driven
-        Index of the variable of the input.
+        Number of the variable of the input.
     values
         (variables,) the dead centre (rad).
     low, high
@@ -280,9 +280,8 @@ def _follow_from_dead_centre(
     # key is the rounded difference to the dead centre. Its sign puts points with larger
     # variables first.
     sorted_points = sorted(points, key=lambda point: tuple(np.round(values - point, 6)))
-    # The last start is the dead centre itself. Its derivatives with respect to the input
-    # are infinite or inaccurate, so its curve is the result only if no other one reaches
-    # the dead centre.
+    # The last start is the dead centre itself. Its derivatives by the input are infinite or
+    # inaccurate, so its curve is the result only if no other one reaches the dead centre.
     starts = _evaluate_nodes(closure, driven, np.array([*sorted_points, values]))
     curves = _follow_from_nodes(closure, driven, starts=starts, low=low, high=high)
     # The result states how many steps were tried on all these curves.
@@ -318,15 +317,15 @@ def _follow_from_nodes(
     """Return the assembly modes through nodes at which the input moves.
 
     The input moves from each node to both ends of its range. A node is a verified
-    configuration with the derivatives of all variables with respect to the length of the
-    path of the input. This length grows on every path, also where the input falls.
+    configuration with the derivatives of all variables by the length of the path of the
+    input. This length grows on every path, also where the input falls.
 
     Parameters
     ----------
     closure
         The loops of the whole mechanism.
     driven
-        Index of the variable of the input.
+        Number of the variable of the input.
     starts
         n nodes, with derivatives for a rising input.
     low, high
@@ -362,7 +361,7 @@ def _follow_from_nodes(
                 inputs=nodes.values[:, driven].copy(),
                 values=nodes.values,
                 # The direction is 1, or -1 for nodes on paths to the low end. The product
-                # is the derivative with respect to the input itself.
+                # is the derivative by the input itself.
                 slopes=nodes.slope * nodes.direction,
                 ends=(
                     Status(followed.status[low_path]),
@@ -390,7 +389,7 @@ def sheets_through(
     closure
         The loops of the whole mechanism.
     driven
-        Indices of the variables of the inputs.
+        Numbers of the variables of the inputs.
     input_grid
         The n samples.
     values

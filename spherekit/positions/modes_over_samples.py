@@ -78,7 +78,7 @@ class SolutionNumbers:
         """Begin without solutions."""
         self.count = 0
         self.sheet_count = 0
-        # (nodes,) index of the solution to which each configuration belongs, or -1.
+        # (nodes,) number of the solution to which each configuration belongs, or -1.
         self._solution_of_node = np.empty(0, dtype=np.intp)
 
     def number_nodes(self, is_solution: Bools) -> None:
@@ -108,7 +108,7 @@ class SolutionNumbers:
         self.sheet_count += 1
 
     def find(self, node: int) -> int:
-        """Return the index of the solution to which a node belongs, -1 if to none."""
+        """Return the number of the solution to which a node belongs, -1 if to none."""
         return int(self._solution_of_node[node])
 
 
@@ -322,8 +322,8 @@ class SampledModes:
 
         Returns
         -------
-        The index of the node. None if there is no reference pose, if it reaches no node, or
-        if its mobility is not the number of inputs.
+        The number of the node. None if there is no reference pose, if it reaches no node,
+        or if its mobility is not the number of inputs.
         """
         reference_pose = self.solver.reference
         if reference_pose is None:
@@ -396,7 +396,7 @@ class SampledModes:
         self._progress.report_if_due(lambda: f"{self._solutions.count} followed")
 
     def _assign_solutions(self, values: Floats, samples: Indices) -> Indices:
-        """Return the indices of the solutions to which configurations belong.
+        """Return the numbers of the solutions to which configurations belong.
 
         A search from random starts counts with them how often it reaches each solution. A
         configuration that belongs to none becomes part of a new solution.
@@ -410,7 +410,7 @@ class SampledModes:
 
         Returns
         -------
-        (m,) index of the solution of each configuration, or -1 if it has none.
+        (m,) number of the solution of each configuration, or -1 if it has none.
         """
         return np.array(
             [
@@ -421,7 +421,7 @@ class SampledModes:
         )
 
     def _assign_solution(self, values: Floats, sample: int) -> int:
-        """Return the index of the solution to which a configuration belongs.
+        """Return the number of the solution to which a configuration belongs.
 
         A solution is a set of configurations that were reached from one start, or a single
         one that was computed before. All known configurations are nodes of a graph, and
@@ -437,9 +437,9 @@ class SampledModes:
 
         Returns
         -------
-        Index of the solution, or -1 if there is none.
+        Number of the solution, or -1 if there is none.
         """
-        # The index of the node, -1 if the configuration is no node.
+        # The number of the node, -1 if the configuration is no node.
         node = self._find_node(values, sample)
         if node < 0 and not self._is_sheet_limit_reached:
             sheet = self._follow_sheet(values[None])

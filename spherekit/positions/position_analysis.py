@@ -411,7 +411,7 @@ class PositionAnalysis:
         q
             (k, inputs) inputs (rad).
         rows
-            (k,) indices of the samples with these inputs. None if the inputs are not
+            (k,) numbers of the samples with these inputs. None if the inputs are not
             samples. Some modes are known only at the samples, if there are several inputs.
             They have no configurations at other inputs.
 

@@ -97,7 +97,7 @@ class SearchStatistics:
     starts
         Number of starts so far.
     counts
-        Number of starts that led to each solution, by the index of the solution.
+        Number of starts that led to each solution, by the number of the solution.
     """
 
     variable_count: int
@@ -250,7 +250,7 @@ def descend_to_closure(
     values
         (n, variables) start values (rad).
     fixed
-        Indices of the variables that stay constant.
+        Numbers of the variables that stay constant.
     low, high
         (variables,) limits of the variables (rad).
 
@@ -272,7 +272,7 @@ def descend_to_closure(
 
         The closure errors are by how much the loops are open.
 
-        `rows` (k,) are the indices of the starts. `free_values` are their present values of
+        `rows` (k,) are the numbers of the starts. `free_values` are their present values of
         the variables that are not fixed.
         """
         all_values = values[rows]
@@ -323,11 +323,11 @@ class RolledLength:
     Attributes
     ----------
     variable
-        Index of the variable in the group of bodies. It is an arc length (rad).
+        Number of the variable in the group of bodies. It is an arc length (rad).
     profiles
         The profiles (rims) of the two wheels.
     wheels
-        The indices of the bodies of the two wheels, in the same order.
+        The numbers of the bodies of the two wheels, in the same order.
     """
 
     variable: int
@@ -563,7 +563,7 @@ class DistinctConfigurations:
         - The other one may touch at another point of its profile. In this case it is called
           the turned wheel.
         """
-        # One repetition for each contact at which wheels have rolled on, with the indices
+        # One repetition for each contact at which wheels have rolled on, with the numbers
         # of its two wheels. Empty if such a contact has no repeated wheel.
         repetitions = self._find_repetitions(configuration.values - stored.values)
         if not repetitions:
@@ -628,7 +628,7 @@ def _have_equal_orientations(
     reference_body
         Number of the body relative to which the orientations are compared.
     ignored_bodies
-        Indices of the bodies that may differ.
+        Numbers of the bodies that may differ.
 
     Returns
     -------

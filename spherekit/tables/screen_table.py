@@ -35,9 +35,9 @@ class ScreenTable:
     columns
         The columns from left to right.
     rows
-        For each row, the texts of its cells.
+        For each row the text of each cell.
     title
-        A line above the table; empty for a table without a title.
+        A line above the table; empty if the table needs none.
     """
 
     columns: tuple[ScreenColumn, ...]
