@@ -6,10 +6,10 @@ polynomial in the cosines and sines of the variables of `Construction`.
 
 All derivatives of f are bounded by one constant for each equation, for all real
 configurations at once. The reason: a link across one pair contributes a rotation about a
-fixed axis, which has norm 1, as have all its derivatives by the angle. A link on two axes
-contributes a matrix of known norm.
+fixed axis, which has norm 1, as have all its derivatives with respect to the angle. A link
+on two axes contributes a matrix of known norm.
 
-A jet is an array of balls together with its derivatives by the variables.
+A jet is an array of balls together with its derivatives with respect to the variables.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -35,10 +35,10 @@ from spherekit.proof.decimal_mechanism import DecimalMechanism
 from spherekit.proof.harmonics import Harmonics
 
 Jet = Mapping[tuple[int, ...], Any]
-"""An array of balls under the key (), and its derivatives by variables.
+"""An array of balls under the key (), and its derivatives with respect to variables.
 
-The key (j,) has the first derivative by variable j, the key (j, l) with j <= l the second
-derivative by variables j and l. A missing key means zero.
+The key (j,) has the first derivative with respect to variable j, the key (j, l) with j <= l
+the second derivative with respect to variables j and l. A missing key means zero.
 """
 
 MIN_PROOF_ARC_SINE = 1e-6
@@ -58,9 +58,9 @@ def jet_product(
 ) -> Jet:
     """Return a product of two functions with its derivatives, by the product rule.
 
-    A jet is a mapping with an array of balls under the key (), and its derivatives by the
-    variables j and l under (j,) and (j, l). A ball is a number with a bound of its error. A
-    missing key means 0. With the factors f and g, the result has the values
+    A jet is a mapping with an array of balls under the key (), and its derivatives with
+    respect to the variables j and l under (j,) and (j, l). A ball is a number with a bound
+    of its error. A missing key means 0. With the factors f and g, the result has the values
 
         ()              f g
         (j,)            f_j g + f g_j
@@ -128,8 +128,8 @@ class ArcEquations:
 
     A ball is a number with a bound of its error, so results are proven. Links are placed
     one after another. Each link that is put on the axes of two placed links gives one
-    equation: the arc between both axes is that of the link. The number of bits is that of
-    the present context (`working_precision`).
+    equation: the arc between both axes equals the arc of the link. The precision in bits is
+    set by `working_precision`.
 
     Parameters
     ----------
@@ -292,8 +292,8 @@ class ArcEquations:
             np.full(shape[: power + 1], exact_ball(0.0)) for power in range(order + 1)
         ]
         jets, _ = self._evaluate_jets(variables, order)
-        # A jet has f and its derivatives. Keys are the numbers of the variables by which f
-        # is differentiated: (), (j,) or (j, l).
+        # A jet has f and its derivatives. Keys are the indices of the variables with
+        # respect to which f is differentiated: (), (j,) or (j, l).
         for equation, jet in enumerate(jets):
             for key, entry in jet.items():
                 array = arrays[len(key)]
@@ -305,7 +305,7 @@ class ArcEquations:
     def link_orientations(
         self, variables: Sequence[Ball], order: int = 0
     ) -> dict[int, Jet]:
-        """Return the orientations of all links, and their derivatives by the variables.
+        """Return all link orientations, and derivatives with respect to the variables.
 
         Variables and orientations are balls: numbers with bounds of their errors. The
         orientations are relative to the root, the link that is placed first.
@@ -320,8 +320,8 @@ class ArcEquations:
         Returns
         -------
         For each link the jet of its rotation matrix (3, 3) from link axes to those of the
-        root. A jet has the matrix under the key (), and its derivatives by the variables j
-        and l under (j,) and (j, l).
+        root. A jet has the matrix under the key (), and its derivatives with respect to the
+        variables j and l under (j,) and (j, l).
         """
         # At first each orientation is relative to a link placed earlier, its reference. The
         # product with the orientation of the reference leads to the root.
@@ -348,14 +348,14 @@ class ArcEquations:
     ) -> tuple[list[Jet], dict[int, Jet]]:
         """Return the jets of all equations and of the link orientations.
 
-        A jet is a mapping with an array and its derivatives by the variables, in balls. The
-        key () has the array, (j,) its first derivative by the variable j, and (j, l) with
-        j <= l a second derivative. A missing key means zero.
+        A jet is a mapping with an array and its derivatives with respect to the variables,
+        in balls. The key () has the array, (j,) its first derivative with respect to the
+        variable j, and (j, l) with j <= l a second derivative. A missing key means zero.
 
         Links are placed one after another. A link with one parent is rotated by the angle
         of the pair between both. A closing link is put on the axes U and W of two placed
-        links. It gives the equation f = U . W - cos(arc) = 0, where the arc is that
-        of the link between its two axes. If the equation is satisfied, the orientation of
+        links. It gives the equation f = U . W - cos(arc) = 0, where arc is the constant arc
+        between the two axes of the link. If the equation is satisfied, the orientation of
         the link is U a^T + W b^T + (U x W) n^T. The rows a, b, n are the dual basis, in
         link axes, of both axes and their vector product.
 
@@ -384,7 +384,7 @@ class ArcEquations:
 
             A closing link is put on the axes of two links, its parents. The paths of
             reference links lead from both parents to the first link that they share. The
-            result is a jet: the axis with its derivatives by the variables.
+            result is a jet: the axis with its derivatives with respect to the variables.
             """
             # Each link's orientation leads to its reference, the next link of the path.
             jet: Jet = {(): axis}
@@ -428,13 +428,14 @@ class ArcEquations:
         Variable j occurs up to cos(d_j angle) and sin(d_j angle); d_j is its degree. For
         all real angles and any order k >= 1,
 
-            abs(derivative of f by the variables j1 to jk) <= C d_j1 ... d_jk
+            abs(derivative of f with respect to the variables j1 to jk) <= C d_j1 ... d_jk
 
         Reason: f = U . W - cos(arc), with two axes U and W and the constant arc of a link.
         Each axis is a unit vector, multiplied by the orientation matrices of the links
         along a path. `_orientation_norms` has a bound of the norm of each matrix. C is the
-        product of these bounds, so abs(U . W) <= C. Each derivative by variable j
-        multiplies the bound of a trigonometric polynomial by d_j at most (Bernstein).
+        product of these bounds, so abs(U . W) <= C. Each derivative with respect to
+        variable j multiplies the bound of a trigonometric polynomial by d_j at most
+        (Bernstein).
         """
         norms = self._orientation_norms
         bounds = []
@@ -533,7 +534,7 @@ def _follower_offsets(
 
     Returns
     -------
-    For each follower, by number of the pair, its offset (rad) as a ball (a number with a
+    For each follower, by index of the pair, its offset (rad) as a ball (a number with a
     bound of its error).
     """
     has_wheels = bool(decimal_mechanism.meshes)
@@ -591,7 +592,7 @@ def _cross(a: Vector, b: Vector) -> Vector:
 def _rotation_jet(
     terms: Array, variables: Sequence[Ball] | Array, step: PlacementStep
 ) -> Jet:
-    """Return the rotation of a link about one pair, with derivatives by its variable.
+    """Return a rotation about one pair, with its derivatives with respect to the variable.
 
     The angle of the pair is x = factor * variable j. The factor is 1 if there are no
     toothed wheels. With wheels, several angles are whole multiples of one variable. All
@@ -608,8 +609,8 @@ def _rotation_jet(
 
     Returns
     -------
-    The (3, 3) matrix under the key (), its first derivative by the variable under (j,) and
-    its second derivative under (j, j).
+    The (3, 3) matrix under the key (), its first derivative with respect to the variable
+    under (j,) and its second derivative under (j, j).
     """
     factor = step.angle_factor
     j = step.variable
@@ -617,7 +618,8 @@ def _rotation_jet(
     constant, cosine_term, sine_term = terms
     varying = cosine_term * cosine + sine_term * sine
     derivative = sine_term * cosine - cosine_term * sine
-    # By the chain rule, each derivative by the variable has the factor dx/d(variable).
+    # By the chain rule, each derivative with respect to the variable has the factor
+    # dx/d(variable).
     return {
         (): constant + varying,
         (j,): derivative * factor,

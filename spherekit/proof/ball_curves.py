@@ -3,8 +3,8 @@
 Angles, radii and coefficients of a profile count as exact float64 numbers, and directions
 are made unit vectors. A profile through points is the quintic spline that
 `spherekit.geometry.profile_curve` lays through them: its float64 knots and coefficients
-define it. Curves return points and tangents only. Derivatives come from power series, so
-that no formula of a curvature is needed.
+define it. Curves return points and tangents only. Derivatives come from power series, so no
+formula for a curvature is needed.
 """
 
 from collections.abc import Callable
@@ -69,7 +69,7 @@ The columns are the unit tangent t, the normal n = p x t, and the point p.
 """
 
 Path = Callable[[Array], tuple[Array, Array]]
-"""Returns points (n, 3) and their derivatives (n, 3) by a parameter (n,).
+"""Returns points (n, 3) and their derivatives (n, 3) with respect to a parameter (n,).
 
 The points are unit vectors. The parameter is not the arc length.
 """
@@ -234,7 +234,7 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
     Raises
     ------
     EngineError
-        If too many panels are needed.
+        If the required accuracy needs too many panels (pieces of the profile).
     """
     bits = precision_bits()
     # `panel_starts` has the arc length at which each panel begins, and at last the whole
@@ -325,8 +325,8 @@ def _enclose_pieces(
         (n,) balls, or power series of balls. In a series the constant term decides the
         piece.
     find_pieces
-        Function that returns the numbers (n,) of the pieces at float64 parameters (n,).
-        Larger parameters have larger numbers.
+        Function that returns, for float64 parameters (n,), the index of the piece (interval
+        of the curve) that contains each. Larger parameters have larger indices.
     """
     low, high = ball_ends(series_coefficient(parameters, 0))
     pieces = find_pieces(low)
@@ -383,7 +383,7 @@ def _make_fourier_path(axes: Array, cosines: Array, sines: Array) -> Path:
     x, y, z = axes
 
     def path(azimuth: Array) -> tuple[Array, Array]:
-        """Return points (n, 3) at azimuths (n,) rad, and their derivatives by azimuth.
+        """Return points at azimuths (n,) rad, and derivatives with respect to azimuth.
 
         Azimuths and results are balls (numbers with error bounds), or power series of
         balls.
@@ -406,7 +406,7 @@ def _make_fourier_path(axes: Array, cosines: Array, sines: Array) -> Path:
 def _evaluate_colatitude(
     azimuth: Array, cosines: Array, sines: Array
 ) -> tuple[Array, Array]:
-    """Return the angle from the centre of a Fourier profile, and its derivative by azimuth.
+    """Return the angle from the centre of a Fourier profile, and its azimuth derivative.
 
     Parameters
     ----------
@@ -415,7 +415,7 @@ def _evaluate_colatitude(
         balls.
     cosines, sines
         Coefficients (rad): the angle is the sum of cosines[k] cos(k a) + sines[k] sin(k a).
-        One list can be shorter than the other.
+        The two lists may differ in length.
 
     Returns
     -------
@@ -450,7 +450,7 @@ class _SphericalSpline:
         self._knots: Floats = spline_path.spline.t
 
     def evaluate(self, parameter: Array) -> tuple[Array, Array]:
-        """Return points (n, 3) on the unit sphere and their derivatives by the parameter.
+        """Return unit vectors (n, 3) and their derivatives with respect to the parameter.
 
         The parameters (n,) are balls (numbers with a bound of their error), or power series
         of balls. The results are of the same kind.
@@ -461,7 +461,7 @@ class _SphericalSpline:
         return points_and_rates[:, 0], points_and_rates[:, 1]
 
     def _find_intervals(self, parameter_floats: Floats) -> Indices:
-        """Return the number of the interval between knots of each parameter (n,)."""
+        """Return, for each parameter (n,), the index of its interval between knots."""
         # The first and the last degree + 1 knots are equal: the ends of the spline.
         inner_knots = self._knots[self._degree + 1 : len(self._control_points)]
         return np.searchsorted(inner_knots, parameter_floats, side="right")
@@ -503,7 +503,7 @@ def _evaluate_de_boor(
 
     Returns
     -------
-    Points (n, 3) and derivatives by the parameter (n, 3).
+    Points (n, 3) and derivatives with respect to the parameter (n, 3).
     """
     degree = len(control_points) - 1
     points = list(control_points)
@@ -540,7 +540,7 @@ def _project_to_sphere(space_point: Array, space_rate: Array) -> Array:
     Parameters
     ----------
     space_point, space_rate
-        (n, 3) points of the curve, and their derivatives by its parameter.
+        (n, 3) points of the curve, and their derivatives with respect to its parameter.
 
     Returns
     -------

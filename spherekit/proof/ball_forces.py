@@ -10,7 +10,7 @@ from spherekit.proof.reference_rows import ExactRows
 
 
 def exact_inertia(rows: ExactRows) -> tuple[Array, Array]:
-    """Return the equivalent inertia, and its derivative by the only input that moves.
+    """Return the equivalent inertia and its derivative with respect to the moving input.
 
     The equivalent inertia is the moment of inertia that the input seems to have: twice the
     kinetic energy at unit rate of the input (Di Gregorio 2024, eqs. (14), (15)). It is
@@ -34,8 +34,8 @@ def exact_inertia(rows: ExactRows) -> tuple[Array, Array]:
     ValueError
         If the rows have no derivatives (order 1).
     """
-    # `slopes` are the derivatives of the angular velocities by the input. Reading them
-    # raises the ValueError if they are missing.
+    # `slopes` are the derivatives of the angular velocities with respect to the input.
+    # Reading them raises the ValueError if they are missing.
     with rows.arithmetic.within():
         return equivalent_inertia(rows.mechanism, rows.rotations, rows.w, rows.slopes)
 
@@ -60,7 +60,7 @@ def equivalent_inertia(
     w
         (n, links, 3) angular velocities in ground axes at unit rate of the coordinate.
     dw
-        (n, links, 3) their derivatives by the coordinate.
+        (n, links, 3) their derivatives with respect to the coordinate.
 
     Returns
     -------

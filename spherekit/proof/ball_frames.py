@@ -40,7 +40,7 @@ def exact_ball(number: float) -> Ball:
 
 
 def unit_vector(vector: Vector) -> Vector:
-    """Return a vector divided by its length; its elements are numbers with error bounds."""
+    """Return a vector divided by its length. The components are balls (with bounds)."""
     return vector / np.sqrt(vector @ vector)
 
 
@@ -68,8 +68,8 @@ def revolute_rotation_terms(first: Frame, second: Frame) -> Array:
         side:            side cos(x) - zero_direction sin(x),
         axis:            axis,
 
-    where the vectors on the right are those of the first link. The rotation matrix is the
-    sum of the outer products of each image with its vector of the second link.
+    where the vectors on the right belong to the first link. The rotation matrix is the sum
+    of the outer products of each image with its vector of the second link.
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ def _reference_frame(
     for other_name, other_axis in axes.items():
         sine = np.linalg.norm(np.cross(float_axes[name], float_axes[other_name]))
         if sine > COLLINEAR_SINE:
-            # The component of the other axis across the axis of the pair.
+            # The component of the second axis at right angles to the axis of the pair.
             perpendicular = np.cross(np.cross(axis, other_axis), axis)
             return _frame_toward(axis, perpendicular)
     return _frame_across(axis, float_axes[name])

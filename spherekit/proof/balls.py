@@ -1,7 +1,7 @@
 """Ball arithmetic: numbers that carry a bound of their own error.
 
-A ball is a centre and a radius. Every operation on balls returns a ball that contains the
-exact results for all numbers of its operands (F. Johansson, Arb, 2017). This is the only
+A ball is a centre and a radius. An operation on balls returns a ball that contains the
+exact results for all values inside its operands (F. Johansson, Arb, 2017). This is the only
 module that imports python-flint.
 """
 

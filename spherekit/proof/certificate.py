@@ -159,8 +159,8 @@ def _coupler_tables(decimal_mechanism: DecimalMechanism) -> dict[str, dict[str, 
 
     Returns
     -------
-    For each sliding contact, by its name: the name of the coupler ("link"), and the names
-    of its two revolute pairs ("pairs").
+    For each sliding contact, keyed by the name of the contact: the name of the coupler
+    ("link"), and the names of its two revolute pairs ("pairs").
     """
     structure = decimal_mechanism.structure
     tables = {}
@@ -245,7 +245,7 @@ def _arm_entry(arm: Arm | None) -> list[int] | None:
 
     A saddle is a place where curves cross or narrowly miss each other. Four branches, its
     arms, leave it, one in each quadrant of the first two coordinates of its frame. If the
-    curve ends on an arm, the result is the number of the saddle and the signs of both
+    curve ends on an arm, the result is the index of the saddle and the signs of both
     coordinates in the quadrant. Otherwise it is None.
     """
     if arm is None:
@@ -255,7 +255,7 @@ def _arm_entry(arm: Arm | None) -> list[int] | None:
 
 
 def _piece_table(piece: CertifiedArc) -> dict[str, Any]:
-    """Return the numbers (rad) of a certified arc."""
+    """Return the data of a certified arc (angles in rad)."""
     return {
         "centre": piece.centre.tolist(),
         "frame": piece.frame.T.tolist(),
@@ -273,7 +273,7 @@ class RoundedBalls:
     numbers
         One number near each ball.
     errors
-        Bounds of the difference of each number from all numbers of its ball.
+        For each number, a bound of its difference from every value inside its ball.
     """
 
     numbers: list[float]
@@ -308,9 +308,9 @@ def _wheel_tables(
 
     Returns
     -------
-    For each wheel: its pair ("pair"), its turns per turn of the variable ("turns"), its
-    angle (rad) where the variable is 0 ("at_zero_rad"), and the error bound of this angle
-    ("off").
+    For each wheel: the pair ("pair"), the turns of the wheel per turn of the variable
+    ("turns"), the angle of the wheel (rad) where the variable is 0 ("at_zero_rad"), and the
+    error bound of this angle ("off").
     """
     structure = decimal_mechanism.structure
     # A wheel is placed by a single pair.
@@ -349,7 +349,7 @@ def map_certificate(input_map: InputMap) -> dict[str, Any]:
     "construction" is the order in which links are placed. "systems" are the systems of loop
     equations that are solved one after another.
     """
-    # The proof is about the decimal numbers of the mechanism file.
+    # The proof holds for the decimal numbers exactly as the mechanism file writes them.
     decimal_mechanism = input_map.decimal_mechanism
     construction = input_map.construction
     input_names = decimal_mechanism.structure.names_of(construction.input_pairs)
@@ -458,13 +458,13 @@ def singular_table(located: CertifiedSingularities) -> dict[str, Any]:
     The configurations over the range are curves. A singularity is a point of a curve at
     which the output is stationary (type I) or the input is (type II). The entries are:
 
-    - "found": the singularities. "curve" is the number of the curve, "place" has the values
+    - "found": the singularities. "curve" is the index of the curve, "place" has the values
       (rad) of all variables, and "off" is their error bound (rad).
     - "undecided_parts": number of parts of curves that may have further singularities.
     - "outputs_without_pair": outputs for which type I is not searched. No pair (joint)
       connects the output link to its reference link, so the output angle is not a variable.
     - "at_rest_along_curves": outputs that are stationary along a whole curve, each with the
-      number of the curve.
+      index of the curve.
     """
     return {
         "undecided_parts": located.undecided,
@@ -530,7 +530,7 @@ def _system_solution_table(
 ) -> dict[str, Any]:
     """Return all solutions of a system of equations at one set of given angles.
 
-    The unknown angles are the variables of the system. Given angles are those of other
+    The unknown angles are the variables of this system. Given angles are unknowns of other
     systems.
 
     Parameters

@@ -79,7 +79,7 @@ class CertifiedModes:
     decimal_mechanism
         The mechanism with its decimal sizes.
     construction
-        The order of placing its links, with the numbers of the variables.
+        The order in which the links are placed, with the indices of the variables.
     inputs
         The inputs as decimal numbers in the unit of the file.
     roots
@@ -175,8 +175,8 @@ class CertifiedModes:
                 "modes found"
             )
         else:
-            # A cluster consists of undecided boxes that touch. Its width is that of the
-            # angle in which it is widest.
+            # A cluster consists of undecided boxes that touch. Its width is its largest
+            # extent in any angle.
             widths = [2.0 * np.max(half_widths) for _, half_widths in self.clusters]
             words = (
                 f"{statement}; undecided in {len(widths)} clusters, nothing else outside; "
@@ -320,8 +320,8 @@ def join_boxes(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
         lows = np.min(lows, axis=0, keepdims=True)
         highs = np.max(highs, axis=0, keepdims=True)
     while len(lows):
-        # Two boxes touch if each begins below the end of the other in all directions. A gap
-        # of up to 1e-12 rad is taken for rounding.
+        # Two boxes touch if, in all directions, each begins below the end of its partner. A
+        # gap of up to 1e-12 rad is taken for rounding.
         begins_below = np.all(lows[:, None] <= highs + 1e-12, axis=2)
         group_count, labels = connected_components(begins_below & begins_below.T)
         if group_count == len(lows):
@@ -370,8 +370,8 @@ class _RootSearch:
     circle_points
         (known, 2) cosines and sines of the known angles.
     roots
-        The complex roots, real ones among them, that are proven so far. They are proven to
-        be different.
+        The complex roots proven so far, including real roots. All are proven to differ from
+        each other.
     """
 
     def __init__(
@@ -380,7 +380,7 @@ class _RootSearch:
         construction: Construction,
         inputs: Sequence[str],
     ) -> None:
-        """Evaluate the equations at the inputs; no roots are proven at first."""
+        """Evaluate the equations at the inputs; the list of proven roots begins empty."""
         self.equations = ArcEquations(decimal_mechanism, construction)
         self.known_angles = read_known_angles(decimal_mechanism, inputs)
         self.circle_points = cosines_and_sines(self.known_angles)
@@ -433,8 +433,8 @@ class _RootSearch:
     def _is_complete(self, roots: Complexes) -> bool:
         """Return whether as many roots are proven, or approximated, as there can be.
 
-        If so, no further homotopy (search for approximate roots) is needed. `roots` (roots,
-        unknowns) are the complex angles (rad) that one homotopy has found.
+        If so, the search can stop: no further homotopy (search for approximate roots) runs.
+        `roots` (roots, unknowns) are the complex angles (rad) that one homotopy has found.
         """
         # The largest possible number of complex roots, by the degrees of the equations.
         bound = self.equations.construction.mode_bound
@@ -479,9 +479,9 @@ class _RootSearch:
         """Divide the space of the unknown angles into boxes, to exclude further real roots.
 
         A root is a solution of the equations of the mechanism. A box is done if an equation
-        cannot be zero in it, or if it is inside the neighbourhood of a proven root, where
-        no other root is possible. In the other boxes a new root is searched, proven and
-        added to `roots`. Boxes that are not done are halved.
+        cannot be zero in it, or if it is inside the neighbourhood of a proven root, which
+        contains no second root. In the other boxes a new root is searched, proven and added
+        to `roots`. Boxes that are not done are halved.
 
         Returns
         -------
@@ -505,7 +505,7 @@ class _RootSearch:
         )
 
     def _covers(self, centres: Floats, radii: Floats) -> Bools:
-        """Return which boxes (n,) are surely inside the neighbourhood of a proven root.
+        """Return a mask (n,) of boxes that are inside the neighbourhood of a proven root.
 
         Such boxes need no further search. The neighbourhood is a cube about a real root, in
         the space of the unknown angles, with no other root in it. Half its side is `unique`
@@ -515,7 +515,7 @@ class _RootSearch:
         ----------
         centres, radii
             (n, variables) centres and half widths (rad) of the boxes. The unknowns come
-            first; the other (given) angles do not matter.
+            first; the given angles after them do not matter.
         """
         count = self.equations.unknown_count
         root_boxes = (

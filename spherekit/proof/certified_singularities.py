@@ -33,8 +33,9 @@ class CertifiedSingularity:
     output
         Name of the output, a relative rotation of two links.
     type
-        "I" if the output is stationary, "II" if the input is. Type III means that both are.
-        This is never proven. If it is possible, the type is "I or III" or "II or III".
+        "I" if the output is stationary, "II" if the input is. Type III means that both are
+        stationary. Type III is never proven. If it cannot be excluded, the type is "I or
+        III" or "II or III".
     q
         The input (rad).
     curve
@@ -67,10 +68,10 @@ class CertifiedSingularities:
     undecided
         Number of parts of curves in which there may be others.
     skipped
-        Outputs whose angle is no variable of the equations. Only their singularities of
-        type II are known.
+        Outputs with an angle that is no variable of the equations. Only their singularities
+        of type II are known.
     resting
-        Outputs that are stationary all along a curve, each with the number of the curve.
+        Outputs that are stationary all along a curve, each with the index of the curve.
     """
 
     curves: CertifiedCurves
@@ -129,8 +130,8 @@ class CertifiedSingularities:
         ]
         for saddle in curves.saddles:
             # Curves that nearly cross bend in the central zone of the saddle, so
-            # singularities are possible there. `central_zone` has the half width (rad) of
-            # this zone for each variable.
+            # singularities may occur in this zone. `central_zone` has the half width (rad)
+            # of this zone for each variable.
             half_width = saddle.central_zone[curves.input_variable]
             critical_inputs.append(
                 (curves.input_angle(saddle.centre), curves.cycle_turns * half_width)
@@ -182,7 +183,7 @@ def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
         pair = output_pairs.get(output)
         if pair in input_like_pairs:
             continue
-        # By default none: for outputs whose angle is no variable.
+        # By default none: for outputs with an angle that is no variable of the equations.
         output_points = [StationaryPoints() for _ in curves.chains]
         if pair in construction.pairs:
             variable = construction.pairs.index(pair)

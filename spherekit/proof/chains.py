@@ -132,8 +132,8 @@ def _may_be_between(
     configuration
         (v,) values of all variables (rad).
     piece
-        An arc of the curve, alone in a box about it. The axis of the box is the tangent of
-        the arc at its centre.
+        An arc of the curve, with a box about it that contains no other part of any curve.
+        The axis of the box is the tangent of the arc at the centre of the arc.
     next_piece
         The next arc. Its centre is in the box of `piece`.
     """
@@ -151,9 +151,9 @@ def find_chain(
 ) -> Chain | None:
     """Return the whole curve of configurations through an arc, as a chain of arcs.
 
-    Each arc is certified: it is the only one in a box. The curve is followed until it
-    closes, leaves the range of the input, or ends at a crossing (a place where curves cross
-    or narrowly miss each other). New crossings are added to `crossings`.
+    Each arc is certified: it is proven to be the only arc in a box. The curve is followed
+    until it closes, leaves the range of the input, or ends at a crossing (a place where
+    curves cross or narrowly miss each other). New crossings are added to `crossings`.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def find_chain(
         Function of the input's variable and of a margin (both rad) that returns on which
         side of its range the input is: 1 above, -1 below, 0 within.
     crossings
-        The crossings of the search so far.
+        The crossings that the search has found so far.
 
     Returns
     -------
@@ -201,9 +201,9 @@ def find_piece_ahead(
     """Return a certified arc that continues another arc of a configuration curve.
 
     A certified arc, or piece, is a box in which all configurations form exactly one arc of
-    a curve. The new arc must satisfy two conditions. Its centre is in the box of the other
-    arc, so that both belong to one curve. And its centre is ahead of the other centre, so
-    that the curve is followed in one direction.
+    a curve. The new arc must satisfy two conditions. The new centre is in the box of the
+    previous arc, so that both arcs belong to one curve. And the new centre is ahead of the
+    previous one, so that the curve is followed in one direction.
 
     Parameters
     ----------

@@ -4,7 +4,7 @@ If a loop of four pairs is reflected in the plane of its axes, it closes with th
 Its equation is therefore an even function about such a configuration, and its derivatives
 vanish there. The matrix F' of the derivatives of all equations then loses a rank, and
 configuration curves may cross. Whether the loop closes in a plane is a question of a sum of
-arcs. It is decided exactly, with the decimal numbers of the file.
+arcs. This question is decided exactly, with the decimal numbers of the mechanism file.
 
 Let x and y be the two variables of the loop. Each has two *planar angles*, at which the
 arcs of both links of its pair are in one plane. If x is one of its planar angles, the
@@ -49,7 +49,7 @@ Larger: more values are tried in vain. Smaller: rounding of the position exclude
 """
 
 SOLUTION_RADIUS_RAD = 1e-9
-"""Half width (rad) of the balls in which the other variables are proven to be.
+"""Half width (rad) of the balls in which the solved variables are proven to be.
 
 Larger: the derivatives in the balls may be singular. Smaller: the error of the position is
 no longer inside.
@@ -69,7 +69,7 @@ Larger: mechanisms with many crossings take longer. Smaller: they are not decide
 """
 
 Arm = tuple[int, Quadrant]
-"""One of the four arms of a saddle: the number of the saddle, and the quadrant."""
+"""One of the four arms of a saddle: the index of the saddle, and the quadrant."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +97,8 @@ class FourPairLoop:
     """A loop of four pairs that gives one equation in two variable pair angles.
 
     Two pairs of the loop rotate by variables. They place the axes of the other two pairs,
-    onto which the last link is put. The equation says that the arc between these axes is
-    that of the last link.
+    onto which the last link is put. The equation says that the arc between these axes
+    equals the arc of the last link.
 
     Such a loop can have all four axes in one plane, where curves of configurations cross.
     The way around the loop is then on one great circle, and passes the arc of each link
@@ -112,7 +112,7 @@ class FourPairLoop:
         Numbers of the two variables among those of the mechanism.
     planar_closures
         For each way in which the loop closes with all four axes in one plane: the angles of
-        both variables, by number of the variable.
+        both variables, by index of the variable.
     """
 
     equation: int
@@ -120,17 +120,17 @@ class FourPairLoop:
     planar_closures: Sequence[Mapping[int, PlanarAngle]]
 
     def other_variable(self, variable: int) -> int:
-        """Return the number of the variable that is not the given one."""
+        """Return the index of the variable of the loop that is not the given one."""
         first, second = self.variables
         return second if variable == first else first
 
     def angles_that_free_other_variable(self, variable: int) -> list[Ball]:
-        """Return the angles of one variable with which the other one can have any angle.
+        """Return the angles of one variable at which the second one can have any angle.
 
         A loop of four pairs (joints) has two variables x and y, the angles of two pairs. y
         is 0 where the links of its pair are folded onto each other, and pi where they are
-        stretched. The result are angles of x at which the loop closes with y = 0 and with y
-        = pi, all axes in one plane. Then it closes with all y:
+        stretched. The result contains angles of x at which the loop closes with y = 0 and
+        with y = pi, all axes in one plane. Then it closes with all y:
 
         1. The equation of the loop is linear in cos(y) and sin(y).
         2. The reflection in the plane maps y to -y, so sin(y) does not occur. The equation
@@ -173,15 +173,15 @@ def complete_configuration(
     equation
         Number of the equation that is left out.
     given
-        By number of each given variable its exact value (rad), up to whole turns (2 pi).
+        For each given variable, by index, its exact value (rad), up to whole turns (2 pi).
     position
         (v,) approximate values of all v variables (rad).
 
     Returns
     -------
-    (v,) balls (rad). Those of the other variables contain exactly one solution. None in
-    three cases: a given value is not near the position; the numbers of equations and of
-    other variables differ; or no solution is proven.
+    (v,) balls (rad). The balls of the variables that are not given contain exactly one
+    solution. None in three cases: a given value is not near the position; there are not as
+    many equations as unknown variables; or no solution is proven.
     """
     balls = exact_balls(position)
     for variable, value in given.items():
@@ -230,7 +230,7 @@ def _widen_around_solution(
 
     Returns
     -------
-    (v,) the balls, free ones widened. None if no solution is proven.
+    (v,) the balls, with those of free variables widened. None if no solution is proven.
     """
     (residuals,) = equations.evaluate(balls, 0)
     wide_balls = balls.copy()
@@ -481,7 +481,7 @@ def _azimuth_in_link(
     pair
         Number of the pair about which the azimuth is counted.
     other_pair
-        Number of the pair whose axis has the azimuth.
+        Index of the pair with the axis that has the azimuth.
 
     Returns
     -------
@@ -515,7 +515,7 @@ class Crossings:
     """
 
     def __init__(self, equations: ArcEquations) -> None:
-        """Find the loops with exact arcs; there are no saddles at first."""
+        """Find the loops with exact arcs; the list of saddles is empty at the start."""
         self.equations = equations
         self.loops: list[FourPairLoop] = []
         decimal_mechanism = equations.decimal_mechanism
@@ -594,7 +594,7 @@ class Crossings:
         Parameters
         ----------
         pieces
-            The arcs of the curve, each with a box in which it is alone.
+            The arcs of the curve, each with a box that contains no other configurations.
         variable
             Number of the variable.
         """
@@ -618,7 +618,8 @@ class Crossings:
         """Return a configuration near a position, on a curve with a constant variable.
 
         The equation of the loop contains two variables. Such a curve exists if, at some
-        value of the one, the loop stays closed whatever the value of the other is.
+        value of the first variable, the loop stays closed for all values of the second
+        variable.
 
         Parameters
         ----------
@@ -637,7 +638,7 @@ class Crossings:
         """
         other_variable = loop.other_variable(variable)
         other_angle = exact_ball(position[other_variable])
-        # The constant values of the variable with which the other one is free.
+        # The constant values of one variable at which the second variable is free.
         for angle in loop.angles_that_free_other_variable(variable):
             # The equation of this loop is satisfied. Those of other loops determine the
             # remaining variables. The result is None if this angle is not near the
@@ -723,7 +724,8 @@ def _is_near_centre(configuration: Array, box: OrientedBox) -> bool:
 def _is_inside_box(configuration: Array, piece: CertifiedArc) -> bool:
     """Return whether a configuration (v,), given as balls, is inside the box of an arc."""
     # The balls bound the distance of the configuration from their centres in each variable.
-    # The sides of the box have any directions, so that the Euclidean distance is needed.
+    # The sides of the box can have any directions, so the test needs the Euclidean
+    # distance.
     centres = centre_floats(configuration)
     distances = list(map(upper_magnitude, configuration - exact_balls(centres)))
     error = float(np.linalg.norm(distances)) * ROUND_UP

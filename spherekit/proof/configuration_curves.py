@@ -94,7 +94,7 @@ class CertifiedCurves:
     decimal_mechanism
         The mechanism with its decimal sizes.
     construction
-        The order of placing its links, with the numbers of the variables.
+        The order in which the links are placed, with the indices of the variables.
     equations
         The equations of the mechanism for this order.
     range_text
@@ -300,9 +300,9 @@ class CertifiedCurves:
         """Return the arms of saddles that belong to curves along which a variable moves.
 
         A saddle is a place where configuration curves cross or nearly do. An arm is one of
-        the four branches of curves that leave it: the number of the saddle, and the
-        quadrant of the branch. A chain is a curve as a row of boxes, and can begin or end
-        on an arm.
+        the four branches of curves that leave it: it is named by the index of the saddle,
+        and the quadrant of the branch. A chain is a curve as a row of boxes, and can begin
+        or end on an arm.
         """
         moving_arms = []
         for arms_at_ends, is_constant in zip(
@@ -478,8 +478,8 @@ class CertifiedCurves:
         with an error. Two of them may be at the same input if they differ by less than
         twice the largest error.
         """
-        # The error of a point is that of the input's variable. The input is `cycle_turns`
-        # times this variable.
+        # The error of a point is the error of the variable of the input. The input is
+        # `cycle_turns` times this variable.
         input_errors = [
             point.error * self.cycle_turns
             for points in self.input_stationary_points
@@ -577,9 +577,9 @@ def _bound_saddle_doubt(
     Parameters
     ----------
     saddle
-        A place where two curves of configurations cross or narrowly miss each other. In the
-        latter case, the curves bend in its central zone. `central_zone` has the largest
-        distance (rad) of each variable from the centre in this zone.
+        A place where two curves of configurations cross or narrowly miss each other. Curves
+        that miss each other bend in the central zone of the saddle. `central_zone` has the
+        largest distance (rad) of each variable from the centre in this zone.
     quadrants
         The arms on which the variable is not constant. The four arms of a saddle are the
         branches of curves that leave it. Each arm is in another quadrant, given by the
@@ -598,7 +598,7 @@ def _bound_saddle_doubt(
     if not (is_proven_crossing or saddle.is_monotonic[variable]):
         distance = max(distance, saddle.central_zone[variable])
     for quadrant in quadrants:
-        # An outward sign is that of the rate along the arm; 0 means that it is not proven.
+        # An outward sign is the sign of the rate along the arm; 0 means: not proven.
         has_proven_rate = saddle.outward_signs[quadrant][variable] != 0
         if not has_proven_rate:
             largest_change_on_arm = saddle.reach[quadrant][variable]

@@ -39,7 +39,7 @@ lowest bound of complex modes may be missed.
 """
 
 MAX_CACHED_STRUCTURES = 256
-"""Number of structures whose construction is remembered.
+"""Number of structures for which the construction is remembered.
 
 Random geometries of one structure share it. Larger: more memory. Smaller: studies of many
 structures plan again.
@@ -88,8 +88,8 @@ class PlacementStep:
     def has_two_parents(self) -> bool:
         """Whether the link is put on the axes of two placed links (its parents).
 
-        Such a closing link gives one equation: the arc between both axes is that of the
-        link. Any other link rotates about the axis of one pair.
+        Such a closing link gives one equation: the arc between both axes equals the arc of
+        the link. Any other link rotates about the axis of one pair.
         """
         return len(self.pairs) == 2
 
@@ -144,7 +144,7 @@ class Construction:
 
     A link that one pair joins to links placed before rotates by the angle of this pair,
     which is a variable. A link that two pairs join to links placed before is put on both
-    axes, which gives one equation: the arc between the axes is that of the link.
+    axes, which gives one equation: the arc between the axes equals the arc of the link.
     Variables are numbered: first the unknown angles, then the inputs, then the angles that
     follow from the inputs through toothed wheels.
 
@@ -155,7 +155,7 @@ class Construction:
     steps
         How the other links are placed, in order.
     pairs
-        (variables,) number of the pair whose angle each variable is.
+        (variables,) for each variable the index of the pair that has this angle.
     unknown_count
         Number of unknown angles; there are as many equations.
     input_count
@@ -179,7 +179,7 @@ class Construction:
 
     @property
     def follower_pairs(self) -> tuple[int, ...]:
-        """The pairs whose angles are variables that follow from the inputs."""
+        """The pairs with angles that are variables, but follow from the inputs (wheels)."""
         return self.pairs[self.unknown_count + self.input_count :]
 
     @property
@@ -189,7 +189,7 @@ class Construction:
 
     @cached_property
     def placements(self) -> dict[int, LinkPlacement]:
-        """By number of a link: its reference link, and the degrees of its orientation.
+        """By link index: its reference link, and the degrees of its orientation.
 
         The orientation of a link is expressed relative to a link placed before, its
         reference. It is a trigonometric polynomial in the variables. The degrees of the
@@ -245,8 +245,8 @@ class Construction:
         """The smallest systems of equations that can be solved one after the other.
 
         Solving them separately is faster than solving all equations at once. Each system
-        has the numbers of its equations, and the numbers of as many unknowns. Other
-        unknowns in these equations follow from the systems before it.
+        lists the indices of its equations, and the indices of as many unknowns. All further
+        unknowns in these equations follow from earlier systems.
         """
         # (equations, unknowns) whether an equation contains an unknown, that is, whether it
         # has a degree in this unknown. Unknowns that have a system are removed below.
@@ -281,7 +281,7 @@ def _find_smallest_system(
 
     Returns
     -------
-    The numbers of the equations, and of the unknowns that they contain.
+    The indices of the equations, and of the unknowns that the equations contain.
     """
     for size in range(1, len(open_equations) + 1):
         for equations in combinations(open_equations, size):
@@ -306,7 +306,7 @@ def _place_on_two_axes(
     Parameters
     ----------
     placements
-        The references and degrees of the links that are placed before, by number.
+        The references and degrees of the links that are placed before, by link index.
     step
         The step that puts the link on two axes.
     """
@@ -332,7 +332,7 @@ def _find_parent_paths(
     Parameters
     ----------
     placements
-        By number of a link: its reference link.
+        By link index: the reference link.
     first_parent, second_parent
         Numbers of the two links.
     """
@@ -392,7 +392,8 @@ def find_construction(
         The links and pairs. Its followers are the pairs whose angles follow from the inputs
         through toothed wheels.
     preferred_pairs
-        Numbers of pairs whose angles should be variables if possible.
+        Indices of pairs with angles that should become variables where the structure allows
+        it.
 
     Raises
     ------
@@ -451,7 +452,7 @@ class PairGraph:
         )
 
     def find_bodies(self) -> list[int]:
-        """Return for each link the number of the first link of its body.
+        """Return, for each link, the index of the first link of its rigid body.
 
         A body is a set of links joined by pairs with known angles (inputs and wheels). It
         is rigid at given inputs.
@@ -460,10 +461,10 @@ class PairGraph:
         return component_labels(self.link_count, given_ends)
 
     def find_joined_bodies(self, body_of_link: list[int]) -> dict[int, tuple[int, int]]:
-        """Return the two bodies that each pair with an unknown angle joins, by its number.
+        """Return the two bodies that each pair with an unknown angle joins, by pair index.
 
-        A body is a rigid set of links, numbered by its first link. `body_of_link` has the
-        body of each link (`find_bodies`).
+        A body is a rigid set of links. Its index is the index of its first link.
+        `body_of_link` has the body of each link (`find_bodies`).
         """
         return {
             pair: (body_of_link[first], body_of_link[second])
@@ -501,8 +502,8 @@ def _find_best_construction(
     A construction is such an order with its variables and equations. The best one has
 
     1. the largest number of preferred pairs (joints) as variables,
-    2. among equal ones, the lowest bound of the number of isolated complex solutions,
-    3. among equal ones, the smallest sum of the degrees of the equations.
+    2. among equal candidates, the lowest bound of the number of isolated complex solutions,
+    3. among equal candidates, the smallest sum of the degrees of the equations.
 
     Parameters
     ----------
@@ -676,7 +677,7 @@ def _make_construction(
         The other bodies in order, with the pairs by which they are placed.
     """
     unknown_pairs = [placement.pairs[0] for placement in order if len(placement.pairs) == 1]
-    # The position of a pair in this tuple is the number of its variable.
+    # The position of a pair in this tuple is the index of the variable of the pair.
     variable_pairs = (*unknown_pairs, *graph.given_pairs)
     steps: list[PlacementStep] = []
     for placement in (BodyPlacement(root, ()), *order):
@@ -688,7 +689,7 @@ def _make_construction(
             next(link for link in graph.ends[pair] if body_of_link[link] == body)
             for pair in joining_pairs
         ]
-        # The sum of both ends less one end is the other end.
+        # The sum of both end indices less the first index is the second index.
         parents = tuple(
             sum(graph.ends[pair]) - link
             for pair, link in zip(joining_pairs, links, strict=True)

@@ -80,7 +80,7 @@ class ArmUse:
 
 
 class CurveSearch:
-    """The configuration curves that are known so far in the range of the only input.
+    """The configuration curves found so far in the range of the only input.
 
     Parameters
     ----------
@@ -111,9 +111,9 @@ class CurveSearch:
     def _set_chains(self, chains: list[Chain]) -> None:
         """Replace the chains, and store the boxes of their arcs in arrays.
 
-        A chain is a configuration curve as a row of arcs (pieces), each alone in an
-        oriented box. The arrays, and a search tree of the centres, speed up later tests of
-        what is inside the boxes.
+        A chain is a configuration curve as a row of arcs (pieces). Each arc has an oriented
+        box that contains no other part of a curve. The arrays, and a search tree of the
+        centres, speed up later tests of what is inside the boxes.
         """
         self.chains = chains
         pieces = [piece for chain in chains for piece in chain.pieces]
@@ -131,12 +131,13 @@ class CurveSearch:
             self._tree = cKDTree(_within_one_turn(self._centres), boxsize=periods)
 
     def covers(self, centres: Floats, radii: Floats) -> Bools:
-        """Return which boxes (n,) are surely inside the box of a known arc or saddle.
+        """Return a mask (n,) of boxes proven to be inside the box of a known arc or saddle.
 
         All configurations in such a box are on known curves, so it need not be searched. A
-        known arc is alone in an oriented box, with sides along its tangent and normals. A
-        saddle (place where curves cross or nearly do) has an oriented box, too. Only arcs
-        with the nearest centres are tried, so some boxes may not be recognised.
+        known arc is the only arc in an oriented box. The sides of this box are along the
+        tangent and normals of the arc. A saddle (place where curves cross or nearly do) has
+        an oriented box, too. Only arcs with the nearest centres are tried, so some boxes
+        may not be recognised.
 
         Parameters
         ----------
@@ -170,7 +171,7 @@ class CurveSearch:
         tried_count
             Number of arcs with the nearest centres that are tried.
         """
-        # (n, tried arcs) numbers of the arcs, the nearest first. The tree accepts only
+        # (n, tried arcs) indices of the arcs, the nearest first. The tree accepts only
         # angles from 0 to 2 pi. With a range for `k` the second axis exists also for one
         # arc.
         _, arcs = self._tree.query(_within_one_turn(centres), k=range(1, tried_count + 1))
@@ -206,7 +207,7 @@ class CurveSearch:
     def add_configuration(self, position: Floats) -> bool:
         """Follow the curve through a configuration (v,), if it is in the range.
 
-        The v variables are in rad, and the last one is that of the input.
+        The v variables are in rad. The last variable belongs to the input.
 
         Returns
         -------
@@ -379,7 +380,7 @@ class CurveSearch:
         the four branches of curves that leave it. Exactly one known curve (chain of arcs)
         should end on each arm.
         """
-        # By number of the saddle and quadrant of the arm: how many chains end there.
+        # By index of the saddle and quadrant of the arm: how many chains end on this arm.
         end_counts = Counter(
             arm
             for chain in self.chains
@@ -445,7 +446,7 @@ class CurveSearch:
         piece = self._find_piece_on_arm(use)
         if piece is None:
             return None
-        # The last variable is that of the input.
+        # The last variable belongs to the input.
         input_variable = piece.centre[-1]
         # 1 if the arc is above the range of the input, -1 below, 0 within. With a margin, a
         # value a little outside would count as within; here there is none.

@@ -51,11 +51,12 @@ class CircleContact:
         Angular radii (rad) of both circles.
     sines
         Two numbers in the ratio of the sines of the radii; wheels turn in this ratio. If
-        the file gives numbers of teeth, these are taken, since their ratio is exact.
+        the file gives numbers of teeth, the result has these numbers, since their ratio is
+        exact.
     sense
-        1 if one circle is inside the other (internal contact), -1 if they are side by side
-        (external contact). Wheels in internal contact turn in the same direction about
-        their centres, in external contact in opposite directions.
+        1 if one circle is inside its partner (internal contact), -1 if the circles are side
+        by side (external contact). Wheels in internal contact turn in the same direction
+        about their centres, in external contact in opposite directions.
     """
 
     frames: Sequence[Frame]

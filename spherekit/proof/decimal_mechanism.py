@@ -77,8 +77,8 @@ class DecimalMechanism(DecimalGeometry):
 
     Each sliding contact of circles is replaced by a coupler: a link joined by R pairs at
     the centres of both circles. The links and R pairs of the mechanism, together with those
-    of the couplers, are the *structure*. The numbers (indices) of its links and pairs
-    differ from those of the mechanism, which has contacts instead.
+    of the couplers, are the *structure*. The indices of links and pairs in the structure
+    differ from the indices in the mechanism, which has contacts instead.
 
     Attributes
     ----------
@@ -253,8 +253,9 @@ class DecimalMechanism(DecimalGeometry):
 
         A mesh is a rolling contact of two wheels, with the link that carries both. The
         followers are the R pairs whose angles follow from the inputs through the meshes.
-        `structure` has only the R pairs of the mechanism, in the same order. The numbers of
-        followers refer to it; `_structure_pair` converts them from those of `mechanism`.
+        `structure` has only the R pairs of the mechanism, in the same order. The indices of
+        followers refer to `structure`; `_structure_pair` converts them from the indices in
+        `mechanism`.
 
         Raises
         ------
@@ -397,7 +398,7 @@ class DecimalMechanism(DecimalGeometry):
     def _structure_pair(self, pair: int) -> int:
         """Return the number that an R pair of the mechanism has in `structure`.
 
-        `structure` has R pairs only. `pair` is the number in the mechanism, where contacts
+        `structure` has R pairs only. `pair` is the index in the mechanism, where contacts
         are counted too.
         """
         return self.structure.pairs.index(self.mechanism.pairs[pair].name)

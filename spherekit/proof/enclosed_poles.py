@@ -119,8 +119,8 @@ def _link_angular_velocities(
     orientations = equations.link_orientations(variables, order=1)
     angular_velocities = exact_balls(np.zeros((structure.body_count, 3)))
     for link, jet in orientations.items():
-        # A jet has the orientation R under the key (), and under (j,) its derivative by
-        # variable j. The sum of the parts is R'.
+        # A jet has the orientation R under the key (), and under (j,) its derivative with
+        # respect to variable j. The sum of the parts is R'.
         parts = [
             jet[(variable,)] * rate
             for variable, rate in enumerate(rates)

@@ -45,7 +45,8 @@ class PartialPolynomial:
         axis belongs to an unknown, and its index is the power 0, 1, ... of z. The equation
         has the degrees m_1, m_2, ... in the unknowns.
     coefficient_derivatives
-        (n, g, 2 m_1 + 1, ...) derivatives of the coefficients by g known angles.
+        (n, g, 2 m_1 + 1, ...) derivatives of the coefficients with respect to g known
+        angles.
     """
 
     coefficients: Complexes
@@ -100,7 +101,7 @@ class Harmonics:
 
         nodes = _NodeEvaluator(evaluate)
         coefficients_and_errors = [
-            # An equation with 2 m + 1 waves is determined by its values at as many angles.
+            # An equation with 2 m + 1 waves is determined by its values at 2 m + 1 angles.
             _interpolate(nodes.evaluate_equation(equation, node_counts))
             for equation, node_counts in enumerate((2 * degrees + 1).tolist())
         ]
@@ -142,11 +143,11 @@ class Harmonics:
             coefficients_that_occur = np.squeeze(coefficients)
             # Values and derivatives of the equation at the points. `sums` has an axis for
             # each variable that occurs. The index on this axis is the order of the
-            # derivative by the variable. The points are the last axis.
+            # derivative with respect to the variable. The points are the last axis.
             sums = _sum_waves(coefficients_that_occur, waves[variables]).real
-            # `_select_derivative` returns the derivative (n,) by the variables with the
-            # given positions i and j in `variables`. Without positions it returns the
-            # values.
+            # `_select_derivative` returns the derivative (n,) with respect to the variables
+            # with the given positions i and j in `variables`. Without positions it returns
+            # the values.
             count = len(variables)
             results[0][:, equation] = _select_derivative(sums, count)
             for i in range(count):
@@ -178,7 +179,8 @@ class Harmonics:
 
         Returns
         -------
-        The coefficients of the polynomials, and their derivatives by the given angles.
+        The coefficients of the polynomials, and their derivatives with respect to the given
+        angles.
         """
         variable_count = self.degrees.shape[1]
         given_variables = [j for j in range(variable_count) if j not in unknowns]
@@ -189,9 +191,9 @@ class Harmonics:
         coefficients = self.coefficients[equation].transpose([*unknowns, *given_variables])
         waves = _evaluate_waves(given, self.max_degree, order=1)
         sums = _sum_waves(coefficients, waves)
-        # Axes of `sums`: for each given angle the order of the derivative by it (0 or 1),
-        # then the powers of each unknown, then the n sets. Without given angles, the last
-        # axis still has the length 1.
+        # Axes of `sums`: for each given angle the order of the derivative with respect to
+        # it (0 or 1), then the powers of each unknown, then the n sets. Without given
+        # angles, the last axis still has the length 1.
         sums = np.broadcast_to(sums, (*sums.shape[:-1], len(given)))
         values = _select_derivative(sums, given_count)  # (2 m_1 + 1, ..., n)
         slopes = np.empty((given_count, *values.shape), dtype=complex)
@@ -262,8 +264,9 @@ def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
     Returns
     -------
     (orders, ..., orders, remaining axes, n). The first axes belong to the variables, one
-    axis to each. The index on such an axis is the order of the derivative by this variable.
-    For example, [1, 0] is the first derivative by the first of two variables.
+    axis to each. The index on such an axis is the order of the derivative with respect to
+    this variable. For example, [1, 0] is the first derivative with respect to the first of
+    two variables.
     """
     # The last axis is the point. At first it has the length 1, since the coefficients are
     # the same at all points.
@@ -291,12 +294,14 @@ def _select_derivative(
     ----------
     sums
         Values and derivatives. The first axes belong to the variables, one axis to each.
-        The index on such an axis is the order of the derivative by this variable.
+        The index on such an axis is the order of the derivative with respect to this
+        variable.
     variable_count
         Number of these variables.
     *variables
         Numbers of the variables of the derivative. None for the value, i for the first
-        derivative by variable i, i and j for the second derivative by i and j.
+        derivative with respect to variable i, i and j for the second derivative with
+        respect to i and j.
     """
     order_by_variable = [0] * variable_count
     for variable in variables:
@@ -318,8 +323,8 @@ def _evaluate_waves(circle_points: Floats, max_degree: int, order: int) -> Compl
 
     Returns
     -------
-    (v, order + 1, 2 max_degree + 1, n). Axes: variable, order of the derivative by x, k,
-    point.
+    (v, order + 1, 2 max_degree + 1, n). Axes: variable, order of the derivative with
+    respect to x, k, point.
     """
     z = (circle_points[..., 0] + 1j * circle_points[..., 1]).T  # (v, n)
     positive_powers = [z]
@@ -327,7 +332,7 @@ def _evaluate_waves(circle_points: Floats, max_degree: int, order: int) -> Compl
         positive_powers.append(positive_powers[-1] * z)
     negative_powers = [power.conj() for power in positive_powers[::-1]]
     waves = np.array([*negative_powers, np.ones(z.shape), *positive_powers])
-    # Each derivative multiplies the wave by i k.
+    # Each differentiation multiplies the wave by i k.
     wave_numbers = np.arange(-len(positive_powers), len(positive_powers) + 1)
     factors = np.vander(1j * wave_numbers, order + 1, increasing=True)
     waves_of_variables = waves.swapaxes(0, 1)  # (v, waves, n)

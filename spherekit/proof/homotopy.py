@@ -118,9 +118,9 @@ class HomotopyValues:
     values
         (n, k) values of H, for k equations.
     by_unknowns
-        (n, k, k) derivatives by the k unknowns z.
+        (n, k, k) derivatives with respect to the k unknowns z.
     by_t
-        (n, k) derivatives by t.
+        (n, k) derivatives with respect to t.
     """
 
     values: Complexes
@@ -130,12 +130,12 @@ class HomotopyValues:
 
 @np.errstate(all="ignore")
 def track_homotopy(polynomials: Polynomials, seed: int) -> ChartRoots:
-    """Return approximations of the solutions of a system, infinite ones too.
+    """Return approximations of the solutions of a system, including solutions at infinity.
 
     A homotopy H(z, t) is a family of systems that leads from random equations with known
     solutions at t = 0 to the given system at t = 1. From each known solution a path of
-    points with H = 0 is followed. Each step along the path is predicted from its
-    derivative, then corrected by Newton's method. Steps that fail are halved.
+    points with H = 0 is followed. Each step is predicted from the derivative of the path,
+    then corrected by Newton's method. Steps that fail are halved.
 
     Parameters
     ----------
@@ -316,12 +316,12 @@ def _evaluate_homotopy(
         unknown then has an axis of powers from 0 to its degree d.
     points
         The n points. A coordinate is z of an unknown, or 1 / z if z is large, so that it is
-        always finite. Derivatives are by this coordinate.
+        always finite. Derivatives are with respect to this coordinate.
     t
         (n,) the parameter t of each point.
     """
-    # (n, k, 2) values of the k equations, and (n, k, k, 2) their derivatives by the k
-    # coordinates. Last axis: start system, goal.
+    # (n, k, 2) values of the k equations, and (n, k, k, 2) their derivatives with respect
+    # to the k coordinates. Last axis: start system, goal.
     values_of_systems = points.evaluate(start_and_goal)
     slopes_of_systems = points.first_derivatives(start_and_goal)
     start_values = values_of_systems[..., 0]

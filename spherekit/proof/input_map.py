@@ -224,7 +224,7 @@ class _ClassifiedBoxes:
     ----------
     boxes
         (2, n, inputs) boxes: for each input how often its range was halved [0], and the
-        number of the part [1].
+        index of the part [1].
     kind
         (n,) `REGULAR`, `CONTAINS_TYPE_II` or `UNDECIDED`.
     modes
@@ -281,10 +281,10 @@ def _classify_boxes(
         3. A part of the smallest size that is not regular adds -1 to this set.
 
         From these sets, `_classify_boxes` classifies the cells in the end. `subdivide`
-        calls this function with the number of boxes examined so far, which is not needed.
+        passes the number of boxes examined so far; this function ignores it.
         """
         del examined_count
-        # By box and input: number of halvings of the range (level), and number of the part.
+        # By box and input: number of halvings of the range (level), and index of the part.
         levels, parts = boxes
         radii = ranges.radii(boxes)
         # `circle_points` are the cosines and sines of the centres.

@@ -112,8 +112,8 @@ def _contact_kinematics(
     curves
         The profile of each link in link axes.
     variables
-        For each curve the number of the pair's variable (0 or 1) that is its arc length. In
-        rolling both curves have the same variable.
+        For each curve the index (0 or 1) of the variable of the pair that is the arc length
+        along this curve. In rolling, both curves have the same variable.
     starts
         (2,) arc length (rad) of each curve where its variable is 0.
     """
@@ -168,7 +168,7 @@ def _newton_step_to_identity(rotation: PairFunction, variables: Array) -> Array:
     """Return the Newton step (m,) of pair variables that makes a rotation the identity.
 
     The error of a rotation is its axis times the sine of its angle. For small rotations,
-    its derivatives by the variables are the angular velocities at unit rates.
+    its derivatives with respect to the variables are the angular velocities at unit rates.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def _newton_step_to_identity(rotation: PairFunction, variables: Array) -> Array:
 def _rotation_vectors(rotation: PairFunction, values: Array) -> Array:
     """Return the angular velocity of a pair at unit rate of each of its variables.
 
-    It is that of the second link relative to the first, and is found by power series.
+    It is the motion of the second link relative to the first, and is found by power series.
 
     Parameters
     ----------
@@ -215,9 +215,9 @@ def _rotation_vectors(rotation: PairFunction, values: Array) -> Array:
 def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKinematics]:
     """Return functions that compute the rotation and the axis of each pair, in balls.
 
-    The rotation is that of the second link of the pair relative to the first. A ball is a
-    number with a bound of its error. All numbers are computed from the sizes in the file.
-    The float64 geometry only tells near which point two profiles touch.
+    The result is the rotation of the second link of the pair relative to the first. A ball
+    is a number with a bound of its error. All numbers are computed from the sizes in the
+    file. The float64 geometry only tells near which point two profiles touch.
 
     Parameters
     ----------
@@ -304,8 +304,8 @@ class LoopClosure:
         Indices of the variables for which Newton's method solved. The other variables, such
         as inputs, have their start values.
     inverse
-        (k, free, equations) left inverses of the derivatives of the loop equations by these
-        variables.
+        (k, free, equations) left inverses of the derivatives of the loop equations with
+        respect to these variables.
     condition
         (k,) condition numbers of these derivatives: Frobenius norm of the matrix times that
         of its inverse.
@@ -531,12 +531,12 @@ class Linkage:
         return self._path_senses_of_variables @ (vectors * rates[:, :, None])
 
     def jacobian(self, vectors: Array) -> Array:
-        """Return the derivatives of the closure errors of the loops by the variables.
+        """Return the derivatives of loop closure errors with respect to the variables.
 
         The closure error of a loop is the small rotation by which it is open. Its
-        derivative by a variable is the angular velocity of the pair (joint) at unit rate.
-        The sign is 1 or -1, the sense in which the loop passes the pair, or 0 if it does
-        not.
+        derivative with respect to a variable is the angular velocity of the pair (joint) at
+        unit rate. The sign is 1 or -1, the sense in which the loop passes the pair, or 0 if
+        it does not.
 
         Parameters
         ----------
@@ -571,7 +571,7 @@ class Linkage:
         held
             Numbers of the variables that keep their values.
         eps
-            Rounding of numbers in the present precision.
+            Unit roundoff (relative error of one rounding) in the present precision.
         """
         k, count = start.shape
         free = [variable for variable in range(count) if variable not in held]
@@ -625,9 +625,9 @@ class Linkage:
         """Return all variables as power series in one variable that moves.
 
         The coefficients are computed power by power, so that the loops stay closed. Let J
-        be the derivatives of the closure errors by the free variables. The coefficients c_p
-        of these variables for the power p occur for the first time in the closure errors of
-        power p:
+        be the derivatives of the closure errors with respect to the free variables. The
+        coefficients c_p of these variables for the power p occur for the first time in the
+        closure errors of power p:
 
             error of power p = J c_p + (terms of lower powers).
 
@@ -637,8 +637,8 @@ class Linkage:
         Parameters
         ----------
         closure
-            Closed configurations. Its free variables are all but the moving one and locked
-            ones.
+            Closed configurations. The free variables are all variables except the moving
+            variable and the locked variables.
         moving_variable
             Number of the moving variable.
         order
@@ -737,8 +737,8 @@ def angular_velocities(rotations: Array, order: int) -> list[Array]:
 
     Returns
     -------
-    `order` arrays (..., 3): the angular velocity at unit rate of t, then its derivatives by
-    t, from the first on.
+    `order` arrays (..., 3): the angular velocity at unit rate of t, then its derivatives
+    with respect to t, from the first on.
     """
     coefficients = [series_coefficient(rotations, power) for power in range(order + 1)]
     velocity_and_derivatives = []

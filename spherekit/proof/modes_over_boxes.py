@@ -1,11 +1,11 @@
 """All real modes over boxes of the inputs, counted system by system.
 
 The equations fall into systems that are solved one after the other. Suppose that as many
-roots of a system are proven as it can have, complex ones and those at infinity included,
-and that each is proven to be real or not. Then no real root of the system is missing. The
-next system is solved for each of them, with their angles as further given variables. Roots
-that are proven to be different at the centre of a box of inputs, and regular over the whole
-box, never meet.
+roots of a system are proven as it can have, including complex roots and roots at infinity,
+and that each root is proven to be real or not. Then no real root of the system is missing.
+The next system is solved for each of them, with their angles as further given variables.
+Roots that are proven to be different at the centre of a box of inputs, and regular over the
+whole box, never meet.
 """
 
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ Larger: roots are followed farther, and some may be lost. Smaller: more homotopi
 """
 
 MAX_STORED_SOLUTIONS = 128
-"""Largest number of sets of given angles whose roots are remembered.
+"""Largest number of sets of given angles for which the roots are remembered.
 
 Larger: a longer search for the nearest ones. Smaller: roots are followed farther.
 """
@@ -98,7 +98,7 @@ class SystemSolution:
     given
         (given,) angles (rad) of the given variables.
     roots
-        All roots, complex ones and those at infinity included.
+        All roots, including complex roots and roots at infinity.
     """
 
     given: Floats
@@ -118,7 +118,7 @@ class RootAngles:
     angle
         (n, k) angles (rad) at the centre.
     rates
-        (n, k, inputs) derivatives by the inputs.
+        (n, k, inputs) derivatives with respect to the inputs.
     error
         (n, k) largest deviation (rad) from linear motion, anywhere in the box.
     """
@@ -177,7 +177,7 @@ class EquationSystem:
     degrees
         (k, variables) trigonometric degrees, the unknowns first, then the given variables.
     bound
-        Largest possible number of roots, complex ones and those at infinity included.
+        Upper bound of the number of roots, including complex roots and roots at infinity.
     solved
         Values of the given variables for which all roots are known. Approximate roots for
         other values are followed from the nearest of these. It grows while roots are
@@ -233,8 +233,8 @@ class EquationSystem:
 
         Returns
         -------
-        For each set the coefficients, with error bounds, and their derivatives by the given
-        angles.
+        For each set the coefficients, with error bounds, and their derivatives with respect
+        to the given angles.
         """
         coefficients = []
         derivatives = []
@@ -265,7 +265,7 @@ class EquationSystem:
         ----------
         coefficients, derivatives
             For each equation the array of its coefficients, and that of their derivatives
-            by the given angles.
+            with respect to the given angles.
 
         Returns
         -------
@@ -299,10 +299,11 @@ class EquationSystem:
         """Prove the roots of this system over one box of inputs for each mode.
 
         A mode is a real root of the systems solved before, over its box of inputs. The
-        roots of this system are approximated at the centre of the box. Each is then proven
-        to be alone in a tube, which is a neighbourhood of its linear motion over the box.
-        If Newton's method has converged to as many distinct roots at the centre as the
-        system can have (`bound`), they are added to `solved`, as starts for other boxes.
+        roots of this system are approximated at the centre of the box. Each root is then
+        proven to be the only root in a tube, which is a neighbourhood of the linear motion
+        of the root over the box. If Newton's method has converged to as many distinct roots
+        at the centre as the system can have (`bound`), they are added to `solved`, as
+        starts for other boxes.
 
         Parameters
         ----------
@@ -316,7 +317,7 @@ class EquationSystem:
         half
             (modes, inputs) half widths (rad) of the boxes.
         """
-        # An input has no error, and the derivative 1 by itself.
+        # An input has no error, and the derivative 1 with respect to itself.
         no_error = 0.0 * centres
         unit_rates = no_error[..., None] + np.eye(centres.shape[1])
 
@@ -390,7 +391,7 @@ class EquationSystem:
             values_of_starts.append(start_values)
             points_of_starts.append(start_points)
         # A point is one root: the complex numbers e^(i angle) of all unknowns. Each set has
-        # `bound` points. `set_of_point` is the number of the set of each point.
+        # `bound` points. `set_of_point` is the index of the set of each point.
         points = np.concatenate(points_of_starts)
         set_of_point = np.repeat(np.arange(len(given)), self.bound)
         # An equation can also have infinite e^(i angle) as solutions. `ChartRoots` stores
@@ -414,8 +415,8 @@ class EquationSystem:
         """
         polynomials = self.form_polynomials(cosines_and_sines(start_values))
         at_starts = evaluate_polynomials(polynomials, roots)
-        # P(z, g) = 0 gives the derivatives of the roots z by the given variables g: -P_z^-1
-        # P_g. If P_z is singular, they are set to 0.
+        # P(z, g) = 0 gives the derivatives of the roots z with respect to the given
+        # variables g: -P_z^-1 P_g. If P_z is singular, they are set to 0.
         rates = np.nan_to_num(-invert_matrices(at_starts.by_unknowns) @ at_starts.by_given)
         steps = wrap(given - start_values)[roots.row]
         return roots.with_points(roots.z + apply_matrices(rates, steps))
@@ -426,8 +427,8 @@ class EquationSystem:
         """Return values of the given variables at which all roots are known, and the roots.
 
         A root is one solution of the equations, with complex numbers e^(i angle) of the k
-        unknown angles. The values are the nearest ones in `solved`. If none is near, a
-        homotopy computes all roots at the requested values.
+        unknown angles. The result has the nearest stored roots in `solved`. If none is
+        near, a homotopy computes all roots at the requested values.
 
         Parameters
         ----------
@@ -485,10 +486,11 @@ def count_modes(
 ) -> tuple[Bools, Indices]:
     """Return over which boxes of the inputs all modes are proven, and their numbers.
 
-    The systems of equations are solved one after another. A mode of the systems so far is a
-    real root of all of them. For each mode, the roots of the next system are proven over
-    the box, and its real roots extend the mode. All roots must be proven to be different,
-    and each must be proven to be real or not. Otherwise nothing is proven over the box.
+    The systems of equations are solved one after another. A mode of the systems solved so
+    far is a real root of all these systems. For each mode, the roots of the next system are
+    proven over the box, and its real roots extend the mode. All roots must be proven to be
+    different, and each must be proven to be real or not. Otherwise nothing is proven over
+    the box.
 
     Parameters
     ----------
@@ -511,9 +513,10 @@ def count_modes(
     m, inputs = centres.shape
     is_proven = np.ones(m, dtype=bool)
     unknowns = (systems[0].equations.unknown_count,)
-    # Records of the real modes of the systems so far: number of the box; then for all
-    # unknowns the angle (rad) at its centre, cosine and sine, derivatives by the inputs,
-    # and the largest deviation (rad) from linear motion. Unknowns of later systems are 0.
+    # One row for each real mode of the systems solved so far: index of the box; then for
+    # all unknowns the angle (rad) at its centre, cosine and sine, derivatives with respect
+    # to the inputs, and the largest deviation (rad) from linear motion. Unknowns of later
+    # systems are 0.
     modes = np.zeros(
         m,
         [
@@ -553,9 +556,9 @@ def _bound_root_angles(
     """Return the angles of roots and their motion over boxes of the inputs.
 
     A coordinate of a root is z = e^(i s angle), with the sense s = 1, or s = -1 if the
-    inverse is stored. So the derivative of the angle by an input is z' / (i s z). The real
-    part is the motion of the angle. The imaginary part changes ``|z|``, which is 1 for real
-    roots, and only these matter.
+    inverse is stored. So the derivative of the angle with respect to an input is z' / (i s
+    z). The real part is the motion of the angle. The imaginary part changes ``|z|``, which
+    is 1 for real roots, and only these matter.
 
     Parameters
     ----------
@@ -600,8 +603,8 @@ def _bound_angle_deviation(
         For each root the linear motion of z over the box. `tube_radius` bounds how far the
         exact root can be from this motion. `displacement` bounds ``|z - z0|`` in the box.
     rates
-        (n, k, inputs) derivatives of the k angles by the inputs, computed as complex
-        numbers.
+        (n, k, inputs) derivatives of the k angles with respect to the inputs, computed as
+        complex numbers.
     half_widths
         (n, inputs) half widths (rad) of the box of each root.
 
@@ -645,8 +648,8 @@ def _bound_sum_rounding(sums: Complexes) -> float:
 
     An equation is the cosine of an arc as a function of the angles, less the constant
     cosine of the arc in the link. Rounding is relative to these two terms, which are larger
-    than the sum if they cancel. The constant is at most 1 in magnitude. So the other term
-    is at most 1 plus the sum.
+    than their sum if they cancel. The constant is at most 1 in magnitude. So the cosine
+    term is at most 1 plus the sum.
     """
     largest_sum = float(np.max(np.abs(sums), initial=0.0))
     largest_term = 1.0 + largest_sum

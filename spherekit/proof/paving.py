@@ -72,7 +72,7 @@ start none of them is on the side of a box.
 def are_excluded(
     values: Floats, slopes: Floats, radii: Floats, remainders: Floats
 ) -> Bools:
-    """Return which boxes (n,) are proven to contain no common zero of all equations.
+    """Return a mask (n,) of boxes proven to contain no common zero of all equations.
 
     Such boxes contain no configuration. Weighted sums of the equations are tried. With the
     weights w, the equations F, the centre c of the box and any point x in it, a sum is
@@ -151,7 +151,7 @@ class VariableRanges:
 
     An array of n boxes consists of integers (2, n, variables). Index 0 of the first axis is
     the level: the number of times that the range of a variable was halved. Index 1 is the
-    number of the part, from 0. A part of level l is 1 / 2^l of the range.
+    index of the part, from 0. A part of level l is 1 / 2^l of the range.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ class VariableRanges:
         self.whole: Integers = np.zeros((2, 1, len(low)), dtype=np.int64)
         self._upper_width = np.array([*map(upper_magnitude, width)]) * ROUND_UP
         # A bound of the rounding of the centres. The lower end, the width, their product
-        # with the number of the part, and the sum are rounded: together by 3 roundings of
+        # with the index of the part, and the sum are rounded: together by 3 roundings of
         # the magnitude, or little more. The factor 8 is more than enough.
         magnitude = np.abs(self.float_low) + np.abs(self.float_width)
         self._rounding = 8.0 * UNIT_ROUNDOFF * magnitude
@@ -358,9 +358,9 @@ def pave(
         ----------
         boxes
             (2, n, v) boxes: for each variable how often its range was halved [0], and the
-            number of the part [1].
+            index of the part [1].
         examined_count
-            Number of boxes examined so far, these included.
+            Number of boxes examined so far, including these boxes.
         """
         # 1. Discard boxes in which an equation cannot vanish: values (n, k) of k equations
         # and slopes (n, k, v) at the centres.
@@ -368,9 +368,9 @@ def pave(
         values, slopes = equations.harmonics.derivatives(ranges.circle_points(boxes), 1)
         # Bound of the difference from the linear part over the box. An equation is a
         # trigonometric polynomial with a degree in each variable (`degrees`). Its second
-        # derivative by two variables is at most `derivative_bound` times both degrees. The
-        # second term bounds the numerical errors: `error` is that of a value, and a slope
-        # has this error times the degree in its variable.
+        # derivative with respect to two variables is at most `derivative_bound` times both
+        # degrees. The second term bounds the numerical errors: `error` is the error of a
+        # value, and a slope has this error times the degree in its variable.
         change = radii @ degrees.T
         remainders = 0.5 * equations.derivative_bound * change**2 + error * (1.0 + change)
         reach = np.einsum("nkv,nv->nk", np.abs(slopes), radii)

@@ -6,9 +6,9 @@ coordinates along the kernel of F'. The system
 
     F(z) = g l,   with u and v of z given,
 
-has a regular derivative by (z, g). It defines z and g as functions of u and v, and the
-configurations nearby are the zeros of the *reduced equation* g(u, v) = 0 (Lyapunov and
-Schmidt). Derivatives of z and g follow from linear equations with one bordered matrix.
+has a regular derivative with respect to (z, g). It defines z and g as functions of u and v,
+and the configurations nearby are the zeros of the *reduced equation* g(u, v) = 0 (Lyapunov
+and Schmidt). Derivatives of z and g follow from linear equations with one bordered matrix.
 Everything is computed in balls.
 """
 
@@ -84,9 +84,9 @@ class SurfaceDerivatives:
     Attributes
     ----------
     variable_rates
-        (n, 2) derivatives of the variables by u and v.
+        (n, 2) derivatives of the variables with respect to u and v.
     gradient
-        (2,) derivatives of g by u and v.
+        (2,) derivatives of g with respect to u and v.
     correction
         (n,) change of the variables by a step of Newton's method with constant u and v. It
         leads from a point z beside the surface to the surface, and removes the error F(z) -
@@ -103,7 +103,7 @@ class SurfaceDerivatives:
 
 @dataclass(frozen=True)
 class SurfaceCurvatures:
-    """Second derivatives of the variables z and of the number g by u and v, as balls.
+    """Second derivatives of z and the number g with respect to u and v, as balls.
 
     Balls are numbers with a bound of their error. F(z) = 0 are the n - 1 equations of a
     mechanism in n variables z. Near a crossing of curves, one component of F hardly changes
@@ -150,8 +150,8 @@ class ReducedEquation:
     centre
         (n,) the point (rad) with u = v = 0.
     frame
-        (n, n) orthonormal columns: the direction a of u, the direction b of v, and those of
-        the other coordinates.
+        (n, n) orthonormal columns: the direction a of u, the direction b of v, and the
+        directions of the remaining coordinates.
     left_null_vector
         (k,) the unit vector l.
     """
@@ -192,7 +192,7 @@ class ReducedEquation:
     def differentiate(
         self, positions: Array, residual: Array | None = None
     ) -> SurfaceDerivatives:
-        """Return the first derivatives of the variables z and of the number g by u and v.
+        """Return the first derivatives of z and g with respect to u and v.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, one component of F hardly changes with z: the component along
@@ -207,7 +207,7 @@ class ReducedEquation:
         ----------
         positions
             (n,) values of z (rad), in balls (numbers with a bound of their error). The
-            derivatives are valid for all numbers in the balls.
+            derivatives are valid for all values in the balls.
         residual
             (k,) balls: the error F(z) - g l that the step is to remove. By default the
             error is 0, and so is the step.
@@ -215,12 +215,12 @@ class ReducedEquation:
         Raises
         ------
         ZeroDivisionError
-            If z and g may be undetermined for some numbers in the balls.
+            If z and g may be undetermined for some values in the balls.
         """
         if residual is None:
             residual = exact_balls(np.zeros(len(self.left_null_vector)))
-        # `slopes` are the derivatives F' by z. F' and F(z) = g l give linear equations for
-        # the step and for the derivatives.
+        # `slopes` are the derivatives F' with respect to z. F' and F(z) = g l give linear
+        # equations for the step and for the derivatives.
         _, slopes = self.equations.evaluate(positions, 1)
         solution = self._solve_first_order(slopes, residual)
         return _name_derivatives(solution)
@@ -228,7 +228,7 @@ class ReducedEquation:
     def differentiate_twice(
         self, positions: Array, residual: Array
     ) -> tuple[SurfaceDerivatives, SurfaceCurvatures]:
-        """Return the first and second derivatives of the variables z and of g by u and v.
+        """Return the first and second derivatives of z and g with respect to u and v.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, one component of F hardly changes with z: the component along
@@ -244,19 +244,19 @@ class ReducedEquation:
         ----------
         positions
             (n,) values of z (rad), in balls (numbers with a bound of their error). The
-            derivatives are valid for all numbers in the balls.
+            derivatives are valid for all values in the balls.
         residual
             (k,) balls: the error F(z) - g l that a step of Newton's method is to remove.
 
         Raises
         ------
         ZeroDivisionError
-            If z and g may be undetermined for some numbers in the balls.
+            If z and g may be undetermined for some values in the balls.
         """
         _, slopes, curvatures = self.equations.evaluate(positions, 2)
         # (n + 1, 3). Row -1 belongs to g, the other rows to z. The columns are Newton's
-        # step and the derivatives by u and v. So the step is treated like a derivative in
-        # a third direction.
+        # step and the derivatives with respect to u and v. So the step is treated like a
+        # derivative in a third direction.
         first = self._solve_first_order(slopes, residual)
         variable_rates = first[:-1]
         # (n + 1, 3, 3) second derivatives in pairs of these directions: 0 is Newton's step,
@@ -270,7 +270,7 @@ class ReducedEquation:
         return _name_derivatives(first), surface_curvatures
 
     def _solve_first_order(self, slopes: Array, residual: Array) -> Array:
-        """Return a step of Newton's method, and the derivatives of (z, g) by u and v.
+        """Return a Newton step, and the derivatives of (z, g) with respect to u and v.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, one component of F hardly changes with z: the component along
@@ -296,7 +296,7 @@ class ReducedEquation:
         Returns
         -------
         (n + 1, 3) balls. The last row belongs to g, the others to z. The columns are the
-        step, and the derivatives by u and by v.
+        step, and the derivatives with respect to u and v.
         """
         equation_rows = np.block([-residual[:, None], np.zeros((len(slopes), 2))])
         coordinate_rows = np.block([np.zeros((2, 1)), np.eye(2)])
@@ -352,9 +352,9 @@ class ReducedEquation:
         of z are given, this determines z and g. The configurations are at g = 0.
 
         The coordinates are u = a . z and v = b . z, with constant vectors a and b. A prime
-        at z or g is a derivative by u or v, and F' are the derivatives of F by z. All
-        linear equations for z' and g' have the left sides F' z' - g' l, a . z' and b . z'.
-        With F' as `slopes` (n - 1, n) their matrix is
+        at z or g is a derivative with respect to u or v, and F' are the derivatives of F
+        with respect to z. All linear equations for z' and g' have the left sides F' z' - g'
+        l, a . z' and b . z'. With F' as `slopes` (n - 1, n) their matrix is
 
             [F'  -l]
             [a^T  0]
@@ -436,8 +436,8 @@ class ReducedEquation:
         """
         # The residual is the error F(z) - g l at the position.
         _level, residual = self.split_residual(position)
-        # First and second derivatives of z and g by u and v. They also say how part 1
-        # changes z (`correction`) and grad g (`gradient_correction`).
+        # First and second derivatives of z and g with respect to u and v. They also say how
+        # part 1 changes z (`correction`) and grad g (`gradient_correction`).
         first, second = self.differentiate_twice(position, residual)
         # Part 1, and the gradient of g after it.
         step_to_surface = first.correction
@@ -487,7 +487,8 @@ class ReducedEquation:
 
         Returns
         -------
-        Balls that contain the exact g, and its exact derivatives (2,) by u and v.
+        Balls that contain the exact g, and its exact derivatives (2,) with respect to u and
+        v.
         """
         enclosed_position = position + derivatives.correction
         enclosed_level = level + derivatives.level_correction
@@ -513,9 +514,9 @@ class SaddleReduction:
         (2,) unit lengths of u and v. If u and v are divided by them, the two curves of a
         crossing are the diagonals u = v and u = -v, to first order. The larger unit is 1.
     other_curvatures
-        (n - 2, 2, 2) second derivatives, by u and v, of n - 2 further coordinates at right
-        angles to u and v, as magnitudes. They say how far the curves leave the plane of u
-        and v.
+        (n - 2, 2, 2) second derivatives with respect to u and v, of n - 2 further
+        coordinates at right angles to u and v, as magnitudes. They say how far the curves
+        leave the plane of u and v.
     """
 
     reduced_equation: ReducedEquation
@@ -527,7 +528,7 @@ def _name_derivatives(solution: Array) -> SurfaceDerivatives:
     """Name the parts of a solution (n + 1, 3) of the linear equations of `ReducedEquation`.
 
     The first n rows belong to the variables, the last row to the function g(u, v). The
-    columns are Newton's step and the derivatives by the coordinates u and v.
+    columns are Newton's step and the derivatives with respect to the coordinates u and v.
     """
     return SurfaceDerivatives(
         variable_rates=solution[:-1, 1:],
@@ -589,8 +590,8 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> SaddleReducti
     # order. The curves of a crossing are then the diagonals of a square. Only the ratio of
     # the units matters.
     units = np.array([high, -low]) ** -0.5
-    # Second derivatives by the new u and v: of the variables (n, 2, 2), then of the
-    # coordinates of the frame other than u and v (n - 2, 2, 2).
+    # Second derivatives with respect to the new u and v: of the variables (n, 2, 2), then
+    # of the coordinates of the frame other than u and v (n - 2, 2, 2).
     principal_curvatures = principal.T @ variable_curvatures @ principal
     other_curvatures = np.tensordot(frame[:, 2:].T, principal_curvatures, 1)
     return SaddleReduction(

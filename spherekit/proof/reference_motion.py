@@ -117,7 +117,7 @@ FloatSolution = Callable[[Floats], tuple[Floats, Floats]]
 """Returns an approximate solution at times (n,) s.
 
 The results are the variables (n, variables) rad, whole turns included, and their rates (n,
-variables) by time.
+variables) in rad/s.
 """
 
 EndKind = Literal["time", "joint_limit", "sticking"]
@@ -231,7 +231,7 @@ class _CoordinateSeries:
 class _EndCondition:
     """A quantity that is positive while a time step is valid; the step ends at its zero.
 
-    One example is the angle between a joint and its limit. The other example is a load with
+    One example is the angle between a joint and its limit. A second example is a load with
     a switch: a function such as `sign` or `abs`, which depends on the sign of its argument.
     The step is computed as if this sign did not change. The quantity is the argument,
     multiplied by its sign at the start. The step is valid as long as this is positive.
@@ -333,7 +333,7 @@ class _SignChange:
 
         A switch is a place in a load where the formula changes with a sign, such as dry
         friction. Then the motion cannot continue on either side, for example because
-        friction stops it. `last_switch` is the number of the switch that changed at the end
+        friction stops it. `last_switch` is the index of the switch that changed at the end
         of the previous step. None if no switch changed there.
         """
         return self.is_at_start and self.switch == last_switch
@@ -414,7 +414,7 @@ class ExactSimulation:
         self.mechanism = mechanism
         self.until = until
         self._float_solution = float_solution
-        # Largest |p| so far. Changes of p count as rounding in comparison with it.
+        # Largest |p| so far. Changes of p that are tiny against it count as rounding.
         self._largest_p = 0.0
         self._steps: list[_TimeStep] = []
         self.switches: list[Ball] = []
@@ -434,8 +434,8 @@ class ExactSimulation:
                 legendre_root(count, k, weight=True) for k in range(count)[::-1]
             ]
             self._nodes, weights = exact_centres(np.array(nodes_and_weights)).T
-            # Two (nodes, nodes) matrices that multiply values at the nodes: one gives the
-            # Legendre coefficients, the other one the integrals from -1 to each node. The
+            # Two (nodes, nodes) matrices that multiply values at the nodes: the first gives
+            # the Legendre coefficients, the second the integrals from -1 to each node. The
             # coefficient of degree n is (n + 1/2) times the integral of value and
             # polynomial, which Gauss quadrature gives.
             polynomials = legvander(self._nodes, count - 1) * (np.arange(count) + 0.5)
@@ -450,7 +450,7 @@ class ExactSimulation:
             self._run(driven, q, dq)
 
     def at(self, t: Floats) -> Array:
-        """Return the variables and their first two derivatives by time, at n times.
+        """Return the variables and their first two time derivatives, at n times.
 
         The motion consists of time steps, and each time is evaluated in its step. Numbers
         are balls (many digits, with a bound of their error).
@@ -510,7 +510,7 @@ class ExactSimulation:
             power_series(values, first, half_second)
         )
 
-        # 2. The inertia B with its derivative dB by the coordinate, and the speed dc/dt.
+        # 2. The inertia B, its derivative dB with respect to the coordinate, and dc/dt.
         w, dw = angular_velocities(orientations, 2)
         rotations = series_coefficient(orientations, 0)
         B, dB = equivalent_inertia(self.mechanism, rotations, w, dw)
@@ -525,7 +525,7 @@ class ExactSimulation:
         # 4. Acceleration by Eksergian's equation B c'' + (dB/dc) c'^2 / 2 = Q.
         acceleration = (force - dB * speed * speed / 2) / B
 
-        # 5. The derivatives of all variables by time, by the chain rule.
+        # 5. The derivatives of all variables with respect to time, by the chain rule.
         rates = first * speed[:, None]
         second_rates = (
             first * acceleration[:, None] + 2 * half_second * (speed * speed)[:, None]
@@ -554,7 +554,7 @@ class ExactSimulation:
         moving
             The mechanism at n configurations.
         speed
-            (n,) rate of the coordinate by time (rad/s).
+            (n,) time derivative of the coordinate (rad/s).
         t
             (n,) times (s).
         sides
@@ -576,7 +576,7 @@ class ExactSimulation:
         force = exact_balls(np.zeros(len(t)))
 
         def evaluate_name(name: str) -> Any:
-            """Return the time, a pair angle or its rate by time, (n,).
+            """Return (n,) the time, a pair angle or the time derivative of a pair angle.
 
             They are the quantities in the expressions of loads, at n times. The names are
             "t", and "theta_" (angle) or "dtheta_" (rate) followed by the pair.
@@ -722,7 +722,7 @@ class ExactSimulation:
         Parameters
         ----------
         driven
-            The variable whose start is given; it is the first coordinate.
+            The variable with a given start value; it is the first coordinate.
         q, dq
             Its value (rad) and rate (rad/s) at t = 0.
         """
@@ -857,7 +857,7 @@ class ExactSimulation:
                 moving, speed, t, sides, time_inside
             )
             p_rate = force / state.root_inertia
-            # 3. Both equations are integrated once more, and the other variables follow
+            # 3. Both equations are integrated once more, and the remaining variables follow
             # the change of the coordinate and the Newton step.
             new_c = exact_centres(c + half * (self._to_integrals @ speed))
             new_p = exact_centres(p + half * (self._to_integrals @ p_rate))
@@ -931,9 +931,9 @@ class ExactSimulation:
 
         Returns
         -------
-        The series, each with the number of its switch, -1 for joint limits.
+        The series, each with the index of its switch, -1 for joint limits.
         """
-        # The ones repeat a constant condition at all nodes.
+        # The factor of ones repeats a constant condition at all nodes.
         ones = np.ones(self._node_count)
         node_values: list[tuple[int, Array]] = [
             (number, condition * (side * ones))
@@ -970,7 +970,7 @@ class ExactSimulation:
             is_negative = values_at_ends < 0.0
             if not np.any(is_negative):
                 continue
-            # The first interval at whose end the condition is negative.
+            # The first interval with a negative condition at its end.
             interval = np.argmax(is_negative)
             yield _SignChange(
                 x=self._bisect(
@@ -1033,7 +1033,7 @@ def _apply_non_smooth_function(
     if name == "abs":
         return take_side(first) * first
     # max(a, b) = (a + b + side * (a - b)) / 2, where `side` is the sign of a - b; min(a, b)
-    # has the other sign. Further arguments are compared one by one.
+    # has the opposite sign before `side`. Further arguments are compared one by one.
     sense = 1 if name == "max" else -1
     extreme = first
     for argument in arguments[1:]:

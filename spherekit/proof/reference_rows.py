@@ -81,8 +81,8 @@ class ExactRows:
     w
         (n, links, 3) balls, angular velocities relative to the ground.
     dw, ddw
-        (n, links, 3) balls, their first and second derivative by the input. None if the
-        order does not include them.
+        (n, links, 3) balls, their first and second derivative with respect to the input.
+        None if the order does not include them.
     distance
         (n,) largest change (rad) of a variable from the row to the solution.
     residual
@@ -116,7 +116,7 @@ class ExactRows:
 
     @property
     def slopes(self) -> Array:
-        """`dw`, the derivatives of the angular velocities by the input, if requested.
+        """`dw`: derivatives of angular velocities with respect to the input, if requested.
 
         Raises
         ------
@@ -156,8 +156,8 @@ def exact_rows(
     arithmetic
         The number of decimal digits. By default 20, four more than float64 has.
     order
-        1 for the angular velocities w of the links, 2 for their derivatives dw by the input
-        as well, 3 for the second derivatives ddw as well.
+        1 for the angular velocities w of the links, 2 for their derivatives dw with respect
+        to the input as well, 3 for the second derivatives ddw as well.
     inputs
         (computed rows, inputs) exact inputs (rad) as balls, if they have more digits than
         float64. By default the float64 inputs of the motion are exact.
@@ -191,7 +191,8 @@ def exact_rows_by_input(
     motion, rows, arithmetic, order, inputs
         See `exact_rows`.
     driven
-        Numbers of the input pairs, each of which moves alone.
+        Indices of the input pairs. Each of these pairs moves while the other inputs are
+        locked.
     frames
         Frames of the R pairs. By default those of the sizes as float64 numbers; those of
         the decimal sizes are from `DecimalMechanism.revolute_frames`.
@@ -217,7 +218,7 @@ def exact_rows_by_input(
         input_variables = [
             mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs
         ]
-        # 1. Close the loops. The inputs are exact, the other variables are starts.
+        # 1. Close the loops. The inputs are exact, all other variables are start values.
         start = exact_balls(chosen.values)
         # Variables may have been wrapped into one turn. The inputs are then moved by the
         # same whole turns.
@@ -353,7 +354,7 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
     The pole of two links is the axis of their relative rotation while one input moves. If a
     pair (joint) joins both links, it is the axis or contact point of the pair. Otherwise it
     is the direction of the relative angular velocity. If the links are at relative rest,
-    the derivative of this velocity by the input replaces it.
+    the derivative of this velocity with respect to the input replaces it.
 
     Parameters
     ----------
@@ -409,14 +410,14 @@ def _vector_of_relative_motion(
     """Return a vector along the axis about which two links rotate relative to each other.
 
     It is the relative angular velocity. At relative rest it is the derivative of this
-    velocity by the input, the axis about which the links start to rotate.
+    velocity with respect to the input, the axis about which the links start to rotate.
 
     Parameters
     ----------
     reference
         The reference rows (configurations with velocities in many digits).
     derivatives
-        (n, links, 3) derivatives of the angular velocities by the input.
+        (n, links, 3) derivatives of the angular velocities with respect to the input.
     pole
         Numbers of the two links.
 
@@ -439,7 +440,7 @@ def _vector_of_relative_motion(
 
 
 def _has_direction(size: Floats, rounding: Floats) -> Bools:
-    """Return which vectors are so long that rounding cannot rotate them by 1e-6 rad.
+    """Return a mask of the vectors that are too long for rounding to rotate by 1e-6 rad.
 
     Shorter vectors have no reliable direction.
 
@@ -458,7 +459,7 @@ def _velocity_rounding(reference: ExactRows) -> Floats:
     """Return the rounding errors (n,) of angular velocities, in the unit of their size.
 
     Angular velocities solve linear equations. The rounding of the arithmetic is multiplied
-    by the condition number of their matrix. The unit is that of `_relative_size`.
+    by the condition number of their matrix. The error has the unit of `_relative_size`.
     """
     return reference.arithmetic.eps * reference.condition
 
@@ -468,14 +469,14 @@ def _derivative_rounding(reference: ExactRows) -> Floats:
 
     The derivatives solve equations with the same matrix as the angular velocities. The
     right-hand sides contain these velocities, so the condition number multiplies their
-    rounding once more. The unit is that of `_relative_size`.
+    rounding once more. The error has the unit of `_relative_size`.
     """
     return _velocity_rounding(reference) * reference.condition
 
 
 @dataclass(frozen=True)
 class _RelativeMotion:
-    """In which rows two links move relative to each other, and in which they rest.
+    """Masks of the rows in which two links move, and rest, relative to each other.
 
     A row is one configuration with velocities. Where both are false, rounding leaves open
     whether the links move.
@@ -494,7 +495,7 @@ class _RelativeMotion:
 
 
 def _find_relative_motion(reference: ExactRows, pole: Pole) -> _RelativeMotion:
-    """Return in which rows two links move relative to each other, and in which they rest.
+    """Return masks of the rows in which two links move, and rest, relative to each other.
 
     A row is one configuration with velocities in many digits. The relative angular velocity
     is compared with its rounding error. The links move if the velocity is above
@@ -548,7 +549,7 @@ def exact_field(reference: ExactRows, request: Request, field: PoleField) -> Pol
     A field has, for each pole of two links, the direction of the axis of their relative
     rotation while one input moves, and two coefficients. The velocity coefficient is the
     component of the relative angular velocity along this direction, the acceleration
-    coefficient that of its derivative by the input.
+    coefficient that of its derivative with respect to the input.
 
     Parameters
     ----------
@@ -651,7 +652,7 @@ def _component_along(vectors: Array, directions: Array) -> Array:
 
 
 def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) -> Floats:
-    """Return the derivative u' (n, 3) of the direction u of a pole by the input.
+    """Return the derivative u' (n, 3) of a pole direction u with respect to the input.
 
     The pole of two links is the axis of their relative rotation. There are four cases:
 
@@ -659,15 +660,15 @@ def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) ->
     - The links move relative to each other. u' follows from their relative velocity and its
       derivative.
     - The links touch in a rolling contact, and rest relative to each other. The contact
-      point rests on both, so it turns with both.
+      point rests on both links, so it turns with them.
     - Otherwise u' is NaN: the links rest and no pair joins them, or rounding leaves open
       whether they rest.
 
     Parameters
     ----------
     reference
-        Angular velocities of the links, and their derivatives by the input, in balls
-        (numbers with a bound of their error). The result has no bounds.
+        Angular velocities of the links, and their derivatives with respect to the input, in
+        balls (numbers with a bound of their error). The result has no bounds.
     pole
         Numbers of the two links.
     direction
@@ -738,7 +739,7 @@ def _derivative_by_relative_velocity(
     The derivatives. They have no meaning where the links rest (k = 0).
     """
     v = _relative_vector(reference.w, pole)
-    # `slopes` are the derivatives of w by the input.
+    # `slopes` are the derivatives of w with respect to the input.
     dv = _relative_vector(reference.slopes, pole)
     dv_along = np.sum(dv * direction, axis=1)[:, np.newaxis] * direction
     k = np.sum(v * direction, axis=1)

@@ -98,9 +98,9 @@ class CertifiedRoot:
     def attracts(self, approximation: Sequence[complex]) -> bool:
         """Return whether an approximation (rad) is so near that Newton's method leads here.
 
-        `approximation` has the complex angles of the unknowns. Newton's method surely leads
-        here from distances below half of `unique`, up to whole turns. There each step at
-        least halves the distance.
+        `approximation` has the complex angles of the unknowns. From distances below half of
+        `unique`, Newton's method is proven to lead to this root, up to whole turns. There
+        each step at least halves the distance.
         """
         offset = np.array(approximation) - [complex(angle) for angle in self.centre]
         distance = np.abs(wrap(offset.real) + 1j * offset.imag)
@@ -190,9 +190,9 @@ def _evaluate(
 ) -> tuple[Array, Array]:
     """Return the closure equations F (k,) and their derivatives F' (k, k) at unknowns x.
 
-    x (k,) are values of the unknown angles (rad), by which F is differentiated.
-    `known_angles` are those of inputs and wheels. All numbers are balls, which are numbers
-    with a bound of their error.
+    x (k,) are values of the unknown angles (rad). F is differentiated with respect to these
+    angles. `known_angles` are the angles of inputs and wheels. All numbers are balls, which
+    are numbers with a bound of their error.
     """
     values, slopes = equations.evaluate([*x, *known_angles])
     return values, slopes[:, : equations.unknown_count]
@@ -239,8 +239,9 @@ def _certify_root(
 def _choose_uniqueness_radius(equations: ArcEquations, x: Array, slopes: Array) -> float:
     """Return the radius (rad) of a ball about x in which F' should change little.
 
-    F are the equations, F' their derivatives by the unknown angles, and Y approximates the
-    inverse of F' at x. In a ball of radius r, Y F' should change by at most 1/5:
+    F are the equations, F' their derivatives with respect to the unknown angles, and Y
+    approximates the inverse of F' at x. In a ball of radius r, Y F' should change by at
+    most 1/5:
 
         |Y (F'(z) - F'(x))| <= |Y| r (sum of all |F''|) <= 1/5.
 
@@ -266,9 +267,9 @@ def _bound_sum_of_second_derivatives(equations: ArcEquations, x: Array) -> Float
     """Return for each equation a bound (k,) of the sum of its second derivatives at x.
 
     An equation is a trigonometric polynomial of degree d_i in angle i. At real angles its
-    second derivative by the angles i and j is at most C d_i d_j, with a constant C
-    (`derivative_bound`). The sum over all i and j is C (sum of d)^2. Complex angles, with
-    imaginary parts y, increase it by the factor exp(sum of d ``|y|``).
+    second derivative with respect to the angles i and j is at most C d_i d_j, with a
+    constant C (`derivative_bound`). The sum over all i and j is C (sum of d)^2. Complex
+    angles, with imaginary parts y, increase it by the factor exp(sum of d ``|y|``).
 
     Parameters
     ----------

@@ -22,13 +22,13 @@ from spherekit.arrays import Array, Bools, Complexes, Floats, Indices
 from spherekit.proof.tubes import PRODUCT_ROUNDING, ROUND_UP
 
 CHART_CHANGE_MAGNITUDE = 1.05
-"""Magnitude of a point above which it is moved to the other chart.
+"""Magnitude above which a point is moved to the other chart (z or 1 / z).
 
 Larger: weaker bounds. Smaller: points near the unit circle change charts in every step.
 """
 
 MOTION_FACTOR = 1.7
-"""Radius in which a root is proven alone, over its motion in the box of inputs.
+"""Radius in which a root is proven to be the only one, over its motion in the box.
 
 Larger: the derivatives change more, and the test fails. Smaller: the root leaves the
 radius.
@@ -65,8 +65,8 @@ given up.
 class Polynomials:
     """The polynomials of a system for m sets of given values, with error bounds.
 
-    They are polynomials in z = e^(i angle) of each unknown angle. Given values are those of
-    the inputs, and of the unknowns of systems that were solved before.
+    They are polynomials in z = e^(i angle) of each unknown angle. Given values are the
+    angles of the inputs, and the unknowns of systems that were solved before.
 
     Attributes
     ----------
@@ -75,14 +75,15 @@ class Polynomials:
         is the set of given values. Each further axis is the power of z of one unknown, from
         0 to 2 d. Here d is the trigonometric degree of the equation in this unknown.
     coefficient_derivatives
-        For each equation (m, given, ...): derivatives of the coefficients by the given
-        variables.
+        For each equation (m, given, ...): derivatives of the coefficients with respect to
+        the given variables.
     error
         (k,) for each equation a bound of the errors of its coefficients.
     derivative_bound
         (k,) for each equation a number C that bounds its derivatives at real angles. With
-        the degrees d_1, d_2, ..., the derivative by angle 1 is at most C d_1, that by the
-        angles 1 and 2 at most C d_1 d_2, and so on (Bernstein's inequality).
+        the degrees d_1, d_2, ..., the derivative with respect to angle 1 is at most C d_1,
+        the derivative with respect to the angles 1 and 2 at most C d_1 d_2, and so on
+        (Bernstein's inequality).
     degrees
         (k, variables) trigonometric degrees, the unknowns first, then the given variables.
     """
@@ -109,8 +110,9 @@ class ChartRoots:
     inverse
         (n, k) whether `z` is the inverse.
     row
-        (n,) number of the set of given values to which each point belongs. Given values are
-        those of the inputs, and of the unknowns of systems that were solved before.
+        (n,) for each point the index of the set of given values to which it belongs. Given
+        values are the angles of the inputs, and the unknowns of systems that were solved
+        before.
     """
 
     z: Complexes
@@ -129,8 +131,8 @@ class ChartRoots:
             (n, k) coordinates e^(i angle) of k unknown angles. Infinite numbers and NaN
             stand for points at infinity.
         row
-            (n,) number of the set of given values to which each point belongs. Given values
-            are those of inputs, and of unknowns that were solved before.
+            (n,) for each point the index of the set of given values to which it belongs.
+            Given values are the angles of inputs, and unknowns that were solved before.
         """
         # The negation also covers NaN.
         inverse = ~(np.abs(points) <= 1.0)
@@ -139,11 +141,11 @@ class ChartRoots:
 
     @property
     def points(self) -> Complexes:
-        """(n, k) e^(i angle), infinite ones too."""
+        """(n, k) e^(i angle), including infinite values."""
         return np.where(self.inverse, 1.0 / self.z, self.z)
 
     def pairwise_gaps(self, count: int) -> Floats:
-        """Return how far the roots of each row are from each other, also at infinity.
+        """Return the distances between the roots of each row, including roots at infinity.
 
         A row is one set of values of the given variables (inputs, and unknowns that were
         solved before). A coordinate e^(i angle) of a root is written as a fraction a / b:
@@ -153,7 +155,8 @@ class ChartRoots:
         Parameters
         ----------
         count
-            Number of roots in each row. The rows follow each other.
+            Number of roots in each row. The roots of row 0 come first, then those of row 1,
+            and so on.
 
         Returns
         -------
@@ -196,7 +199,7 @@ class ChartRoots:
             before). Each point belongs to one of the m sets: `row` has its number, and the
             point uses the coefficients of this set. The last k axes are the powers of the k
             unknowns. Any axes between remain in the result, for example derivatives of the
-            coefficients by the given variables.
+            coefficients with respect to the given variables.
 
         Returns
         -------
@@ -206,7 +209,7 @@ class ChartRoots:
         return np.stack([self._differentiate(P, ()) for P in polynomials], axis=1)
 
     def first_derivatives(self, polynomials: Sequence[Complexes]) -> Complexes:
-        """Return the first derivatives of polynomials by the stored z, at n points.
+        """Return the first derivatives of polynomials with respect to the stored z.
 
         `z` (n, k) has the k unknowns e^(i angle) at each point: either the number itself,
         or its inverse.
@@ -227,13 +230,13 @@ class ChartRoots:
         unknowns = range(self.z.shape[1])
         arrays = []
         for polynomial in polynomials:
-            # The derivative by each unknown u, (n, ...).
+            # The derivative with respect to each unknown u, (n, ...).
             gradient = [self._differentiate(polynomial, (u,)) for u in unknowns]
             arrays.append(np.stack(gradient, axis=1))
         return np.stack(arrays, axis=1)
 
     def second_derivatives(self, polynomials: Sequence[Complexes]) -> Complexes:
-        """Return the second derivatives of polynomials by the stored z, at n points.
+        """Return the second derivatives of polynomials with respect to the stored z.
 
         `z` (n, k) has the k unknowns e^(i angle) at each point: either the number itself,
         or its inverse.
@@ -256,7 +259,7 @@ class ChartRoots:
         for polynomial in polynomials:
             rows = []
             for first in unknowns:
-                # The derivatives by `first` and by each unknown u, (n, ...).
+                # The derivatives with respect to `first` and each unknown u, (n, ...).
                 row = [self._differentiate(polynomial, (first, u)) for u in unknowns]
                 rows.append(np.stack(row, axis=1))
             arrays.append(np.stack(rows, axis=1))
@@ -267,8 +270,8 @@ class ChartRoots:
     ) -> Complexes:
         """Return the value or a derivative of one polynomial, at n points.
 
-        A coordinate e^(i angle) is stored as z or as its inverse; derivatives are by the
-        stored number.
+        A coordinate e^(i angle) is stored as z or as its inverse; derivatives are with
+        respect to the stored number.
 
         Parameters
         ----------
@@ -277,15 +280,16 @@ class ChartRoots:
             m sets of given values. The axes between belong to several polynomials of the
             same form, such as derivatives of the coefficients. They remain in the result.
         unknowns
-            Numbers of the unknowns by which it is differentiated. (0, 0) is the second
-            derivative by unknown 0; empty is the value.
+            Indices of the unknowns with respect to which the polynomial is differentiated.
+            (0, 0) is the second derivative with respect to unknown 0; an empty tuple is the
+            value.
 
         Returns
         -------
         (n, ...) where the dots are the axes between.
         """
-        # `row` has for each point the number of its set of given values. So the first axis
-        # becomes that of the n points.
+        # `row` has for each point the index of its set of given values. So the n points
+        # become the first axis.
         terms = coefficients[self.row]
         # The last axis is multiplied by the powers of the last unknown and summed. Then the
         # same is done for the unknown before.
@@ -302,7 +306,7 @@ class ChartRoots:
         A polynomial of one unknown has coefficients c_0, c_1, ... of the powers of e^(i
         angle). If z = e^(i angle) is stored, c_p has the factor z^p. If z is the inverse,
         the polynomial is multiplied by z^(size - 1), so c_p has the factor z^(size - 1 -
-        p). Derivatives are those by the stored z.
+        p). Derivatives are with respect to the stored z.
 
         Parameters
         ----------
@@ -366,10 +370,10 @@ class PolynomialValues:
     values
         (n, k) values of P.
     by_unknowns
-        (n, k, k) derivatives P_z by the stored z.
+        (n, k, k) derivatives P_z with respect to the stored z.
     by_given
-        (n, k, given) derivatives P_g by the given variables (inputs, and unknowns that were
-        solved before).
+        (n, k, given) derivatives P_g with respect to the given variables (inputs, and
+        unknowns that were solved before).
     """
 
     values: Complexes
@@ -399,7 +403,8 @@ def polish_roots(polynomials: Polynomials, roots: ChartRoots) -> tuple[ChartRoot
         The system, for m sets of values of its given variables (inputs, and unknowns that
         were solved before).
     roots
-        n approximate roots, each with the number of the set to which it belongs.
+        n approximate roots, each with the index of the set of given values to which it
+        belongs.
 
     Returns
     -------
@@ -422,7 +427,7 @@ def polish_roots(polynomials: Polynomials, roots: ChartRoots) -> tuple[ChartRoot
 
 
 def invert_matrices(matrices: Complexes) -> Complexes:
-    """Return the inverses (n, k, k) of matrices, NaN for singular ones."""
+    """Return the inverses (n, k, k) of matrices, NaN for singular matrices."""
     is_regular = np.all(np.isfinite(matrices), axis=(1, 2))
     finite_matrices = np.where(is_regular[:, None, None], matrices, 0)
     is_regular &= np.abs(np.linalg.det(finite_matrices)) > 0.0
@@ -441,7 +446,7 @@ def _bound_rounding(polynomials: Polynomials, rows: Indices) -> Floats:
 
     The bounds cover the errors of the coefficients and the rounding of the sums. There are
     k polynomials in z = e^(i angle) for each set of values of the given variables. `rows`
-    (n,) is the number of the set to which each point belongs.
+    (n,) is the index of the set to which each point belongs.
     """
     magnitudes = [
         np.abs(array).reshape(len(array), -1) for array in polynomials.coefficients
@@ -487,14 +492,15 @@ def _bound_changes(
     bounded by two terms. The first has the computed second derivatives at the root, times
     the changes of z and g. The second is a remainder, by Bernstein's inequality: a
     derivative of any order is at most C = `derivative_bound` times the degree in each
-    variable by which P is differentiated.
+    variable with respect to which P is differentiated.
 
     Parameters
     ----------
     polynomials
         The k polynomials for m sets of values of the given variables.
     roots
-        n approximate roots. `roots.row` is the number of the set of each root.
+        n approximate roots. `roots.row` is the index of the set of given values of each
+        root.
     radius
         (n,) radius about each root, in z: largest change of each unknown.
     given_change
@@ -510,7 +516,8 @@ def _bound_changes(
     derivative_bound = polynomials.derivative_bound * growth
     value_error = growth * _bound_rounding(polynomials, roots.row)
     # (n, k) sums of degree times change, without unit. P changes at most by C times the
-    # sum. A derivative of P changes at most by its own bound times the sum.
+    # sum. Any derivative of P changes at most by the bound of this derivative times the
+    # sum.
     change_by_z = radius[:, None] * np.sum(degrees_in_z, axis=1)
     change_by_given = given_change @ degrees_in_given.T
     total_change = change_by_z + change_by_given
@@ -518,8 +525,8 @@ def _bound_changes(
     # contain, 1 is more than necessary.
     slope_degrees = np.maximum(degrees_in_z, 1.0)
 
-    # Change of P_z. First term: second derivatives by g and z and by z, times the changes.
-    # i: equation, j: unknown, g: given variable.
+    # Change of P_z. First term: second derivatives with respect to (g, z) and (z, z), times
+    # the changes. i: equation, j: unknown, g: given variable.
     slope_change_by_given = np.einsum(
         "nijg,ng->nij",
         np.abs(roots.first_derivatives(polynomials.coefficient_derivatives)),
@@ -533,14 +540,15 @@ def _bound_changes(
     slope_change += remainder[:, :, None] * slope_degrees
 
     # Change of P_g, times the change of g. Let z change first, then g. The change of z
-    # gives the second derivatives by z and g, and third ones: by g, z and z. These have the
-    # factor 1/2, which is left out. The change of g gives the second derivatives by g,
-    # which are not computed, so that C bounds them.
+    # gives the second derivatives with respect to z and g, and third derivatives with
+    # respect to g, z and z. The third derivatives have the factor 1/2, which is left out.
+    # The change of g gives the second derivatives with respect to g, which are not
+    # computed, so that C bounds them.
     drift_by_z = np.sum(slope_change_by_given, axis=2) * radius[:, None]
     largest_drift = drift_by_z + derivative_bound * change_by_given * (
         change_by_given + change_by_z**2
     )
-    # Errors of the computed P_g, and of its computed derivatives by z.
+    # Errors of the computed P_g, and of its computed derivatives with respect to z.
     derivative_error = value_error * (1.0 + total_change) * total_change
     return ChangeBounds(
         value_error=value_error,
@@ -569,7 +577,8 @@ class KnownAngleChanges:
     input_half_widths
         (boxes, inputs) half widths (rad) of the boxes.
     rates
-        (boxes, known angles, inputs) derivatives of the known angles by the inputs.
+        (boxes, known angles, inputs) derivatives of the known angles with respect to the
+        inputs.
     max_error
         (boxes, known angles) bounds (rad) of the error.
     """
@@ -612,8 +621,8 @@ class RootTubes:
     Attributes
     ----------
     is_proven
-        (n,) whether exactly one root is proven. Otherwise the other attributes have no
-        meaning.
+        (n,) whether exactly one root is proven. All further attributes are meaningless
+        where this is false.
     centre_radius
         (n,) bound of ``|z(q0) - z0|``, the distance of root and approximation at the
         centre.
@@ -627,7 +636,8 @@ class RootTubes:
         (n, k) for each coordinate a bound of ``|z(q) - z0|`` in the box. It contains the
         motion of the axis.
     rates
-        (n, k, inputs) derivatives of the axis (z, complex) by the inputs (1/rad).
+        (n, k, inputs) derivatives of the axis (z, complex) with respect to the inputs
+        (1/rad).
     """
 
     is_proven: Bools
@@ -645,13 +655,14 @@ def enclose_roots(
 ) -> RootTubes:
     """Return tubes about approximate roots with exactly one root for each input.
 
-    A tube is a neighbourhood of the linear motion (axis) of a root over a box of inputs.
-    P are the polynomials, P_z and P_g their derivatives by the unknowns z and by the given
-    variables g. Let the matrix Y be near the inverse of P_z at the approximate root.
-    Suppose that Y P_z differs from the identity by at most `slack` < 1 within a radius and
-    for all inputs of the box. The distance of the root from any point within the radius is
-    then at most the largest |Y P| at this point, divided by 1 - slack. If this distance is
-    less than the radius at all points of the axis of the tube, the root stays inside.
+    A tube is a neighbourhood of the linear motion (axis) of a root over a box of inputs. P
+    are the polynomials, P_z and P_g their derivatives with respect to the unknowns z and
+    the given variables g. Let the matrix Y be near the inverse of P_z at the approximate
+    root. Suppose that Y P_z differs from the identity by at most `slack` < 1 within a
+    radius and for all inputs of the box. The distance of the root from any point within the
+    radius is then at most the largest |Y P| at this point, divided by 1 - slack. If this
+    distance is less than the radius at all points of the axis of the tube, the root stays
+    inside.
 
     |Y P| on the axis is its value at the centre of the box and the integral of its
     derivative along the axis, Y P_z z' + Y P_g g'. The rates z' of the axis make this
@@ -688,7 +699,7 @@ def enclose_roots(
     from_given_error = apply_matrices(np.abs(inverse_by_given), given_error)
     newton_step = np.abs(apply_matrices(inverse, values))
 
-    # The radius in which the root is to be proven alone.
+    # The radius in which the root is to be proven to be the only one.
     degrees_in_given = polynomials.degrees[:, count:]
     bend = polynomials.derivative_bound * (given_change @ degrees_in_given.T) ** 2
     total_motion = motion + from_given_error + apply_matrices(inverse_size, bend)
@@ -699,7 +710,7 @@ def enclose_roots(
 
     # |1 - Y P_z|: at the approximation, and its change within the radius and over the box.
     changes = _bound_changes(polynomials, roots, uniqueness_radius, given_change)
-    # Bounds of derivatives by z have these factors, see `_bound_changes`.
+    # Bounds of derivatives with respect to z have these factors, see `_bound_changes`.
     slope_degrees = np.maximum(2.0 * polynomials.degrees[:, :count], 1.0)
     deviation = np.abs(np.eye(count) - inverse @ by_unknowns) + PRODUCT_ROUNDING
     deviation += inverse_size @ (
@@ -740,8 +751,8 @@ def solve_one_unknown(polynomials: Polynomials) -> ChartRoots:
 
     The equation is a polynomial in z = e^(i angle) with coefficients c_0, ..., c_n. They
     depend on given variables (inputs, and unknowns that were solved before); there are m
-    sets of values. The roots are eigenvalues of the companion matrix: ones below the
-    diagonal, and -c_k / c_n in the last column.
+    sets of values. The roots are eigenvalues of the companion matrix: the entries below the
+    diagonal are 1, and the last column has -c_k / c_n.
 
     If c_n is 0, there are roots at infinity, and the approximations may be wrong. A later
     proof of the roots fails then.
@@ -758,7 +769,7 @@ def solve_one_unknown(polynomials: Polynomials) -> ChartRoots:
 
 
 def are_distinct(roots: ChartRoots, radius: Floats, is_good: Bools, count: int) -> Bools:
-    """Return for which rows all roots are good and proven different from each other.
+    """Return a mask of the rows with good roots that are proven to differ from each other.
 
     A row is one set of values of the given variables (inputs, and unknowns that were solved
     before). The gap of two roots is a distance that is finite at infinity
@@ -816,7 +827,7 @@ def _bound_gap_change(radius: Floats, other_radius: Floats) -> Floats:
 def classify_real_roots(
     roots: ChartRoots, radius: Floats, uniqueness_radius: Floats
 ) -> tuple[Bools, Bools]:
-    """Return which roots are proven to have real angles, and which are proven not to.
+    """Return masks of roots proven to have real angles, and of roots proven not to.
 
     A coordinate z of a root is e^(i angle) or its inverse, so the angle is real if |z| = 1.
 

@@ -4,7 +4,7 @@ At a saddle two configuration curves cross or narrowly miss each other. The redu
 g(u, v) = 0 is then level + Q(u, v) / 2 = 0 up to small errors, with the quadratic form Q of
 g''. Its zeros are four arms, one in each quadrant of u and v. The tangent of a curve g = 0
 is along (-g_v, g_u). The rates of the variables along the curve are the derivatives of the
-variables by u and v, applied to this tangent.
+variables with respect to u and v, applied to this tangent.
 """
 
 from collections.abc import Mapping
@@ -29,9 +29,9 @@ class SaddleDerivatives:
     solved, so all variables of the mechanism are functions of u and v. The last equation is
     g(u, v) = 0 (Lyapunov-Schmidt reduction, `ReducedEquation`); its zeros are the curves.
 
-    The derivatives by u and v are balls (numbers with a bound of their error). They contain
-    all values in a rectangle about the saddle. u and v are scaled so that curves that cross
-    are nearly the diagonals u = v and u = -v.
+    The derivatives with respect to u and v are balls (numbers with a bound of their error).
+    They contain all values in a rectangle about the saddle. u and v are scaled so that
+    curves that cross are nearly the diagonals u = v and u = -v.
 
     Attributes
     ----------
@@ -147,7 +147,8 @@ class ArmSlopes:
     Attributes
     ----------
     positive
-        For both arms of positive slope: one has u and v positive, the other both negative.
+        For both arms of positive slope: u and v are positive on the first arm, and negative
+        on the second.
     negative
         For both arms of negative slope.
     """
@@ -172,8 +173,8 @@ class DirectionRates:
     Attributes
     ----------
     g_u, g_v
-        Derivatives of g by u and v at this point, as balls (numbers with a bound of their
-        error).
+        Derivatives of g with respect to u and v at this point, as balls (numbers with a
+        bound of their error).
     signs
         (variables,) signs of the rates along (-g_v, g_u), 0 if not proven.
     """
@@ -351,8 +352,8 @@ def _prove_rate_signs(
     slope_bounds
         Bounds of the slope v / u of the arm.
     relative_gradient_error
-        Bound of the error of the derivatives of g by u and v, divided by the larger of |u|
-        and |v|.
+        Bound of the error of the derivatives of g with respect to u and v, divided by the
+        larger of |u| and |v|.
 
     Returns
     -------
@@ -380,7 +381,7 @@ def _bound_changes(derivatives: SaddleDerivatives, slope_bounds: SlopeBounds) ->
     Parameters
     ----------
     derivatives
-        Derivatives of the variables by u and v near the saddle.
+        Derivatives of the variables with respect to u and v near the saddle.
     slope_bounds
         Bounds of the slope v / u of the arm.
 
@@ -464,7 +465,7 @@ def bound_arm_rates(derivatives: SaddleDerivatives, errors: ArmErrors) -> ArmRat
 def find_monotonic_variables(
     derivatives: SaddleDerivatives, level: Ball, gradient_at_saddle: float
 ) -> Bools:
-    """Return which variables have no stationary point between two joined arms of a saddle.
+    """Return a mask of variables without stationary point between two joined saddle arms.
 
     Near a saddle the configurations are the curves g(u, v) = 0, with g = level + Q(u, v) /
     2 up to errors. Q is a quadratic form, positive on the u axis and negative on the v
@@ -524,8 +525,8 @@ def _bound_arc_errors(hessian: Array, level: Ball, gradient_at_saddle: float) ->
     - The gradient adds at most s |u| + s |v| <= 2 s m to g. So Q, which has the factor
       1 / 2 in g, differs from -2 level by at most 4 s m. Q grows with m^2, so the result
       has this error divided by m^2: 4 s / m.
-    - The derivatives of g by u and v have an error of at most s. They grow with m, so the
-      result has this error divided by m: s / m.
+    - The derivatives of g with respect to u and v have an error of at most s. They grow
+      with m, so the result has this error divided by m: s / m.
 
     Both results are largest at the point of the arcs with the least m.
 

@@ -84,8 +84,8 @@ arms reach less far, so that chains need more arcs near the crossing.
 GAP_RECTANGLE_RAD = 1e-3
 """Half width (rad) below which a near crossing is accepted although rate signs are open.
 
-A near crossing is a saddle whose level is not proven to be 0. Larger, smaller: as for
-`CROSSING_RECTANGLE_RAD`.
+A near crossing is a saddle whose level is not proven to be 0. The effects of larger or
+smaller values are the same as for `CROSSING_RECTANGLE_RAD`.
 """
 
 INNER_HEIGHT_RATIO = 1.0 / 16.0
@@ -272,7 +272,8 @@ def _prove_saddle(
 
     # 1. The box: the rectangle, and limits of all other coordinates.
     approximate_level, residual = reduced_equation.split_residual(centre)
-    # Room for the other coordinates: their second-order change, and a part of the size.
+    # Room for the coordinates except u and v: their second-order change, and part of the
+    # size.
     bend = rectangle @ saddle_reduction.other_curvatures @ rectangle
     other_limit = 0.2 * size + np.max(bend, initial=0.0)
     limits = np.array([*rectangle, *[other_limit] * len(normals)])
@@ -372,7 +373,7 @@ def _make_saddle(
     arm_rates: ArmRates,
     is_monotonic: Bools,
 ) -> Saddle:
-    """Return a saddle with the attributes of a box and further ones.
+    """Return a saddle with the attributes of a box and the further attributes below.
 
     At a saddle two configuration curves cross or narrowly miss each other. They are the
     zeros of a function g(u, v) with a saddle point, and leave the box by four branches, the
@@ -416,9 +417,9 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
     """Return the level of a saddle, and a bound of the gradient of g near it.
 
     The configurations near a saddle are the zeros of g(u, v). F are the equations of the
-    mechanism. At a crossing their derivatives F' by the variables z lose a rank: there is a
-    direction l with l F' = 0, in which no small change of z changes F. With two coordinates
-    u and v given, F(z) = g l defines all variables z and the number g.
+    mechanism. At a crossing their derivatives F' with respect to the variables z lose a
+    rank: there is a direction l with l F' = 0, in which no small change of z changes F.
+    With two coordinates u and v given, F(z) = g l defines all variables z and the number g.
 
     The level is the value of g at its saddle point, which Newton's method approximates. g
     is convex in u and concave in v, so the level differs from the value at the
@@ -431,8 +432,7 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
     reduced_equation
         The reduced equation about its critical point.
     limits
-        (variables,) half lengths (rad) of the box; the first two are those of the
-        rectangle.
+        (variables,) half lengths (rad) of the box; the first two belong to the rectangle.
 
     Returns
     -------
@@ -493,7 +493,7 @@ class _CentreMagnitudes:
     value
         Bound of g.
     slope_u, slope_v
-        Bounds of the derivatives of g by u and by v.
+        Bounds of the derivatives of g with respect to u and with respect to v.
     """
 
     value: float
@@ -524,8 +524,8 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
     Parameters
     ----------
     limits
-        (variables,) half lengths (rad) of the box about the saddle. The first two are those
-        of the rectangle along u and v.
+        (variables,) half lengths (rad) of the box about the saddle. The first two belong to
+        the rectangle along u and v.
     value, gradient
         g and its slopes (2,) at the centre, as balls (numbers with a bound of their error).
     hessian
@@ -564,8 +564,8 @@ def _is_positive_on_sides(
     centre
         Bounds of the magnitudes of g and its slopes at the centre.
     hessian
-        (2, 2) balls (numbers with error bounds) of the second derivatives; that by u is
-        positive.
+        (2, 2) balls (numbers with error bounds) of the second derivatives; the second
+        derivative with respect to u is positive.
     """
     rise = _bound_rise_to_sides(u_limit, v_limit, centre, hessian)
     # 1e-12 allows for the rounding of a few float64 products.
@@ -588,8 +588,8 @@ def _is_negative_beyond(
     centre
         Bounds of the magnitudes of g and its slopes at the centre.
     hessian
-        (2, 2) balls (numbers with error bounds) of the second derivatives; that by v is
-        negative.
+        (2, 2) balls (numbers with error bounds) of the second derivatives; the second
+        derivative with respect to v is negative.
     """
     descent = _bound_descent_along_v(inner_height, centre.slope_v, hessian)
     # 1.001 allows for the rounding of a few float64 products.
@@ -622,8 +622,8 @@ def _has_saddle_point_within(
     centre
         Bounds of the magnitudes of g and its slopes at the centre.
     hessian
-        (2, 2) balls (numbers with error bounds) of the second derivatives; that by v is
-        negative.
+        (2, 2) balls (numbers with error bounds) of the second derivatives; the second
+        derivative with respect to v is negative.
     """
     descent = _bound_descent_along_v(inner_height, centre.slope_v, hessian)
     valley_depth_at_centre = u_limit * centre.slope_u
@@ -648,8 +648,8 @@ def _bound_rise_to_sides(
     centre
         Bounds of the magnitudes of the slopes g_u and g_v at the centre.
     hessian
-        (2, 2) balls (numbers with error bounds) of the second derivatives; that by u is
-        positive.
+        (2, 2) balls (numbers with error bounds) of the second derivatives; the second
+        derivative with respect to u is positive.
     """
     # g_uu is positive, so its least magnitude is its least value.
     least_uu = lower_magnitude(hessian[0, 0])
@@ -678,8 +678,8 @@ def _bound_descent_along_v(height: float, slope_v: float, hessian: Array) -> flo
     slope_v
         Upper bound of the magnitude of the slope of g by v at the centre.
     hessian
-        (2, 2) balls (numbers with error bounds) of the second derivatives; that by v is
-        negative.
+        (2, 2) balls (numbers with error bounds) of the second derivatives; the second
+        derivative with respect to v is negative.
     """
     least_vv = lower_magnitude(hessian[1, 1])
     return float(0.5 * least_vv * height**2 - slope_v * height)

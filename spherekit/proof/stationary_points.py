@@ -5,13 +5,14 @@ neighbourhoods there is none.
 
 The variables z of a configuration solve the equations F(z) = 0 of the mechanism. An arc is
 z = z0 + t s + N y(s), with the tangent t and the normals N at its centre z0. Its rates, the
-derivatives by s, are z' = t + N y'. They satisfy F' z' = 0, so (F'N) y' = -F't. Bounds of
-F' in the arc's box therefore give bounds of the rates of all variables, and bounds of F''
-give bounds of the derivatives of the rates.
+derivatives with respect to s, are z' = t + N y'. They satisfy F' z' = 0, so (F'N) y' =
+-F't. Bounds of F' in the arc's box therefore give bounds of the rates of all variables, and
+bounds of F'' give bounds of the derivatives of the rates.
 
 Let a *stretch* be the part of a curve between two configurations. A rate that cannot vanish
-in a stretch has no zero there. A rate whose derivative cannot vanish has one zero if its
-signs at both ends differ, and none if they agree. All other stretches are cut in two.
+in a stretch has no zero there. If the derivative of a rate cannot vanish, the rate has one
+zero if its signs at both ends differ, and no zero if the signs agree. All other stretches
+are cut in two.
 """
 
 from dataclasses import dataclass, field, replace
@@ -47,7 +48,7 @@ Larger: two stationary points closer than this stay undecided. Smaller: more str
 """
 
 SHORTEST_FLAT_STRETCH_RAD = 0.02
-"""Length (rad) below which a stretch is not cut if shorter ones would not help.
+"""Length (rad) below which a stretch is not cut if shorter stretches would not help.
 
 They help only if the derivative of the rate has no proven sign in the whole stretch, but
 it or the rate has one at the start. Larger: more stays undecided. Smaller: more stretches
@@ -55,7 +56,7 @@ are examined in vain.
 """
 
 MAX_STRETCHES = 4000
-"""Number of stretches of a chain beyond which no short ones are made.
+"""Number of stretches of a chain beyond which stretches are not cut into short ones.
 
 Larger: more is decided where the variable nearly rests. Smaller: less time is spent there.
 """
@@ -89,16 +90,16 @@ Larger: sharper bends are not passed. Smaller: an arc of the opposite sense migh
 class RateBounds:
     """Bounds of the rates of all v variables along an arc, and of their derivatives.
 
-    An arc is a part of a curve of configurations. Rates are derivatives of the variables by
-    the coordinate s along the tangent at the centre of the arc. The bounds are valid on the
-    whole arc.
+    An arc is a part of a curve of configurations. Rates are derivatives of the variables
+    with respect to the coordinate s along the tangent at the centre of the arc. The bounds
+    are valid on the whole arc.
 
     Attributes
     ----------
     rate_low, rate_high
         (v,) bounds of the rates.
     derivative_low, derivative_high
-        (v,) bounds of the derivatives of the rates by s.
+        (v,) bounds of the derivatives of the rates with respect to s.
     """
 
     rate_low: Floats
@@ -118,8 +119,8 @@ def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
     inverse of F'N at the centre.
 
     Each equation is a trigonometric polynomial. Its derivative of any order is at most a
-    constant C times the degrees of the equation in the variables of the derivative: by the
-    variables 1 and 2 it is at most C d_1 d_2.
+    constant C times the degrees of the equation in the variables of the derivative: with
+    respect to the variables 1 and 2 it is at most C d_1 d_2.
 
     Parameters
     ----------
@@ -180,9 +181,9 @@ def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
 def _rate_signs(piece: CertifiedArc, half_length: float, variable: int) -> tuple[int, int]:
     """Return the proven signs of the rate of a variable, and of the derivative of the rate.
 
-    The rate is the derivative of the variable along a certified arc, by the coordinate s
-    along its tangent (0 at the centre). The signs apply to all |s| <= `half_length` (rad).
-    A sign that is not proven is 0.
+    The rate is the derivative of the variable along a certified arc with respect to the
+    coordinate s along its tangent (0 at the centre). The signs apply to all |s| <=
+    `half_length` (rad). A sign that is not proven is 0.
     """
     bounds = bound_rates(piece, half_length)
     return (
@@ -270,10 +271,10 @@ class _StretchSigns:
 class _Stretch:
     """The part of a curve from the centre of an arc to a configuration in the arc's box.
 
-    An arc is a part of the curve that is proven to be alone in an oriented box. The search
-    is for points of the curve at which a variable is stationary. If a stretch gives no
-    answer, it is cut in two at the centre of a new arc. The second part is a stretch of the
-    new arc.
+    An arc is a part of the curve, in an oriented box that is proven to contain no other
+    part. The search is for points of the curve at which a variable is stationary. If a
+    stretch gives no answer, it is cut in two at the centre of a new arc. The second part is
+    a stretch of the new arc.
 
     Attributes
     ----------
@@ -406,7 +407,7 @@ def _examine_stretch(
     stretch
         The stretch.
     allows_short
-        Whether the stretch may be cut into short ones.
+        Whether the stretch may be cut into short stretches.
 
     Returns
     -------
@@ -499,9 +500,9 @@ def _bound_change_by_rate(stretch: _Stretch, variable: int) -> float:
     """Return a bound (rad) of the change of a variable in a stretch, from its largest rate.
 
     A stretch is a part of a configuration curve. The rate is the derivative of the variable
-    by the coordinate s along the tangent at the start. The change from s = 0 is at most the
-    largest rate times the largest s. The computed start may be beside the curve, so its
-    error is added.
+    with respect to the coordinate s along the tangent at the start. The change from s = 0
+    is at most the largest rate times the largest s. The computed start may be beside the
+    curve, so its error is added.
     """
     arc = stretch.piece
     largest_coordinate = min(stretch.reach, arc.half_length)
@@ -517,8 +518,8 @@ def _find_middle_piece(
     """Return a certified arc with its centre in a stretch, to cut the stretch in two.
 
     A stretch is a part of a curve of configurations, from the centre of a certified arc to
-    a configuration in the box of this arc. A certified arc is proven to be alone in its
-    box.
+    a configuration in the box of this arc. A certified arc is proven to be the only arc in
+    its box.
 
     Parameters
     ----------
@@ -806,7 +807,7 @@ def _find_arc_with_sign(
     """Return a certified arc in a stretch if a rate has a given sign at its centre.
 
     A stretch is a part of a curve, and the rate is the derivative of a variable along it. A
-    certified arc is a part of the curve that is proven to be alone in a box.
+    certified arc is a part of the curve that is proven to be the only arc in a box.
 
     Parameters
     ----------
@@ -815,7 +816,7 @@ def _find_arc_with_sign(
     stretch
         The stretch in which the arc is searched.
     variable
-        Number of the variable whose derivative along the curve is the rate.
+        Index of the variable. The rate is the derivative of this variable along the curve.
     ratio
         Where to look for the centre, as a fraction of the straight line from start to end
         of the stretch.

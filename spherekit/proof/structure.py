@@ -35,11 +35,11 @@ class Structure:
         Names of the revolute pairs in the order of the mechanism, then two for each
         coupler.
     ends
-        For each pair the numbers of the two links that it joins.
+        For each pair the indices of the two links that it joins.
     inputs
         Numbers of the driven pairs.
     couplers
-        For each coupler the number of its sliding contact among the pairs of the mechanism.
+        For each coupler the index of its sliding contact among the pairs of the mechanism.
     wheels
         Numbers of the rolling contacts among the pairs of the mechanism.
     followers
@@ -65,13 +65,13 @@ class Structure:
         return [self.pairs[pair] for pair in pairs]
 
     def coupler_parts(self, coupler: int) -> tuple[int, tuple[int, int]]:
-        """Return the number of a coupler's link, and the numbers of its two pairs.
+        """Return the index of the link of a coupler, and the indices of its two pairs.
 
         A coupler is an additional link that replaces a sliding contact of two circles. Its
         R pairs at the centres of the circles join it to the first and to the second link of
         the contact. `coupler` is the index in `couplers`.
         """
-        # The pairs of couplers are the last ones in the list.
+        # The pairs of couplers are at the end of the list.
         first_pair = len(self.pairs) - 2 * (len(self.couplers) - coupler)
         return self.body_count + coupler, (first_pair, first_pair + 1)
 
@@ -81,9 +81,9 @@ def extract_structure(mechanism: Mechanism) -> Structure:
 
     A coupler is a further link that replaces a sliding contact of two circles. R pairs at
     the centres of both circles join it to the links of the contact. Each coupler adds one
-    link and two pairs, first that with the first link of the contact. The field `followers`
-    stays empty. It depends on the sizes: followers are the pairs whose angles follow from
-    the inputs through wheels.
+    link and two pairs, first the pair with the first link of the contact. The field
+    `followers` stays empty, since it depends on the sizes: followers are the pairs whose
+    angles follow from the inputs through wheels.
 
     Raises
     ------

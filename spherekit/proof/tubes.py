@@ -138,7 +138,7 @@ class OrientedBox:
         return np.all(coordinates + reach <= self.limits, axis=-1)
 
     def contains(self, position: Floats, error: float) -> bool:
-        """Return whether a position (v,), known up to `error` rad, is surely inside."""
+        """Return whether a position (v,), known up to `error` rad, is certainly inside."""
         return bool(self._contain(position, error + COORDINATE_ROUNDING_RAD))
 
     def may_contain(self, position: Floats, error: float) -> bool:
@@ -146,7 +146,7 @@ class OrientedBox:
         return bool(self._contain(position, -error - COORDINATE_ROUNDING_RAD))
 
     def covers(self, centres: Floats, radii: Floats) -> Bools:
-        """Return which of n axis-aligned boxes are surely inside this box.
+        """Return a mask (n,) of axis-aligned boxes proven to be inside this box.
 
         `centres` and `radii` (n, v) are the centres and half lengths (rad) of the boxes.
         """
@@ -158,7 +158,7 @@ class OrientedBox:
 def boxes_covered(
     oriented_boxes: Iterable[OrientedBox], centres: Floats, radii: Floats
 ) -> Bools:
-    """Return which axis-aligned boxes are surely inside one of several oriented boxes.
+    """Return a mask of axis-aligned boxes proven to be inside one of many oriented boxes.
 
     The oriented boxes contain known parts of configuration curves. `centres` and `radii`
     (n, v) are the centres and half lengths (rad) of the axis-aligned boxes.
@@ -368,9 +368,9 @@ class TubeTest:
     F = 0 are the k equations that close the loops of the mechanism. They are trigonometric
     polynomials in the v variables. The frame consists of the tangent and the normals N of
     the configuration curve at the centre. The matrix Y is near the inverse of F'N, the
-    derivatives by the normal coordinates. If Y F' stays near (0, I), a column of zeros and
-    the identity matrix, there is exactly one arc of configurations in a box about the
-    centre.
+    derivatives with respect to the normal coordinates. If Y F' stays near (0, I), a column
+    of zeros and the identity matrix, there is exactly one arc of configurations in a box
+    about the centre.
 
     Parameters
     ----------
@@ -388,11 +388,12 @@ class TubeTest:
         the sum over the variables of the degree in a variable, times the magnitude of its
         component along the coordinate.
     third_bound
-        (k,) numbers C: the third derivative of an equation by the coordinates i, j and l is
-        at most C d_i d_j d_l.
+        (k,) numbers C: the third derivative of an equation with respect to the coordinates
+        i, j and l is at most C d_i d_j d_l.
     derivative_error
-        (k,) numbers E, rounding included: the error of a computed derivative at the centre
-        by the coordinates i and j is at most E d_i d_j, that by i at most E d_i.
+        (k,) numbers E, rounding included: at the centre, the error of a computed derivative
+        with respect to the coordinates i and j is at most E d_i d_j. With respect to i
+        alone the error is at most E d_i.
     inverse_size
         (k, k) magnitudes of the entries of Y.
     second_derivatives
@@ -425,12 +426,13 @@ class TubeTest:
         inverse = tangent_frame.inverse
         # An equation contains cosines and sines of multiples of the angles. Let d_i be the
         # highest multiple of variable i, its degree. With a constant C, the third
-        # derivative by the variables i, j and l is at most C d_i d_j d_l. Third derivatives
-        # are needed to bound the remainder of Taylor's formula.
+        # derivative with respect to the variables i, j and l is at most C d_i d_j d_l.
+        # Third derivatives bound the remainder of Taylor's formula.
         #
         # The derivative along a column t of the frame is the sum of t_i times the
-        # derivative by variable i. So d = |t_1| d_1 + |t_2| d_2 + ... is the degree along
-        # the column: with it, the same bound holds for derivatives along columns.
+        # derivative with respect to variable i. So d = |t_1| d_1 + |t_2| d_2 + ... is the
+        # degree along the column: with it, the same bound holds for derivatives along
+        # columns.
         self.third_bound = equations.derivative_bound  # C
         self.degrees = equations.degrees @ np.abs(frame) * ROUND_UP
         # Numbers E that bound the errors of the computed derivatives: E for F, E d_i for
@@ -452,10 +454,10 @@ class TubeTest:
     def bound_slope_change(self, reach: Floats) -> Floats:
         """Return bounds of |Y F' - (0, I)| at all points within a reach of the centre.
 
-        F' (k, v) are the derivatives of the equations along the frame: by the tangent
-        first, then by the normals. Y is approximately the inverse of the columns of the
-        normals. So Y F' is near (0, I): a column of zeros, then the identity matrix. Small
-        bounds prove that there is one arc.
+        F' (k, v) are the derivatives of the equations along the columns of the frame: along
+        the tangent first, then along the normals. Y is approximately the inverse of the
+        columns of the normals. So Y F' is near (0, I): a column of zeros, then the identity
+        matrix. Small bounds prove that there is one arc.
 
         Taylor's formula about the centre is F' = F'(0) + F''(0) x + remainder, with
         coordinates x along the frame.
@@ -514,9 +516,9 @@ class TubeTest:
         than the radius, and the contraction less than 1.
 
         With F' the derivatives of the equations and Y the approximate inverse at the
-        centre, Y F' is (e, I + E): a small column e of derivatives by s, and a matrix near
-        the identity I of derivatives by y. Along the arc F' (1, y') = 0, so (I + E) y' =
-        -e. Three bounds follow:
+        centre, Y F' is (e, I + E): a small column e of derivatives with respect to s, and a
+        matrix near the identity I of derivatives with respect to y. Along the arc F' (1,
+        y') = 0, so (I + E) y' = -e. Three bounds follow:
 
         1. The contraction is the largest row sum of ``|E|`` in the box.
         2. The slope ``|y'|`` is at most ``|e|`` / (1 - contraction).
@@ -566,9 +568,9 @@ class TubeTest:
 def _bound_derivative_error(equations: ArcEquations) -> Floats:
     """Return error bounds E (k,) of the computed equations and their derivatives.
 
-    An equation with the degrees d has an error of at most E, its first derivative by
-    variable i at most E d_i, and its second derivatives at most E d_i d_j. There are two
-    parts:
+    An equation with the degrees d has an error of at most E, its first derivative with
+    respect to variable i at most E d_i, and its second derivatives at most E d_i d_j. There
+    are two parts:
 
     - the error of the evaluation by Fourier series (`harmonics`),
     - the rounding of the products with the frame and the approximate inverse Y. A matrix

@@ -28,7 +28,7 @@ def plan_requests(
 
     - `directions`: their directions,
     - `rates`: their velocity coefficients (angular velocity per unit rate of the input),
-    - `turns`: the derivatives of their directions by the input,
+    - `turns`: the derivatives of their directions with respect to the input,
     - `planes`: two great circles that intersect in the pole.
 
     Parameters

@@ -455,8 +455,9 @@ class Batch:
     def direction_dq_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) a bound of the error of `direction_dq`, 1/rad.
 
-        `direction_dq` is the derivative of a pole direction by the input. The bound is that
-        of the length of its error vector. It is NaN where `direction_dq` is NaN.
+        `direction_dq` is the derivative of a pole direction with respect to the input. The
+        bound is that of the length of its error vector. It is NaN where `direction_dq` is
+        NaN.
         """
         return self._pole(i, j, "direction_dq_error_bound", moved)
 

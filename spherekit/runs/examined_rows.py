@@ -552,7 +552,8 @@ class ExaminedRows:
         """
         rate_before = segment.rates[before]
         rate_after = segment.rates[after]
-        # The rates are derivatives of the angle by the time, or by the single input.
+        # The rates are derivatives of the angle with respect to the time, or by the single
+        # input.
         if self.plan.moves_over_time:
             path = segment.places  # times
         else:
@@ -625,7 +626,8 @@ def _link_rates(motion: Motion) -> Floats:
     that loops stay closed) do not determine the velocities.
     """
     linearisation = motion.linearisation
-    # (n, equations, variables) derivatives of the closure equations by the pair variables.
+    # (n, equations, variables) derivatives of the closure equations with respect to the
+    # pair variables.
     jacobian = linearisation.jacobian
     # The passive variables are the pair variables that are not inputs.
     passive = list(motion.passive_variables)

@@ -76,7 +76,7 @@ class UnsignedPoles(NamedTuple):
     velocities
         (3, poles, k) relative angular velocities per unit rate of the input.
     velocity_rates
-        (3, poles, k) derivatives of these velocities by the input.
+        (3, poles, k) derivatives of these velocities with respect to the input.
     """
 
     directions: Floats
@@ -315,8 +315,8 @@ def _evaluate_unsigned_by_kernel(
 
     A pole is the axis of the relative rotation of two links. It is a line, so its unit
     vector u can have two senses. With its velocity coefficient c, the relative angular
-    velocity is ``c u`` and its derivative by the input is ``c' u + c u'``. Both are the
-    same for the two senses of u.
+    velocity is ``c u`` and its derivative with respect to the input is ``c' u + c u'``.
+    Both are the same for the two senses of u.
 
     Parameters
     ----------

@@ -23,8 +23,8 @@ class Needs:
         unit rate of the input) are read. With `derivatives` their acceleration coefficient
         can be read too.
     derivatives
-        Whether derivatives by the input are read, for the poles and links in `rates`,
-        `turns` and `link_rates`.
+        Whether derivatives with respect to the input are read, for the poles and links in
+        `rates`, `turns` and `link_rates`.
     planes
         Poles that are found as the intersection of two great circles, of which these
         circles are read.
@@ -44,8 +44,8 @@ class Needs:
         Whether the analysis uses the position analysis of the run, in order to compute
         other configurations than those of the samples, such as those along a curve.
     turns
-        Poles whose axis turns are read: the derivatives of the axis direction by the input.
-        They need `derivatives`.
+        Poles whose axis turns are read: the derivatives of the axis direction with respect
+        to the input. They need `derivatives`.
     links
         Numbers of the links that an analysis with `tracer` reads. If the set is empty, the
         analysis reads all links. The set has no meaning in a `union` of needs.

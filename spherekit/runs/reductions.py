@@ -59,9 +59,10 @@ class Reduction:
         Function that returns the number (n,) of each mode. It ignores NaN, and returns NaN
         if all values are NaN.
     weights
-        Function that returns the derivatives (k,) of the number by the values at the k
-        samples, for a single mode. Its arguments are the values and the number. None if the
-        number is the input of a sample, which small changes of the values do not change.
+        Function that returns the derivatives (k,) of the number with respect to the values
+        at the k samples, for a single mode. Its arguments are the values and the number.
+        None if the number is the input of a sample, which small changes of the values do
+        not change.
     returns_input
         Whether the number is an input (rad) and not a value of the quantity.
     needs_point
@@ -108,7 +109,7 @@ def reduce_samples(
 def sample_weights(
     reduction: str, values: Floats, figure: float, is_closed_path: bool
 ) -> Floats | None:
-    """Return the derivatives of a reduced number by the values at the samples.
+    """Return the derivatives of a reduced number with respect to the values at the samples.
 
     For example, the derivative of a largest value is 1 at the sample where it occurs, and 0
     at all other samples.

@@ -576,8 +576,8 @@ def _compute_exact_tables(
     exact = refined(simulation, study.start, duration)
     # The motion of the float64 simulation, at all samples in one block.
     (motion,) = sampling.blocks(len(sampling))
-    # Variables (n, variables), then their first and second derivatives by time, as balls:
-    # numbers of many digits with error bounds.
+    # Variables (n, variables), then their first and second derivatives with respect to
+    # time, as balls: numbers of many digits with error bounds.
     states, *derivatives = exact.at(sampling.t)
     (driven,) = simulation.driven
 

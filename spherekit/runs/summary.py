@@ -197,7 +197,8 @@ def measure_cost(
             recorder.finish()
         recording = {"recording": recorder.cost}
     # How many results one configuration needs, by name of the input that moves: pole axes,
-    # their derivatives by the input, and angular velocities of links ("link rates").
+    # their derivatives with respect to the input, and angular velocities of links ("link
+    # rates").
     counts_by_input = {}
     for request in run_plan.requests:
         moving_pair = run_plan.mechanism.pairs[request.plan.input]

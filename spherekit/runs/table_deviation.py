@@ -133,10 +133,10 @@ def compute_deviations(
 def _find_scale(largest_by_unit: Mapping[str, float], unit: str) -> float:
     """Return the number by which errors of columns with a certain unit are divided.
 
-    It is usually the largest reference value with this unit. Derivatives by an angle, for
-    example in N m/rad, are an exception if they are only rounding errors. This happens if
-    the columns in N m are constant. The scale is then the largest value of the columns in N
-    m.
+    It is usually the largest reference value with this unit. Derivatives with respect to an
+    angle, for example in N m/rad, are an exception if they are only rounding errors. This
+    happens if the columns in N m are constant. The scale is then the largest value of the
+    columns in N m.
 
     Parameters
     ----------
@@ -150,7 +150,8 @@ def _find_scale(largest_by_unit: Mapping[str, float], unit: str) -> float:
     The scale, 1.0 if all values are 0.
     """
     largest = largest_by_unit[unit]
-    # The unit of the functions, None if the unit is not that of a derivative by an angle.
+    # The unit of the functions, None if the unit is not that of a derivative with respect
+    # to an angle.
     function_unit = _integrated_unit(unit)
     largest_function = 0.0
     if function_unit is not None:

@@ -691,7 +691,7 @@ def _pole_errors(
     Returns
     -------
     Errors (n,) by name of the quantity: directions (rad), rates (velocity coefficients),
-    and derivatives of both by the input (1/rad).
+    and derivatives of both with respect to the input (1/rad).
     """
     # Errors of directions are as small as the rounding error of float64. The difference is
     # therefore computed in more digits and then rounded. `exact_direction` has the sense of
