@@ -20,7 +20,7 @@ Result = TypeVar("Result")
 Class = TypeVar("Class")
 
 MAX_LISTED_ARGUMENTS = 30
-"""Number of arguments that a message on an unknown argument lists."""
+"""Largest number of valid arguments listed in a message about an unknown argument."""
 
 
 def checked(
@@ -130,7 +130,7 @@ def resolved_annotation(function: Callable[..., Any], annotation: Any) -> Any:
     """
     if annotation is inspect.Parameter.empty:
         return Any
-    # `get_type_hints` needs an object with annotations: a class with this one alone.
+    # `get_type_hints` needs an object with annotations: a class with this annotation only.
     holder = type("_Holder", (), {"__annotations__": {"annotation": annotation}})
     names = inspect.unwrap(function).__globals__
     with contextlib.suppress(NameError):

@@ -1,4 +1,4 @@
-"""Statements of how complete a result is, and what it may have missed."""
+"""Statements of how complete a result is, and what may be missing in it."""
 
 from dataclasses import dataclass
 from enum import Enum

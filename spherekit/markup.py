@@ -11,7 +11,7 @@ CAPTION_STYLE = (
 )
 """Style of captions.
 
-Notebooks would centre them in the colour of remarks, and break them at the width of the
+Notebooks would centre captions in the colour of remarks, and break them at the width of the
 table.
 """
 

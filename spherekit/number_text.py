@@ -8,7 +8,7 @@ SCREEN_DIGITS = 6
 LEAST_ANGLE_STEP_DEG = 1e-4
 """Angles are rounded to this step (deg), which no drawing resolves.
 
-Without it, an angle of 0 that was computed with rounding errors would read ``4e-14``.
+Without rounding, an angle of 0 with numerical errors would read ``4e-14``.
 """
 
 

@@ -14,8 +14,8 @@ import numpy as np
 VECTOR_SIZE = 24
 """Number of elements of the test vectors, and number of rows of the test matrices.
 
-It exceeds the length of the vector registers of all processors, so a kernel computes both
-whole registers and a remainder.
+The number exceeds the length of the vector registers of all processors, so a kernel
+computes whole registers as well as a remainder.
 """
 
 
@@ -34,7 +34,7 @@ def processor_identity() -> dict[str, str]:
       ``"SSE SSE2 AVX2"``,
     - ``"blas"``: name and version of the linear algebra library,
     - ``"arithmetic"``: the first 16 hexadecimal digits of a SHA-256 checksum of test
-      results of both.
+      results of NumPy and of the linear algebra library.
     """
     numpy_config = np.show_config(mode="dicts")
     blas = numpy_config["Build Dependencies"]["blas"]

@@ -32,7 +32,7 @@ class ProgressReport:
     share
         Finished share of the work, from 0 to 1; None if it is unknown.
     remaining_seconds
-        Estimated time (s) that the rest takes; None if it is unknown.
+        Estimated time (s) that the remaining work takes; None if it is unknown.
     """
 
     activity: str
@@ -128,8 +128,8 @@ class ProgressReporter:
         """
         now = time.monotonic()
         if done is not None and (self._first_numbers is None or total != self._total):
-            # The remaining time is estimated from these numbers. Another total means
-            # another stage of the computation, so the estimate begins again.
+            # The remaining time is estimated from these numbers. A new total means a new
+            # stage of the computation, so the estimate begins again.
             self._first_numbers = (now, done)
             self._total = total
         if now - self._last_report < REPORT_INTERVAL_S:

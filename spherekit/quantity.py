@@ -19,7 +19,7 @@ MAX_TURNS_WITHOUT_UNIT = {"rad": 2.0, "deg": 10.0}
 """Turns beyond which an angle without a unit is refused, by the unit in which it is read.
 
 In rad the limit is low, because 144 is far more likely to mean 144 degrees than 23 turns.
-Larger: such mistakes pass without a word. Smaller: motions of a few turns need a unit.
+Larger: such mistakes are not reported. Smaller: motions of a few turns need a unit.
 """
 
 _ANGLE_UNITS: dict[str, tuple[AngleUnit, int]] = {
@@ -161,7 +161,7 @@ def field_unit_of(annotation: Any) -> FieldUnit | None:
 def split_unit(text: str) -> tuple[str, str]:
     """Divide a text such as ``35deg`` into its number and its unit.
 
-    The unit is empty if the text is a number alone.
+    The unit is empty if the text is only a number.
 
     Raises
     ------
@@ -192,7 +192,7 @@ def angle_unit_and_factor(
     unit
         The unit as the user wrote it, such as ``turn/s``.
     dimension
-        The expected quantity: an angle, or its first or second derivative by time.
+        The expected quantity: an angle, or its first or second time derivative.
 
     Returns
     -------
@@ -225,7 +225,7 @@ def read_quantity(
     target: AngleUnit = "rad",
     is_limited: bool = True,
 ) -> float:
-    """Read a number that may carry a unit, and convert it to the unit that is needed.
+    """Read a number that may carry a unit, and convert it to the unit of the result.
 
     For example, ``30rpm`` becomes 3.14 (rad/s), and ``250ms`` becomes 0.25 (s).
 

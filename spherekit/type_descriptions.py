@@ -217,5 +217,5 @@ def union_members(members: tuple[Any, ...]) -> tuple[Any, ...]:
 
 @functools.cache
 def is_text_array(annotation: Any) -> bool:
-    """Return whether a type is that of arrays of texts."""
+    """Return whether a type stands for arrays of texts."""
     return annotation is not ArrayLike and "str" in str(annotation)

@@ -92,8 +92,8 @@ def specification_of(
 ) -> Specification:
     """Read a synthesis file and return its designs, objectives and conditions.
 
-    A synthesis searches sizes of links that meet the requirements of such a file. A design
-    is one choice of the sizes.
+    A synthesis searches for sizes of links that meet the requirements of such a file. A
+    design is one choice of the sizes.
 
     Parameters
     ----------
@@ -119,8 +119,8 @@ def specification_of(
     variations = [
         _range_of(document, key, ends, angle_unit) for key, ends in data["vary"].items()
     ]
-    # Precision points are wanted values at given inputs. The deviation from each of them is
-    # a figure of merit, too: `deviation_figures` has its text by name.
+    # Precision points are desired values at given inputs. The deviation from each of these
+    # values is a figure of merit, too: `deviation_figures` has its text by name.
     deviation_figures, point_count = _precision_point_deviations(document, angle_unit)
     # The first designs are a Sobol sequence (points spread evenly over all ranges).
     sweep = sweep_of(
@@ -180,8 +180,8 @@ def _precision_point_deviations(
 ) -> tuple[dict[str, str], int]:
     """Return figures of merit for the deviations from the precision points of a file.
 
-    A precision point is a wanted value of a quantity at certain inputs, such as an angle or
-    a direction of an output. A figure of merit is a number that rates a design. It is
+    A precision point is a desired value of a quantity at certain inputs, such as an angle
+    or a direction of an output. A figure of merit is a number that rates a design. It is
     stated as a text such as "missed_1=at(theta_41 - (0.5), 0.3)": its name, the deviation
     of theta_41 from 0.5, and the input 0.3 at which it is evaluated.
 
@@ -190,13 +190,13 @@ def _precision_point_deviations(
     document
         The synthesis file. Its tables ``match`` list quantities, inputs and values.
     angle_unit
-        Unit of angles of the mechanism file. Inputs and wanted angles without a unit are in
-        this unit.
+        Unit of angles of the mechanism file. Inputs and desired angles without a unit are
+        in this unit.
 
     Returns
     -------
     Texts of figures of merit by name, ``missed_1`` and so on, and the number of precision
-    points. A point has as many deviations as its value has components.
+    points. A precision point has as many deviations as the value has components.
     """
     match = document.data.get("match", [])
     is_list = isinstance(match, list)
@@ -250,8 +250,8 @@ def _deviations(
     A synthesis chooses sizes so that these deviations become small. A number has one
     expression, and a vector or matrix has one for each component.
 
-    The root of the sum of their squares is minimised. For a direction or an orientation it
-    is the angle between quantity and value, if this angle is small.
+    The root of the sum of their squares is minimised. For a direction or an orientation
+    this root is the angle between quantity and value, if this angle is small.
 
     Parameters
     ----------
@@ -305,8 +305,8 @@ def _deviations(
         target = from_angles(numbers[None])[0]
     # The length of the difference of two unit vectors at a small angle is that angle (rad).
     # For two rotation matrices the Frobenius norm is sqrt(2) times the angle. The target is
-    # a vector (1 axis) or a matrix (2 axes), so the root of the number of axes is the
-    # divisor in both cases.
+    # a vector (1 axis) or a matrix (2 axes), so the difference is divided by the root of
+    # the number of array axes.
     factor = 1.0 / (unit * np.sqrt(target.ndim))
     # Names of the components: x, y, z of a vector; xx, xy, ..., zz of a matrix.
     components = ["".join(axes) for axes in product("xyz", repeat=target.ndim)]

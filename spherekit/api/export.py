@@ -153,12 +153,12 @@ def export(
     tolerance
         For models and coupling tables: the error allowed. In a model it is relative to the
         largest value of each function, by default 1e-13 with one input and 1e-11 with
-        several. In a coupling table it is that of angles in rad, by default 1e-6.
+        several. In a coupling table it is the error of angles in rad, by default 1e-6.
     pairs
         For coupling tables: the passive pairs that are stored, by default all.
     samples
         For coupling tables: the number of tabulated values along each input, by default as
-        many as the error needs.
+        many as are needed for the allowed error.
     at
         For MuJoCo models: the inputs of the pose, in `angle_unit`, by default rad. The
         default is the first sample of their ranges at which the assembly mode exists.
@@ -172,11 +172,11 @@ def export(
         become arguments of the formulas.
     crossings
         For source code: how an assembly mode continues where its curve of configurations
-        crosses that of another mode. With ``"end"``, the default, it keeps the signs of its
-        dyads. A dyad is two links with three R pairs, and its sign is one of two ways to
-        assemble it. With ``"pass"`` the mode follows the smooth curve, which is possible
-        with a single input. A function of the source then gives the signs at an input. Both
-        are as in `evaluate`.
+        crosses the curve of another mode. With ``"end"``, the default, the mode keeps the
+        signs of its dyads. A dyad is two links with three R pairs, and its sign is one of
+        two ways to assemble it. With ``"pass"`` the mode follows the smooth curve, which is
+        possible with a single input. A function of the source then gives the signs at an
+        input. Both values have the same meaning as in `evaluate`.
 
     Raises
     ------
@@ -291,7 +291,8 @@ def _export_source(
         Further arguments of `export`: the quantities (``quantities``), the numbers that are
         arguments of the source code (``vary``), and ``crossings``. The configurations of a
         mode form a curve over the input, which may cross the curve of another mode. With
-        "pass", a mode follows its smooth curve through a crossing. With "end" it does not.
+        "pass", a mode follows its smooth curve through a crossing. With "end" the mode
+        keeps the signs of its dyads (two links with three R pairs) instead.
     """
     if options.get("crossings") == "pass":
         # The source stores the inputs at which curves of modes cross. They depend on the
@@ -335,7 +336,7 @@ def _describe_mode_table(mode_table: ModeTable) -> Names:
     for reason, names in mode_table.left_out_by_reason().items():
         modes_text = numbered("mode", names)  # such as "modes 1, 3"
         notes.append(f"left out: assembly {modes_text}: {reason}")
-    # These modes are some of those that are left out above.
+    # These modes are among the modes that are left out above.
     undetermined_modes = mode_table.undetermined
     if undetermined_modes:
         first_number = undetermined_modes[0]
@@ -367,10 +368,11 @@ def _export_coupling_table(table: CouplingTable, target: Path) -> Exported:
     """Write a coupling table to a file, and return notes on its accuracy.
 
     A coupling table has the variables of passive pairs (joints that are not driven) and
-    their rates per unit rate of each input, as functions of the inputs.
-    A program interpolates between the nodes of a grid over the inputs. A cell is the box
-    between neighbouring nodes. It is sure if interpolation in it is as accurate as
-    required. In other cells the program gets NaN, and a note says how many there are.
+    their rates per unit rate of each input, as functions of the inputs. A program
+    interpolates between the nodes of a grid over the inputs. A cell is the box between
+    neighbouring nodes. A cell is sure if interpolation in the cell is as accurate as
+    required. In other cells the program gets NaN, and a note says how many such cells there
+    are.
 
     The ending of `target` selects an archive (.npz), a CSV file, or a C header. The caller
     has checked the ending.
@@ -433,7 +435,8 @@ def _export_functions(
         notes.append(f"outputs left out: {listing(x.name for x in mechanism.outputs)}")
     if not mechanism.masses:
         notes.append("no inertia: the mechanism has no masses")
-    # A grid model has functions of several inputs, the other one of a single input.
+    # A grid model has functions of several inputs. Any other model has functions of one
+    # input.
     make_model: Any = reduced_grid_model if has_several_inputs else reduced_model
     model = make_model(mechanism, assembly_mode=assembly_mode, **options)
     # `covered` is the part of the box in which the functions are known.

@@ -127,10 +127,10 @@ class Kinematics:
     ``"3/1"``. A coefficient is the rate of a quantity per unit rate of the input `moving`,
     while the other inputs are locked; with one input `moving` may be left out. The sense of
     a pole axis, and with it the sign of its coefficient, is continuous along the rows of an
-    assembly mode. In the first row it is the side on which the mechanism's axes are. Angles
-    are in rad, vectors in ground axes. Rows that failed hold NaN, and `status` has the
-    reason. Methods that end in `error_bound` return bounds of the errors, as the columns of
-    these names do in the table `poles`.
+    assembly mode. In the first row the pole axis points to the side on which the
+    mechanism's axes are. Angles are in rad, vectors in ground axes. Rows that failed hold
+    NaN, and `status` has the reason. Methods that end in `error_bound` return bounds of the
+    errors, as the columns of these names do in the table `poles`.
 
     With several inputs and groups of links that are no dyads (two links with three R
     pairs), each mode is followed from row to row by verified steps. After an input at which
@@ -190,12 +190,12 @@ class Kinematics:
 
     @property
     def sample(self) -> Integers:
-        """(n,) numbers of the inputs, from 0."""
+        """(n,) index, from 0, of the input of each row."""
         return self._drop_axis_if_single(self._batch.sample)
 
     @property
     def assembly_mode(self) -> Integers:
-        """(n,) numbers of the assembly modes."""
+        """(n,) number of the assembly mode of each row."""
         return self._drop_axis_if_single(self._batch.assembly_mode)
 
     @property
@@ -210,7 +210,7 @@ class Kinematics:
 
     @checked(SolveError)
     def variable(self, name: str) -> Floats:
-        """Return (n,) a pair variable, such as the angle of a joint (rad), at all n rows.
+        """Return a pair variable (n,), such as the angle of a joint (rad), in all n rows.
 
         A row is one input in one assembly mode. `name` is the name of the variable or of
         its pair (joint).
@@ -266,7 +266,7 @@ class Kinematics:
 
     @checked(SolveError)
     def direction(self, pole: str, moving: str | None = None) -> Floats:
-        """Return (n, 3) unit vectors along the pole axis of two links."""
+        """Return unit vectors (n, 3) along the pole axis of two links."""
         return self._drop_axis_if_single(
             self._batch.direction(*self._pole(pole), self._moving(moving))
         )
@@ -277,7 +277,7 @@ class Kinematics:
 
         `pole` names the two links, such as ``"4/1"``. The coefficient times the axis
         `direction` is the angular velocity of the first link relative to the second. The
-        coefficient of ``"1/4"`` is therefore the opposite of that of ``"4/1"``.
+        coefficient of ``"1/4"`` is therefore the negative of the coefficient of ``"4/1"``.
         """
         coefficient = self._batch.velocity_coefficient
         values = coefficient(*self._pole(pole), self._moving(moving))
@@ -311,7 +311,7 @@ class Kinematics:
 
     @checked(SolveError)
     def error_bound(self, pole: str, moving: str | None = None) -> Floats:
-        """Return (n,) a bound of the error of `direction`, rad."""
+        """Return a bound (n,) of the error of `direction`, rad."""
         return self._drop_axis_if_single(
             self._batch.error_bound(*self._pole(pole), self._moving(moving))
         )
@@ -320,7 +320,7 @@ class Kinematics:
     def velocity_coefficient_error_bound(
         self, pole: str, moving: str | None = None
     ) -> Floats:
-        """Return (n,) a bound of the error of `velocity_coefficient`."""
+        """Return a bound (n,) of the error of `velocity_coefficient`."""
         links = self._pole(pole)
         return self._drop_axis_if_single(
             self._batch.velocity_coefficient_error_bound(*links, self._moving(moving))
@@ -330,7 +330,7 @@ class Kinematics:
     def acceleration_coefficient_error_bound(
         self, pole: str, moving: str | None = None
     ) -> Floats:
-        """Return (n,) a bound of the error of `acceleration_coefficient`, 1/rad."""
+        """Return a bound (n,) of the error of `acceleration_coefficient`, 1/rad."""
         links = self._pole(pole)
         bounds = self._batch.acceleration_coefficient_error_bound(
             *links, self._moving(moving)
@@ -339,9 +339,9 @@ class Kinematics:
 
     @checked(SolveError)
     def direction_dq_error_bound(self, pole: str, moving: str | None = None) -> Floats:
-        """Return (n,) a bound of the error of `direction_dq`, 1/rad.
+        """Return a bound (n,) of the error of `direction_dq`, 1/rad.
 
-        It bounds the length of the error vector.
+        The bound is for the length of the error vector.
         """
         links = self._pole(pole)
         return self._drop_axis_if_single(
@@ -361,11 +361,12 @@ class Kinematics:
         Parameters
         ----------
         degrees
-            Whether inputs are in degrees. Coefficients are per rad in both cases.
+            Whether inputs are in degrees. Coefficients are per rad in any case.
         """
         batch = self._batch
         poles = [self._pole(pole) for pole in self.poles]
-        # A request is the two link numbers of a pole and the number of the moving input.
+        # A request consists of the indices of the two links of a pole and of the moving
+        # input.
         requested = [
             (*pole, moving) for moving in range(len(self.input_pairs)) for pole in poles
         ]
@@ -392,7 +393,7 @@ class Kinematics:
         return self.mechanism.links[self.mechanism.link(name)]
 
     def _variable_of_pair(self, pair: str) -> int:
-        """Return the number of the only variable of a pair, or raise an error."""
+        """Return the index of the only variable of a pair, or raise an error."""
         number = self.mechanism.pair_number[self.mechanism.pair(pair).name]
         variables = self.mechanism.variables_of(number)
         if len(variables) > 1:
@@ -404,7 +405,7 @@ class Kinematics:
         return variables[0]
 
     def _pole(self, text: str) -> Pole:
-        """Return the link numbers of an evaluated pole, or raise an error."""
+        """Return the indices of the links of an evaluated pole, or raise an error."""
         pole = parse_pole(self.mechanism, text)
         name = _pole_text(self.mechanism, pole)
         if name not in self.poles:
@@ -420,7 +421,7 @@ class Kinematics:
         A coefficient is the angular velocity of one link relative to another, per unit rate
         of the input. It changes its sign if the two links are exchanged, since the
         direction of the pole axis stays (Di Gregorio 2024, eq. 1). In `values` the link
-        with the larger number moves relative to the other link.
+        with the larger index moves relative to the other link.
 
         Parameters
         ----------
@@ -429,7 +430,7 @@ class Kinematics:
         values
             (n,) coefficients at n configurations.
         """
-        # The numbers of the two links, in the order of the text.
+        # The indices of the two links, in the order of the text.
         moving_link, reference_link = ordered_pole(self.mechanism, text)
         has_order_of_values = moving_link > reference_link
         if not has_order_of_values:
@@ -439,7 +440,7 @@ class Kinematics:
         return self._drop_axis_if_single(values)
 
     def _moving(self, name: str | None) -> int:
-        """Return the number of the moving input; the only one needs no name."""
+        """Return the index of the moving input; an only input needs no name."""
         inputs = self.input_pairs
         if name in inputs:
             return inputs.index(name)
@@ -488,18 +489,18 @@ def evaluate(
         dyad, modes are numbered along the inputs of this call. `run` may then number them
         in another way.
     crossings
-        How an assembly mode continues where its curve of configurations crosses that of
-        another mode. With ``"end"`` it keeps the signs of its dyads. A dyad is two links
-        with three R pairs, and its sign is one of two ways to assemble it. With ``"pass"``
-        the mode follows the smooth curve, which is possible with a single input.
+        How an assembly mode continues where its curve of configurations crosses the curve
+        of another mode. With ``"end"`` the mode keeps the signs of its dyads. A dyad is two
+        links with three R pairs, and its sign is one of two ways to assemble it. With
+        ``"pass"`` the mode follows the smooth curve, which is possible with a single input.
     angle_unit
         Unit of `inputs`, ``"rad"`` or ``"deg"``. The result is in rad.
 
     Raises
     ------
     SolveError, PlanError, ModelError
-        If the number of degrees of freedom is not that of the inputs, a name is unknown, or
-        inputs are not finite numbers. Inputs that the mechanism cannot reach raise no
+        If the number of degrees of freedom is not the number of inputs, a name is unknown,
+        or inputs are not finite numbers. Inputs that the mechanism cannot reach raise no
         error. Their rows have a status instead.
 
     Examples
@@ -589,8 +590,9 @@ def _prepare_evaluation(
 
         With one input, `range_analysis` has the assembly modes over its range, and
         `evaluate_row` is a fast function for one mode at one value of it, if there is one.
-        With several inputs both are None. `needs` are the quantities that are evaluated,
-        such as pole axes and rates of links, and `pole_names` the names of the poles.
+        With several inputs `range_analysis` and `evaluate_row` are None. `needs` are the
+        quantities that are evaluated, such as pole axes and rates of links, and
+        `pole_names` the names of the poles.
 
         Parameters
         ----------
@@ -792,10 +794,10 @@ class _SingleRowEvaluator:
             signs_of_dyads = self.mode.signs_along(inputs)[:, 0]
             return [q, *signs_of_dyads.astype(float).tolist()]
         # Without a closed form, `guide` interpolates between known configurations of the
-        # mode. With one input, the numbers of samples (`rows`) are not needed.
+        # mode. With one input, `guide` does not use the numbers of samples (`rows`).
         assert self.mode.guide is not None
         prediction = self.mode.guide.predict(inputs, rows=None)
-        # The status is another one where the mode does not exist.
+        # Where the mode does not exist, the status is not OK.
         if prediction.status[0] != Status.OK:
             return None
         predicted_variables: list[float] = prediction.values[0].tolist()

@@ -36,7 +36,8 @@ def plan(
     Raises
     ------
     PlanError
-        If the number of degrees of freedom is not that of the inputs, or a pole is unknown.
+        If the number of degrees of freedom is not the number of inputs, or a pole is
+        unknown.
 
     Examples
     --------

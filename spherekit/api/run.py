@@ -35,7 +35,7 @@ OPTIONS_WITHOUT_EFFECT_ON_VIEWS = (
 
 @dataclass
 class _RunViews:
-    """Draws and records a run, which is repeated when a drawing is first needed.
+    """Draws and records a run, which is repeated when it is drawn for the first time.
 
     A scene is what is drawn on one page: links, curves and plots at all samples. Scenes are
     large, so results do not store them. A repeated run computes the same scenes.
@@ -101,7 +101,7 @@ class _RunViews:
         degrees: bool,
         columns: Columns,
     ) -> "Figure":
-        """Return a figure of one column of a table against another one.
+        """Return a figure of one column of a table against another column.
 
         Parameters
         ----------

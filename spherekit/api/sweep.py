@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 Vary = Mapping[str, str | Sequence[float]]
-"""Values of numbers of a file, by their keys."""
+"""Values of the numbers of a mechanism file that vary, by the keys of the numbers."""
 
 
 @checked(DesignError)
@@ -86,14 +86,14 @@ def sweep(
         Conditions, such as ``"links_2_arc < links_4_arc"`` or ``"least > 30"``. Designs and
         rows that do not meet them are left out.
     samples
-        Number of samples at which each design is computed. They are on a straight path
-        through the ranges of the inputs. A sequence of numbers, one for each input, states
-        a grid. By default the samples are those of the study.
+        Number of samples at which each design is computed. The samples are on a straight
+        path through the ranges of the inputs. A sequence of numbers, one for each input,
+        states a grid. By default the samples are those of the study.
     crossings
-        How an assembly mode continues where its curve of configurations crosses that of
-        another mode. With ``"end"`` it keeps the signs of its dyads. A dyad is two links
-        with three R pairs, and its sign is one of two ways to assemble it. With ``"pass"``
-        the mode follows the smooth curve. By default the study decides.
+        How an assembly mode continues where its curve of configurations crosses the curve
+        of another mode. With ``"end"`` the mode keeps the signs of its dyads. A dyad is two
+        links with three R pairs, and its sign is one of two ways to assemble it. With
+        ``"pass"`` the mode follows the smooth curve. By default the study decides.
     designs, scheme, seed
         Number of designs, the method that chooses them (``"sobol"``, ``"latin"`` or
         ``"random"``), and the seed of its random numbers. By default the designs are all
@@ -102,11 +102,11 @@ def sweep(
         Folder in which the parts of the sweep are written as Parquet files. If a sweep was
         stopped in this folder, it is continued.
     workers
-        Number of processes, by default one for each core. Without a folder there is one
-        process.
+        Number of processes, by default one for each core. Without a folder there is only
+        one process.
     dask
-        Address of a Dask scheduler whose workers compute the parts. Those that do not see
-        the folder send their parts through the scheduler.
+        Address of a Dask scheduler whose workers compute the parts. Workers that do not see
+        the folder send their parts (results of successive designs) through the scheduler.
 
     Returns
     -------
@@ -187,7 +187,7 @@ def sweep_of(
     Raises
     ------
     DesignError
-        If an analysis has no figures of merit, or tables are wanted of no analysis.
+        If an analysis has no figures of merit, or tables are requested without an analysis.
     """
     study = study_of(subject)
     study = replace(study, mechanism=driven_at(study.mechanism))
@@ -262,7 +262,7 @@ def _labels_of_mode(study: Study) -> Names:
     - ``run 1``, the number after the word "run". This label occurs if figures come from
       tables of a run, and the mode of the run is not among those of the fast evaluation.
 
-    If the study states no mode, all modes are wanted and there are no labels.
+    If the study states no mode, all modes are computed and there are no labels.
 
     Raises
     ------
@@ -273,7 +273,7 @@ def _labels_of_mode(study: Study) -> Names:
         return ()
     # A sweep numbers modes over the ranges of the inputs. With a law of time for the
     # inputs, or a simulation from a start, the analysis would cover other inputs, and modes
-    # could have other numbers. So both are removed from the study.
+    # could have other numbers. So laws and start are removed from the study.
     at_rest = replace(study, start=None, laws={}, duration=None)
     # The position analysis of a study that states a mode has only this mode.
     (mode,) = make_sampling(at_rest).position_analysis.assembly_modes

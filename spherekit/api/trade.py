@@ -1,4 +1,4 @@
-"""`spherekit.trade`: speed against accuracy, with a chart that can be drawn."""
+"""`spherekit.trade`: measures speed against accuracy, with a chart of the results."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any

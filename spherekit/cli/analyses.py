@@ -1,4 +1,4 @@
-"""`spherekit analyses`: what is installed, broken plugins with their reason."""
+"""`spherekit analyses`: the installed analyses, and why broken plugins are broken."""
 
 from argparse import ArgumentParser, Namespace
 from dataclasses import MISSING
@@ -40,7 +40,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def execute(options: Namespace) -> int:
     """Execute ``spherekit analyses``: list the installed analyses, or describe one of them.
 
-    An analysis is a plugin that computes tables for a mechanism. One that cannot be
+    An analysis is a plugin that computes tables for a mechanism. An analysis that cannot be
     imported is listed with its error. Returns the exit status 0.
     """
     if options.analysis:

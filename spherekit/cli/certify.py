@@ -590,7 +590,7 @@ def _certify_map(
 ) -> Certification:
     """Certify the number of assembly modes over the ranges of two inputs.
 
-    The rectangle of both ranges is divided into boxes (cells). The number of modes is
+    The rectangle of the two ranges is divided into boxes (cells). The number of modes is
     proven in each box, unless the box contains singular inputs or stays undecided. With
     ``--figure`` the boxes are drawn.
 
@@ -607,7 +607,7 @@ def _certify_map(
 
     mechanism = decimal_mechanism.mechanism
     names = mechanism.input_pairs
-    # ``--range`` has no place for a second input, so the ranges of the file are used.
+    # ``--range`` takes the range of one input only, so the ranges of the file are used.
     if len(names) > 2 or options.range:
         raise AnalysisError(
             f"{mechanism.name} has {len(names)} inputs; --range works with one input only. "
@@ -622,7 +622,7 @@ def _certify_map(
             f"--cell {options.cell}: found {largest_side:g} rad, expected a side from "
             f"{MIN_CELL_RAD:g}rad to {MAX_CELL_RAD:g}rad"
         )
-    # Ends of both ranges as decimal texts, in the unit of the file.
+    # Ends of the two ranges as decimal texts, in the unit of the file.
     ranges = [decimal_mechanism.input_range_text(name) for name in names]
     input_map = certify_input_map(decimal_mechanism, ranges, largest_side)
     range_texts = [
@@ -661,7 +661,7 @@ def _draw_map(input_map: "InputMap", names: Sequence[str], path: str) -> None:
     ----------
     input_map
         The proven map. Its arrays `centres` and `radii` (boxes, 2) are the centres and half
-        widths of the boxes in rad. `modes` (boxes,) has the numbers of modes.
+        widths of the boxes in rad. `modes` (boxes,) has the number of modes in each box.
     names
         The names of the two inputs.
     path
@@ -672,7 +672,7 @@ def _draw_map(input_map: "InputMap", names: Sequence[str], path: str) -> None:
     from spherekit.display.figures import certified_map
     from spherekit.proof.input_map import CONTAINS_TYPE_II, UNDECIDED
 
-    # (boxes,) whether each box belongs to the area, by the label of the area.
+    # For the label of each area, a mask (boxes,) of the boxes that belong to the area.
     is_in_area = {
         counted(mode_count, "mode"): input_map.modes == mode_count
         for mode_count in input_map.mode_shares
@@ -766,9 +766,9 @@ def _report_curves(report: ScreenReport, curves: "CertifiedCurves") -> None:
 def _absence_sentence(curves: "CertifiedCurves", located: "CertifiedSingularities") -> str:
     """Return a sentence of the report: there are no singular points on the curves.
 
-    The curves are those of the configurations over the input. Crossings of curves, curves
-    with a constant input and outputs that are always at rest are reported in other lines.
-    The sentence then starts with "Elsewhere".
+    The curves show the configurations over the input. Crossings of curves, curves with a
+    constant input and outputs that are always at rest are reported in other lines. The
+    sentence then starts with "Elsewhere".
     """
     may_cross = any(text.startswith("curves cross") for text in _crossing_sentences(curves))
     has_exceptions = may_cross or curves.constant_input_values or located.resting
@@ -783,8 +783,8 @@ def _report_singularities(
 ) -> None:
     """Report the singularities of all outputs, and what stays undecided.
 
-    In a type I singularity the output is at rest while the input moves; in one of type II
-    the input is at rest while the mechanism moves.
+    In a type I singularity the output is at rest while the input moves. In a type II
+    singularity the input is at rest while the mechanism moves.
 
     Parameters
     ----------
@@ -804,8 +804,8 @@ def _report_singularities(
         singularities_outside.append(is_outside)
         # The curve has a variable that makes one turn until all links are back in their
         # first pose. With toothed wheels, the input makes `cycle_turns` turns in this time,
-        # otherwise one. The error of the input is larger than that of the variable by this
-        # factor.
+        # otherwise one. The error of the input is larger than the error of the variable by
+        # this factor.
         error = np.degrees(singularity.point.error * curves.cycle_turns)
         rows.append(
             (

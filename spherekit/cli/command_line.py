@@ -45,12 +45,12 @@ COMMAND_GROUPS = {
         "completion": "print a shell completion script",
     },
 }
-"""The subcommands by their purpose, and what each does."""
+"""The subcommands, grouped by their purpose, and what each subcommand does."""
 
 COMMANDS = {
     name: summary for group in COMMAND_GROUPS.values() for name, summary in group.items()
 }
-"""The subcommands and what each is for."""
+"""The subcommands, and what each subcommand is for."""
 
 EXAMPLES = """examples:
   # a file to start from
@@ -163,7 +163,7 @@ class CommandParser(CommandLineParser):
     """
 
     def __init__(self, command: str, **options: Any) -> None:
-        """Remember the name of the command; its arguments are declared when needed."""
+        """Store the name of the command, whose arguments are declared when it is used."""
         super().__init__(**options)
         self._command = command
         self._has_arguments = False
@@ -199,7 +199,7 @@ class CommandParser(CommandLineParser):
         module.add_arguments(self)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Read the words of the command and refuse those that no argument takes."""
+        """Read the words of the command, and refuse words that no argument takes."""
         self.import_command()
         options, unread_words = super().parse_known_args(args, namespace)
         if unread_words:

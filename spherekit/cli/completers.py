@@ -50,9 +50,9 @@ def complete_studies(prefix: str, options: argparse.Namespace) -> list[str]:
 
 
 def complete_analyses(prefix: str, options: argparse.Namespace) -> list[str]:
-    """Return the words that a shell may put for the name of an analysis, with the Tab key.
+    """Return the words that a shell offers for the name of an analysis, with the Tab key.
 
-    They are the installed analyses. After ``NAME:`` they are the parameters of this
+    The words are the installed analyses. After ``NAME:`` they are the parameters of this
     analysis.
     """
     name, colon, parameter_text = prefix.partition(":")

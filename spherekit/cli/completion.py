@@ -1,4 +1,4 @@
-"""`spherekit completion`: what makes a shell complete the words of spherekit."""
+"""`spherekit completion`: code by which a shell completes the words of spherekit."""
 
 from argparse import ArgumentParser, Namespace
 

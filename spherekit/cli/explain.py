@@ -1,4 +1,4 @@
-"""`spherekit explain`: what will be planned, evaluated and logged."""
+"""`spherekit explain`: what a run will plan, evaluate and log."""
 
 import math
 import shlex
@@ -59,7 +59,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--recording",
         action="store_true",
-        # Its size follows from those of two short recordings, which are made for this.
+        # The size of the recording follows from the sizes of two short recordings, which
+        # are made for this purpose.
         help=(
             "also predict the size of the recording, by making two short ones (takes a "
             "second or two)"
@@ -230,7 +231,7 @@ def _make_report(description: Facts, link_count: int, with_recording: bool) -> S
         )
     # A pole is the instantaneous axis of two links. The poles that the analyses need at
     # each sample are printed first. Each input that moves while the others are locked has a
-    # plan, which evaluates these poles and those from which they follow.
+    # plan, which evaluates these poles and the poles from which they follow.
     poles = description["asked"]
     if poles:
         all_poles = counted(math.comb(link_count, 2), "pole")
@@ -268,13 +269,13 @@ def _describe_evaluations(plan: Facts) -> str:
     Parameters
     ----------
     plan
-        The construction of the poles for one moving input: an entry of ``plans`` in the
-        description of a run.
+        The construction of the poles for one moving input: an item of the list ``plans`` in
+        the description of a run.
     """
     # Primary poles are axes of pairs (joints), all others are secondary. Most secondary
     # poles are intersections of great circles. In some parts of a mechanism (irreducible
-    # parts) there are no such circles. There the poles follow from velocity equations and
-    # are counted separately.
+    # parts) there are no such circles. In such parts the poles follow from velocity
+    # equations and are counted separately.
     counts = plan["counts"]
     secondary = counts["secondary"] + counts["irreducible"]
     # First order: angular velocity per unit rate of the input. Second order: the derivative
@@ -295,8 +296,8 @@ def _describe_evaluations(plan: Facts) -> str:
 def _size_table(sizes_by_table: Mapping[str, Facts]) -> ScreenTable:
     """Return a table with the predicted sizes of the result tables of a run.
 
-    `sizes_by_table` has, for each name of a result table, the numbers of its rows and
-    columns, and of the bytes of its file in the formats CSV and Parquet.
+    `sizes_by_table` has, for each name of a result table, the number of rows, the number of
+    columns, and the number of bytes of the file in the formats CSV and Parquet.
     """
     columns = [ScreenColumn("table", "left")]
     for heading in ("rows", "columns", "CSV", "Parquet"):
@@ -322,7 +323,7 @@ def _predicted_sizes(sizes: Facts, with_recording: bool) -> list[str | ScreenTab
     Parameters
     ----------
     sizes
-        The entry ``predicted`` of the description of a run.
+        The value under the key ``predicted`` in the description of a run.
     with_recording
         Whether the user asked for the size of the recording.
     """

@@ -34,7 +34,7 @@ COMMANDS_FOR_FILE = {
     ".tex": ("pdflatex {path}", "print the formulas"),
     ".xml": ("python -m mujoco.viewer --mjcf={path}", "open the model in MuJoCo"),
 }
-"""By the ending of the file, a command of another program for it, and its purpose."""
+"""For each file ending, a command of another program that reads it, and its purpose."""
 
 EXAMPLES = """examples:
   # the formulas of all angles and coefficients as C, with a size as an argument
@@ -180,9 +180,9 @@ def execute(options: Namespace) -> int:
     mechanism_of_file = load(options.file)
     mechanism = with_locks(mechanism_of_file, options.lock)
     # Without locked pairs, `export` gets the file, with sizes as the user wrote them, such
-    # as 30 deg. The loaded mechanism has them in rad, rounded to floats.
+    # as 30 deg. The loaded mechanism has the sizes in rad, rounded to floats.
     has_locks = mechanism is not mechanism_of_file
-    # Inputs (rad) of the one pose that a MuJoCo model needs.
+    # Inputs (rad) of the pose in which a MuJoCo model starts.
     inputs_of_pose = None
     if options.at:
         inputs_of_pose = tuple(

@@ -19,7 +19,7 @@ def raise_on_interrupt(process_ends: bool) -> Iterator[None]:
 
     The signals are those in `INTERRUPTS`. The argument of the exception is the number of
     the signal. A signal that was ignored before the block stays ignored. For example, a
-    shell lets its background jobs ignore Ctrl-C. In other threads than the main one, the
+    shell lets its background jobs ignore Ctrl-C. In other threads than the main thread, the
     block has no effect, because Python allows signal handlers only there.
 
     Parameters

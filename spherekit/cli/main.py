@@ -25,10 +25,10 @@ FAILED_ANALYSIS = 4
 """Exit status of a run in which an analysis failed."""
 
 INTERRUPTED = 128
-"""Number to which that of a signal is added for the exit status after the signal."""
+"""Exit status after a signal, less the number of the signal."""
 
 MIN_ADDRESS_SPACE_BYTES = 500_000_000
-"""Address space without which numerical libraries end the process while they load."""
+"""Least address space; with less, numerical libraries end the process while they load."""
 
 MEMORY_MESSAGES = (
     "failed to map segment",
@@ -38,7 +38,7 @@ MEMORY_MESSAGES = (
 """Parts of messages by which loaders and the system report a lack of memory."""
 
 OUTPUT_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
-"""Error numbers of a standard output that takes no more."""
+"""Error numbers (errno) that mean that standard output cannot be written any more."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -59,8 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         # Ctrl-C raises `KeyboardInterrupt` in this block.
         with raise_on_interrupt(process_ends=is_process):
-            # If stdout is closed, the next opened file would get its number, and with it
-            # all output.
+            # If stdout is closed, the next opened file would get the file number of stdout,
+            # and with it all output.
             _open_closed_streams()
             try:
                 return _run_command(words)
@@ -106,8 +106,8 @@ def _run_command(words: list[str]) -> int:
     if "_ARGCOMPLETE" in os.environ:
         from argcomplete.finders import CompletionFinder
 
-        # The parser of a subcommand gets its arguments when it is needed. This call adds
-        # those of the subcommand in the line that is to be completed.
+        # The parser of a subcommand gets its arguments when the subcommand is used. This
+        # call adds the arguments of the subcommand in the line that is to be completed.
         command_parsers(parser, os.environ["COMP_LINE"].split())
         CompletionFinder()(parser, always_complete_options="long")
     options = parser.parse_args(words)
@@ -154,14 +154,14 @@ def _open_closed_streams() -> None:
 def _discard_output() -> None:
     """Redirect stdout to the null device, after the reader of stdout has closed it.
 
-    Python writes what stdout still contains when the process ends. Without this, that would
-    raise a second error.
+    When the process ends, Python writes what stdout still contains. Without the
+    redirection, this writing would raise a second error.
     """
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _is_output_error(error: Exception) -> bool:
-    """Return whether an error means that standard output takes no more.
+    """Return whether an error means that standard output cannot be written any more.
 
     Such an error occurs, for example, if the disk is full to which stdout is redirected. An
     error of another file has the name of the file; an error of standard output has no name.
@@ -174,8 +174,8 @@ def _is_output_error(error: Exception) -> bool:
 def _system_message(error: Exception) -> str:
     """Return a message if memory is short or if stdout cannot be written; otherwise "".
 
-    Some libraries report a lack of memory by an error of their own. So the errors that
-    caused the error are examined, too.
+    Some libraries report a lack of memory by an error class of their own. So the errors
+    from which `error` was raised are examined, too.
     """
     cause: BaseException | None = error
     while cause is not None:

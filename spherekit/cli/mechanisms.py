@@ -80,8 +80,8 @@ def _mechanism_table(rows: list[Facts]) -> ScreenTable:
     Parameters
     ----------
     rows
-        For each mechanism its name, numbers of links, pairs and freedoms, its description
-        and its source in the literature.
+        For each mechanism the name, the numbers of links, pairs and freedoms, the
+        description and the source in the literature.
     """
     columns = (
         ScreenColumn("name"),

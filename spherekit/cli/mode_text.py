@@ -13,8 +13,9 @@ def mode_name(mode: Any) -> str:
 
     An assembly mode is one of the ways to assemble the mechanism. Its name comes from the
     mechanism file. The text ``mode["mode"]`` has one character for each group of links. For
-    a dyad (two links with three revolute pairs) it is a sign. For other groups it is ``~``,
-    which is left out here. If there is neither name nor sign, only the number is returned.
+    a dyad (two links with three revolute pairs) the character is a sign. For other groups
+    it is ``~``, which is left out here. If there is neither name nor sign, only the number
+    is returned.
 
     Parameters
     ----------
@@ -26,9 +27,9 @@ def mode_name(mode: Any) -> str:
 
 
 def number_list(numbers: Sequence[int]) -> str:
-    """Return numbers as text in which successive ones form a range, such as ``0-5, 7``.
+    """Return numbers as text, with successive numbers as a range, such as ``0-5, 7``.
 
-    The numbers are those of assembly modes (ways to assemble the mechanism).
+    The numbers denote assembly modes (ways to assemble the mechanism).
     """
     parts: Lines = []
     ordered = sorted(numbers)
@@ -127,7 +128,7 @@ def _mode_titles(modes: Sequence[Any]) -> str:
     Parameters
     ----------
     modes
-        The entries of ``assembly_modes`` or ``other_modes`` of the summary.
+        The items of the list ``assembly_modes`` or ``other_modes`` in the summary.
     """
     names = [mode_name(mode) for mode in modes]
     if not all(name.isdigit() for name in names):
@@ -146,8 +147,9 @@ def _closing_place(mode: Any, entry: Any, overview: Any, place_text: PlaceText) 
     mode
         The facts of the mode: an entry of ``assembly_modes`` in the summary of a run.
     entry
-        Where the mode exists: its entry in the overview of the motion. None if there is no
-        such entry. ``closes`` lists spans of places in which the mode exists.
+        Where the mode exists: the facts of the mode in the overview of the motion. None if
+        the overview lacks the mode. ``closes`` lists spans of places in which the mode
+        exists.
     overview
         The overview of the motion in the summary of the run.
     place_text
@@ -172,8 +174,8 @@ def _share_of_valid_samples(mode: Any) -> float:
     Parameters
     ----------
     mode
-        The entry of the mode in ``assembly_modes`` of the summary. It has the number of
-        samples with each status.
+        The item of the mode in the list ``assembly_modes`` of the summary. It has the
+        number of samples with each status.
     """
     sample_count_by_status = mode["status"]
     sample_count = max(sum(sample_count_by_status.values()), 1)

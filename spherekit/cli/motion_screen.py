@@ -1,4 +1,4 @@
-"""The table of the motion of all outputs on the screen, and the notes below it."""
+"""The screen table of the motion of all outputs, and the notes below this table."""
 
 import math
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from spherekit.number_text import degrees_text, last_significant_digit, number_t
 from spherekit.tables.screen_table import ScreenColumn, ScreenTable
 
 MAX_TABLE_ROWS = 40
-"""Rows of a table on the screen; summary.json has all of them."""
+"""Largest number of rows of a table on the screen; summary.json has all rows."""
 
 RATIO_ERROR = 5e-10
 """Velocity ratios that are not larger are rounding errors, and printed as 0."""
@@ -20,7 +20,7 @@ ANGLE_ERROR_RAD = 5e-10
 """Ranges of angles that are not larger are rounding errors."""
 
 FARTHEST_HEADING = "farthest from start"
-"""Heading of the column of swings for outputs without a fixed axis, without the unit."""
+"""Heading, without unit, of the column of swings of outputs without a fixed axis."""
 
 MEASURE_HEADING = "least transmission measure"
 """Heading of the column of transmission measures, which a note explains."""
@@ -42,7 +42,7 @@ MEASURE_DIGITS = 2
 """Significant digits of transmission measures."""
 
 RATIO_DIGITS = 4
-"""Decimals of velocity ratios, and significant digits of very small and large ones."""
+"""Decimals of velocity ratios, and significant digits of very small and large ratios."""
 
 RATIO_STEP = 1e-3
 """Smaller velocity ratios are printed with significant digits, as decimals would lose
@@ -93,8 +93,8 @@ def output_table(summary: Any) -> ScreenTable | None:
         columns.append(ScreenColumn("velocity ratio"))
     else:
         columns += [ScreenColumn(f"velocity ratio by {pair}") for pair in inputs]
-    # The pairs at which transmission angles of outputs are taken. One pair is named in the
-    # heading, and several ones in a column.
+    # The pairs at which transmission angles of outputs are taken. A single pair is named in
+    # the heading, several pairs in a column.
     pairs = {
         motion["least_transmission"]["pair"]
         for entry in overview["modes"].values()
@@ -104,7 +104,7 @@ def output_table(summary: Any) -> ScreenTable | None:
     has_transmission = bool(pairs)
     has_pair_column = len(pairs) > 1
     at_pair = f" at pair {min(pairs)}" if len(pairs) == 1 else ""
-    # The overview has the first place if the least value occurs at several ones.
+    # If the least value occurs at several places, the overview has the first of them.
     where = f"first at {place_text.heading}"
     if place_text.kind == "sample":
         where = f"first at inputs {', '.join(inputs)} (deg)"
@@ -195,15 +195,15 @@ def ends_at_dead_centre(overview: Any, entry: Any) -> bool:
     """Return whether an assembly mode ends at a dead centre within the range of the run.
 
     A dead centre is a singularity of type II, beyond which the mode cannot be assembled. It
-    is usually between two samples. Ranges of angles end at the last sample before it, so
-    the true ranges may be larger. A note then says so.
+    is usually between two samples. Ranges of angles end at the last sample before the dead
+    centre, so the true ranges may be larger. A note then says so.
 
     Parameters
     ----------
     overview
         The overview of the motion in the summary of the run.
     entry
-        The entry of the mode in the overview.
+        The facts of the mode in the overview.
     """
     exists_somewhere = bool(entry["closes"])  # spans where the mode can be assembled
     is_missing_somewhere = "OUT_OF_REACH" in entry["statuses"]
@@ -246,8 +246,8 @@ def _swing_text(motion: Any, is_lower_bound: bool) -> str:
     The text begins with ``>=`` if the true range may be larger, since the mode ends at a
     dead centre between samples.
 
-    The printed ends of the range are rounded too, so their difference can differ by one in
-    the last digit.
+    The printed ends of the range are rounded too, so their difference can differ from the
+    printed width by one in the last digit.
     """
     swing_deg = math.degrees(motion["highest_rad"] - motion["lowest_rad"])
     text = degrees_text(math.radians(round(swing_deg, 2)))
@@ -347,8 +347,8 @@ def _rest_cell(
     place_text
         Converts places to text.
     stop_times
-        Times (s) at which all links stop in a simulation. They are exact. A rest within one
-        sample of such a time is printed with this time.
+        Times (s) at which all links stop in a simulation. These times are exact. A rest
+        within one sample of such a time is printed with this time.
     """
     # Rests are found as changes of sign of the rate. Without a fixed axis there is no sign.
     if not output["fixed_axis"]:
@@ -368,7 +368,7 @@ def _rest_cell(
     for first, last in motion["uncertain_rests"]:
         text_by_place[first] = place_text.between(first, last)
     places = [text_by_place[place] for place in sorted(text_by_place)]
-    # Count the places that are left out by the summary and those left out by this cell.
+    # Count the places that the summary leaves out and the places that this cell leaves out.
     further = motion["further_rests"] + max(len(places) - MAX_LISTED_PLACES, 0)
     text = ", ".join(places[:MAX_LISTED_PLACES]) or "none"
     return f"{text} and {further} more" if further else text
@@ -389,8 +389,8 @@ def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
     overview = summary["overview"]
     notes = []
     if any(not output["fixed_axis"] for output in overview["outputs"]):
-        # The entry "points" says whether the output is a direction (such as that of a
-        # camera), and not the pose of a link.
+        # The key "points" says whether the output is a direction (such as the line of sight
+        # of a camera), and not the pose of a link.
         has_direction = any(output["points"] for output in overview["outputs"])
         what = "direction" if has_direction else "pose"
         resting = "the output rests (singularity of type I)"
@@ -428,11 +428,11 @@ def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
 
 
 def _describe_other_dyad(summary: Any) -> Lines:
-    """Return a note if another dyad is nearer to a dead centre than those in the table.
+    """Return a note if another dyad is nearer to a dead centre than the dyads in the table.
 
     A dyad is two links joined by a pair. Its transmission angle is 0 at a dead centre. The
-    table has one transmission angle for each output: that of the dyad which determines the
-    motion of the output. Another dyad of the mechanism may have a smaller angle.
+    table has one transmission angle for each output: the angle of the dyad that determines
+    the motion of the output. Another dyad of the mechanism may have a smaller angle.
 
     Parameters
     ----------
@@ -463,7 +463,7 @@ def _describe_other_dyad(summary: Any) -> Lines:
         return []
     place_text = PlaceText(overview)
     place = place_text.at(least["place"])
-    # The number of a sample says little, so its inputs are printed.
+    # The number of a sample says little, so the inputs of the sample are printed.
     if place_text.kind == "sample":
         place = inputs_text(summary, least["inputs_rad"])
     # Assembly modes that differ in other dyads have the same least angle, so all are

@@ -163,8 +163,8 @@ def _check_name(kind: str, name: str) -> None:
     Parameters
     ----------
     kind
-        ``"mechanism"`` or ``"analysis"``. The name of an analysis is also that of a Python
-        module, so fewer names are allowed.
+        ``"mechanism"`` or ``"analysis"``. The name of an analysis is also the name of a
+        Python module, so fewer names are allowed.
     name
         The name that the user wrote.
     """

@@ -8,7 +8,7 @@ from spherekit.number_text import degrees_text, number_text
 from spherekit.wording import listing
 
 MAX_LISTED_PLACES = 4
-"""Places, such as inputs at which an output rests, that are listed in a cell or line."""
+"""Largest number of places, such as inputs at which an output rests, in a cell or line."""
 
 COARSE_STEP_DEG = 5.0
 """Distance of samples (deg) from which a note says that places of rest may be missed.
@@ -28,7 +28,7 @@ class PlaceText:
     kind
         What a place is: "input", "time" or "sample".
     name, unit
-        Name and printed unit of places. The name of an input is that of its pair.
+        Name and printed unit of places. An input has the name of its pair.
     sample_step
         Distance of two successive samples, in rad, in s, or as a difference of their
         numbers.
@@ -66,7 +66,7 @@ class PlaceText:
     def step_text(self) -> str:
         """The distance of successive samples, such as ``2 deg of input 21``.
 
-        It is empty if places are numbers of samples, or if there is only one sample.
+        The text is empty if places are numbers of samples, or if there is only one sample.
         """
         if not self.sample_step or self.kind == "sample":
             return ""

@@ -1,4 +1,4 @@
-"""`spherekit plan`: in which pass each pole axis is constructed, and the steps to it."""
+"""`spherekit plan`: the pass and the steps in which each pole axis is constructed."""
 
 import shlex
 from argparse import ArgumentParser, Namespace
@@ -29,7 +29,7 @@ CASE_TEXTS = {
     "contact plane",
     "c": "the pole is the intersection of two contact planes",
 }
-"""What each case of a step means. Di Gregorio's lecture names the cases."""
+"""What each case of a step means. The cases are named as in Di Gregorio's lecture."""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -207,7 +207,7 @@ def _question(plan: "Plan") -> str:
 
 
 def _pole_table(plan: "Plan") -> ScreenTable:
-    """Return a table with the pass that finds the pole of each two links."""
+    """Return a table with the pass that finds the pole of each pair of links."""
     from spherekit.planning.pole_plan import titled_rows
 
     titles, *rows = titled_rows(plan)

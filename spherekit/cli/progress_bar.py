@@ -50,8 +50,8 @@ class ProgressBar:
             self.hide()
             return
         if not report.state:
-            # Such a report has no state of progress, only a message. The message is printed
-            # as a line that stays on the screen. The bar is hidden meanwhile.
+            # Such a report has no state of progress, only a message. The bar is hidden
+            # while the message is printed as a line that stays on the screen.
             was_shown = self._progress is not None
             self.hide()
             print_progress_line(report)
@@ -111,7 +111,7 @@ class ProgressBar:
             RemainingTime(),
             console=Console(stderr=True, markup=False, emoji=False, highlight=False),
             transient=True,
-            # Leave both streams alone: results on stdout may go to a file.
+            # Do not redirect stdout and stderr: results on stdout may go to a file.
             redirect_stdout=False,
             redirect_stderr=False,
         )

@@ -1,4 +1,4 @@
-"""`spherekit run`: analyses over the motion, tables to a folder, scenes to a viewer."""
+"""`spherekit run`: runs analyses, with tables to a folder and drawings to a viewer."""
 
 import shlex
 import sys
@@ -226,7 +226,7 @@ def execute(options: Namespace) -> int:
         import spherekit.display.figures.matplotlib_sdk  # noqa: F401
     if options.prove:
         # Proven error bounds were requested. They are not possible for every run: proofs
-        # need all links and pairs, and ``--only-needed`` leaves some out.
+        # need all links and pairs, and ``--only-needed`` leaves out some of them.
         from spherekit.runs.proven_poles import check_provable
 
         analysis_names = [analysis.name for analysis in analyses]
@@ -278,12 +278,14 @@ def _run_and_report(
 
     with _recorder(options, study) as recorder:
         if options.serve is not None:
-            # Viewers may connect during the run, so its address is printed before.
+            # Viewers may connect during the run, so the address of the recorder is printed
+            # before.
             note(options, f"serving at {recorder.url}; open it with: rerun {recorder.url}")
-        # A collector keeps the scenes for the figures and hands them on to the recorder.
+        # A collector keeps the scenes (drawings at all samples) for the figures, and passes
+        # them on to the recorder.
         collector = Collector(recorder) if options.figures else None
-        # The way to compute (such as an integrator with its tolerance) that meets --tol,
-        # and its accuracy; empty without --tol.
+        # The setting (way to compute, such as an integrator with its tolerance) that meets
+        # --tol, and the accuracy of the setting; empty without --tol.
         choice = _setting_for_tolerance(study, analyses, options)
         engine = options.engine
         if choice and choice["setting"].tolerance is not None:  # chosen for a simulation
@@ -358,7 +360,7 @@ def _exit_status(result: "RunResult", exceeded_bounds: int, is_strict: bool) -> 
     if not is_strict:
         return 0
     summary = result.summary
-    # Each of the two entries has the number of rows (samples) for each status that occurs.
+    # Each of the two dicts has the number of rows (samples) for each status that occurs.
     # The status of a row without a result is not "OK".
     statuses = {*summary["status"], *summary["pole_status"]}
     problems = [
@@ -390,8 +392,8 @@ def _prove_poles(options: Namespace, study: "Study", result: "RunResult") -> int
 
     A pole is the instantaneous axis of relative rotation of two links. The proof computes
     each pole with many digits and a proven bound of its error. The axis from the run must
-    not be farther from it than the error bound of the run states. The table is written only
-    if the run has a folder.
+    not be farther from the proven axis than the error bound of the run states. The table is
+    written only if the run has a folder.
 
     Returns
     -------
@@ -448,14 +450,14 @@ def _print_result(
             figures=figures,
         )
         make_report(result.summary, output).print(options)
-    # The report shall appear before the failures.
+    # Let the report appear before the failures.
     sys.stdout.flush()
     for name, why in result.failures.items():
         say(describe_failure(name, why))
 
 
 def _check_options(study: "Study", options: Namespace) -> None:
-    """Raise `AnalysisError` for an option that has no effect without another one.
+    """Raise `AnalysisError` for an option that has no effect without another option.
 
     An example is ``--resume`` (continue a run) without a folder for the results.
     """
@@ -519,7 +521,7 @@ def _setting_for_tolerance(
     A setting is one way to compute, such as an integrator with its own tolerance. A trade
     is a measurement of the time and error of each setting. The setting is chosen from the
     stored trades that ``--trade`` names. Without ``--trade``, a long run makes a trade
-    itself, and a short one has the ordinary setting.
+    itself, and a short run has the ordinary setting.
 
     A simulation without ``--trade`` is different: ``--tol`` is the tolerance of its
     integration. Then no setting is chosen.
@@ -563,9 +565,9 @@ def _setting_for_tolerance(
 def _study(options: Namespace) -> "Study":
     """Return the study (mechanism, motion and outputs) that the command line describes.
 
-    It is read from a file, and options of the command line replace values of the file. With
-    ``--view`` and no ``--save``, the recording goes to the folder of the run, or to a
-    temporary folder.
+    The study is read from a file, and options of the command line replace values of the
+    file. With ``--view`` and no ``--save``, the recording goes to the folder of the run, or
+    to a temporary folder.
     """
     fields = {
         "folder": options.output,

@@ -29,23 +29,23 @@ from spherekit.tables.screen_table import ScreenTable
 from spherekit.wording import counted, listing, numbered, size_text
 
 MAX_LISTED_MEETINGS = 6
-"""Number of inputs at which modes meet that are printed; summary.json has all of them."""
+"""Largest number of printed inputs at which modes meet; summary.json has all of them."""
 
 MAX_LISTED_EVENTS = 4
-"""Number of events of a simulation that are printed; the table of events has all."""
+"""Largest number of printed events of a simulation; the table of events has all."""
 
 LEAST_SWING_RAD = math.radians(1e-5)
-"""Swings of the input that are not larger are not listed among the events, but counted.
+"""Swings (rad) of the input up to this size are not listed as events, only counted.
 
 The table of outputs leaves out reversals at similarly small speeds. Larger: more stops of a
 damped motion are only counted; smaller: stops appear that no other result shows.
 """
 
 MAX_LISTED_LOADS = 6
-"""Number of loads of a simulation that are printed; the mechanism file has all."""
+"""Largest number of printed loads of a simulation; the mechanism file has all."""
 
 MAX_LISTED_LIMITS = 4
-"""Number of joint limits that are printed; the mechanism file has all."""
+"""Largest number of printed joint limits; the mechanism file has all."""
 
 MIN_STAGE_SHARE = 0.005
 """Share of the time of a run below which a stage is not printed."""
@@ -89,7 +89,7 @@ TABLE_QUANTITIES = {
 """Quantities in the table of outputs, with the words for their accuracy."""
 
 MAX_NEXT_STEPS = 3
-"""Number of commands that are suggested."""
+"""Largest number of commands that are suggested."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ def _question(summary: Any) -> str:
     """Return one line that repeats what the user asked for, as the heading of the report.
 
     An example is ``four_bar: input a from 0 to 360 deg, 361 samples``. The names of the
-    analyses follow if they are not the default ones.
+    analyses follow if these are not the default analyses.
 
     Parameters
     ----------
@@ -209,8 +209,8 @@ def _question(summary: Any) -> str:
 def _input_words(summary: Any, pair: str) -> str:
     """Return the name of an input, with its links if the name has no letters.
 
-    A name such as ``21`` alone would not tell that it is a pair. The first line of the
-    report explains it, and the other lines have the name alone.
+    A bare name such as ``21`` would not tell that it is a pair. The first line of the
+    report explains the name, and the other lines have only the name.
     """
     if any(character.isalpha() for character in pair):
         return pair
@@ -221,8 +221,8 @@ def _input_words(summary: Any, pair: str) -> str:
 def _results(summary: Any) -> list[str | ScreenTable]:
     """Return the results of a run as lines and tables, in the order of the screen.
 
-    The results of requested analyses come first, then those of the motion. A verification
-    and the accuracy come last.
+    The results of requested analyses come first, then the results of the motion. A
+    verification and the accuracy come last.
 
     Parameters
     ----------
@@ -263,7 +263,7 @@ def _results(summary: Any) -> list[str | ScreenTable]:
 
 
 def _analysis_results(summary: Any) -> list[str | ScreenTable]:
-    """Return the tables and remarks of each analysis; with several under their names."""
+    """Return the tables and remarks of each analysis; several analyses with their names."""
     results: list[str | ScreenTable] = []
     names = [analysis["name"] for analysis in summary["analyses"]]
     for analysis in summary["analyses"]:
@@ -336,7 +336,7 @@ def _dead_centre_texts(
     """Return texts of the inputs near which an assembly mode has dead centres.
 
     If a span of the mode ends inside the range, a dead centre is between this sample and
-    the next one.
+    the next sample.
 
     Parameters
     ----------
@@ -367,9 +367,9 @@ def _describe_unexpected_mobility(summary: Any) -> Lines:
     """Return a line if counting links and pairs gives the wrong mobility.
 
     The mobility (number of degrees of freedom) follows from the numbers of links and pairs,
-    key ``graph``. In mechanisms with special dimensions it is too small. Then the ``rank``
-    of the velocity equations has the right one. A constraint is redundant if it follows
-    from the others.
+    key ``graph``. In mechanisms with special dimensions this count is too small. The
+    mobility then follows from the rank of the velocity equations (key ``rank``). A
+    constraint is redundant if it follows from the other constraints.
 
     Parameters
     ----------
@@ -479,7 +479,7 @@ def _describe_simulation(simulation: Any) -> Lines:
     Parameters
     ----------
     simulation
-        The entry ``simulation`` of the summary of the run.
+        The value under the key ``simulation`` in the summary of the run.
     """
     end = simulation["end"]
     lines = []
@@ -511,7 +511,7 @@ def _describe_events(event_count: int, events: Sequence[Any]) -> Lines:
         Number of all events of the simulation.
     events
         The first events with their kinds and times (s). The summary of a run leaves out
-        further ones. A stop also has the angle of the swing before it (rad).
+        further events. A stop also has the angle of the swing before it (rad).
     """
     times_by_event: dict[str, Lines] = {}
     small_stop_count = 0
@@ -546,8 +546,8 @@ def _describe_events(event_count: int, events: Sequence[Any]) -> Lines:
 def _warnings(summary: Any) -> Lines:
     """Return the warnings of a run, each with its cause and what to do.
 
-    They are those of the motion, of the analyses and of the rest of the run. A last group
-    of lines explains missing results.
+    The warnings concern the motion, the analyses and the rest of the run. A last group of
+    lines explains missing results.
 
     Parameters
     ----------
@@ -559,8 +559,8 @@ def _warnings(summary: Any) -> Lines:
     for analysis in summary["analyses"]:
         prefix = f"{analysis['name']}: " if len(names) > 1 else ""
         warnings += [prefix + text for text in analysis["warnings"]]
-    # `summary["warnings"]` repeats the warnings above. Only the others are added, such as
-    # those of a verification.
+    # `summary["warnings"]` repeats the warnings above. Only the other warnings are added,
+    # such as the warnings of a verification.
     printed_already = {
         *summary["motion_warnings"],
         *(
@@ -720,9 +720,9 @@ def _accuracy(summary: Any) -> str:
     Parameters
     ----------
     summary
-        The content of ``summary.json``, the file with the main results of the run. Its
-        entry ``errors_reached`` has the largest error bounds. A bound that was not computed
-        is None.
+        The content of ``summary.json``, the file with the main results of the run. Its key
+        ``errors_reached`` has the largest error bounds. A bound that was not computed is
+        None.
     """
     errors = summary["errors_reached"]
     texts = [
@@ -752,10 +752,10 @@ def _accuracy(summary: Any) -> str:
 def _table_accuracy(overview: Any) -> str:
     """Return in words how accurate the extremes in the table of outputs are.
 
-    The extremes are those of the samples. Between two samples, values can be larger or
-    smaller. An example of the text is "the table is accurate to the digits shown, but
-    angles only to about 0.002 deg, as extremes can lie between samples (1 deg of input 21
-    apart)".
+    The extremes are the extreme values at the samples. Between two samples, values can be
+    larger or smaller. An example of the text is "the table is accurate to the digits shown,
+    but angles only to about 0.002 deg, as extremes can lie between samples (1 deg of input
+    21 apart)".
 
     Samples are a path, or a grid of several inputs. The accuracy is stated for a path only.
 
@@ -810,7 +810,7 @@ def _largest_excesses(overview: Any) -> dict[str, float]:
     The largest excess of each quantity, by its key in `TABLE_QUANTITIES`. Quantities are
     left out if no excess would change a printed digit.
     """
-    # The entry "ratio" is a unit: "rad/s" for speeds, and empty for velocity ratios.
+    # The key "ratio" has a unit: "rad/s" for speeds, and an empty text for velocity ratios.
     unit_of_rates = overview["ratio"]
     has_speeds = unit_of_rates != ""
     largest: dict[str, float] = {}
@@ -830,17 +830,17 @@ def _largest_excesses(overview: Any) -> dict[str, float]:
 def _table_excesses(motion: Any, has_speeds: bool) -> Iterator[tuple[str, float, float]]:
     """Yield how far quantities of an output may exceed their printed extremes.
 
-    The extremes are those of the samples. Between samples a quantity may be larger or
-    smaller, by the excess.
+    The extremes are the extreme values at the samples. Between samples a quantity may
+    exceed them, by the excess.
 
     Parameters
     ----------
     motion
-        The motion of the output in one assembly mode, from the overview of the run. Its
-        entry "excess_between_samples" has three excesses: "angle_rad", "ratio" (of the
-        speed or velocity ratio) and "transmission". The last one is in rad if the output
-        has a transmission angle. Otherwise it belongs to the transmission measure, which
-        has no unit.
+        The motion of the output in one assembly mode, from the overview of the run. Its key
+        "excess_between_samples" has three excesses: "angle_rad", "ratio" (of the speed or
+        velocity ratio) and "transmission". The last excess is in rad if the output has a
+        transmission angle. Otherwise it belongs to the transmission measure, which has no
+        unit.
     has_speeds
         Whether the table has speeds instead of velocity ratios.
 
@@ -851,9 +851,9 @@ def _table_excesses(motion: Any, has_speeds: bool) -> Iterator[tuple[str, float,
     """
     excess = motion["excess_between_samples"]
     yield "angle", math.degrees(excess["angle_rad"]), 0.01
-    # The lists have the lowest and the highest value for each input, or None without one.
-    # The excess may belong to any of these values. So it is compared with the finest of
-    # their last digits.
+    # The lists have the lowest and the highest value for each input, or None if there is no
+    # value. The excess may belong to any of these values. So it is compared with the finest
+    # of the last digits of these values.
     extreme_ratios = [*motion["lowest_ratio"], *motion["highest_ratio"]]
     last_digits = [ratio_last_digit(ratio) for ratio in extreme_ratios if ratio is not None]
     rate_key = "speed" if has_speeds else "ratio"
@@ -921,7 +921,7 @@ def _files(summary: Any, output: RunOutput) -> str:
 
 
 def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
-    """Return commands that the user may want after this run, the best ones first.
+    """Return commands that the user may want after this run, the most useful ones first.
 
     Each command has a few words on what it computes. A command is suggested if the run has
     not computed this already.
@@ -948,7 +948,7 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
         if output.recording is None:
             steps.append((f"{same_run} --view", "watch the motion"))
     elif not summary["assembly_modes"]:
-        # The analyses of this run needed no motion, so none was computed.
+        # The analyses of this run did not use the motion, so no motion was computed.
         steps.append((command, "motion: ranges of outputs and velocity ratios"))
     if outputs and "singularities" not in names and not is_simulation:
         # With several inputs, singular configurations form curves or surfaces.
@@ -979,10 +979,10 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
 def _details(summary: Any) -> Lines:
     """Return lines on how the results of a run were computed, for ``--verbose``.
 
-    They state the mobility (number of degrees of freedom), methods, errors and cost.
+    The lines state the mobility (number of degrees of freedom), methods, errors and cost.
     Groups are sets of links whose positions are computed together, such as dyads (groups of
-    two links). An acceleration coefficient is the derivative of an angular velocity by the
-    input, for an input that moves at 1 rad/s.
+    two links). An acceleration coefficient is the derivative of an angular velocity with
+    respect to the input, for an input that moves at 1 rad/s.
 
     Parameters
     ----------
@@ -1030,7 +1030,7 @@ def spent(cost: Any) -> Lines:
     Parameters
     ----------
     cost
-        The entry ``cost`` of the summary of the run.
+        The value under the key ``cost`` in the summary of the run.
     """
     seconds = cost["seconds"]  # by stage of the run
     total = sum(seconds.values())
@@ -1082,8 +1082,8 @@ def accuracy_line(choice: Any) -> str:
     Parameters
     ----------
     choice
-        The entry ``accuracy`` of the summary. ``why`` is the reason of the choice as a
-        phrase. An error that is not known is None.
+        The value under the key ``accuracy`` in the summary. ``why`` is the reason of the
+        choice as a phrase. An error that is not known is None.
     """
     predicted_error = choice["predicted_error"]
     achieved_error = choice["achieved_error"]

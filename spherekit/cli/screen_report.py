@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 PLAIN_WIDTH = 10_000
-"""Columns of an output that is not a terminal. Lines and tables are then never broken."""
+"""Width, in characters, of an output that is no terminal. Its lines are never broken."""
 
 CELL_DISTANCE = 3
 """Characters between neighbouring columns of a table."""
 
 INDENT = "  "
-"""Space before lines and tables that belong to the question above them."""
+"""Space before lines and tables of results, which are below the question they answer."""
 
 
 @dataclass
@@ -140,7 +140,7 @@ def _column_widths(
         widths = _widths_with_whole_cells(headings, rows, heading_lines)
         if sum(widths) <= available_width:
             return widths
-    # The table is still too wide. Break cells, too, those of the widest column first.
+    # The table is still too wide. Break cells, too, beginning with the widest column.
     least_widths = _longest_words(headings, rows)
     if sum(least_widths) > available_width:
         return None
@@ -265,7 +265,7 @@ def _print_line(console: "Console", line: str, style: str = "") -> None:
 
 
 def _print_commands(console: "Console", commands: Sequence[tuple[str, str]]) -> None:
-    """Print commands with their purposes beside or, in a narrow terminal, below them."""
+    """Print commands, with their purposes beside them or, in a narrow terminal, below."""
     width = max(len(command) for command, _ in commands)
     fits = all(
         len(INDENT) + width + len(INDENT) + len(purpose) <= console.width

@@ -1,7 +1,7 @@
 """Sentences on how near the samples of a run come to singularities of types I and II.
 
-An output loses a direction of motion at a singularity of type I. At one of type II the
-locked inputs do not hold the output.
+An output loses a direction of motion at a singularity of type I. At a singularity of type
+II the locked inputs do not hold the output.
 """
 
 import math
@@ -23,7 +23,8 @@ from spherekit.wording import counted, listing
 
 NEAR_SHARE = 0.02
 """Share of the largest value from which the least singular value of a Jacobian, as well as
-a transmission measure, counts as nearly 0. Larger: more is called nearly singular."""
+a transmission measure, counts as nearly 0. Larger: more configurations are called nearly
+singular."""
 
 EQUAL_VALUES_SHARE = 1e-6
 """Share of the largest value up to which modes are equally near to a singularity.
@@ -36,9 +37,9 @@ modes that are mirror images.
 def describe_singularities(summary: Any) -> Lines:
     """Return sentences on how near the samples of a run come to singularities.
 
-    At a singularity of type I an output loses a direction of motion. At one of type II the
-    locked inputs do not hold the output. The sentences leave out what other parts of the
-    report say.
+    At a singularity of type I an output loses a direction of motion. At a singularity of
+    type II the locked inputs do not hold the output. The sentences leave out what other
+    parts of the report say.
 
     Parameters
     ----------
@@ -66,8 +67,9 @@ def describe_singularities(summary: Any) -> Lines:
     lines = [line for statement in statements for line in statement.lines]
     names_places = any(statement.names_singular_places for statement in statements)
     analyses = {analysis["name"] for analysis in summary["analyses"]}
-    # The analysis `singularities` computes exact places, so no hint is needed then. The
-    # hint is about all places above, and is written once, after the last sentence.
+    # The hint suggests the analysis `singularities`, which computes exact places, so it is
+    # left out if the run has this analysis. The hint is about all places above, and is
+    # written once, after the last sentence.
     has_exact_places = "singularities" in analyses
     if names_places and has_several_prescribed_inputs and not has_exact_places:
         lines[-1] += (
@@ -85,8 +87,8 @@ class _Statement(NamedTuple):
     lines
         The sentences.
     names_singular_places
-        Whether they name places at or near which there are singularities, which an analysis
-        would compute more exactly.
+        Whether the sentences name places at or near which there are singularities, which an
+        analysis would compute more exactly.
     """
 
     lines: Lines
@@ -107,7 +109,8 @@ def _describe_type_2(summary: Any) -> _Statement:
 
     At such a singularity the locked inputs do not hold the output. The sentences say which
     assembly modes (ways to assemble the mechanism) have samples at a singularity, or end at
-    one. If there are none, they name the sample nearest to a singularity.
+    a singularity. If there are no such modes, the sentences name the sample nearest to a
+    singularity.
 
     Parameters
     ----------
@@ -165,7 +168,7 @@ def _describe_nearest(
     nearest
         The sample with the least transmission.
     nearest_samples
-        The nearest samples of all assembly modes. Those that come equally close are named
+        The nearest samples of all assembly modes. Samples that come equally close are named
         too.
     summary
         The content of ``summary.json``, the file with the main results of the run.
@@ -206,7 +209,7 @@ def _closest_text(
     places = [f"{modes_text(modes)} at {place}" for place, modes in modes_by_place.items()]
     # Modes with the same inputs still have different configurations.
     subject = f"the {noun} is" if len(equally_near) == 1 else f"the {noun}s are"
-    # Two places are joined by "and", more of them by commas.
+    # Two places are joined by "and", more places by commas.
     place_text = (
         " and ".join(places) if len(places) == 2 else listing(places, MAX_LISTED_PLACES)
     )
@@ -217,8 +220,8 @@ class _NearestSample(NamedTuple):
     """The sample of one assembly mode that is nearest to a singularity of type II.
 
     At such a singularity the locked inputs do not hold the output. Nearness is measured by
-    the transmission measure (0 to 1) or the transmission angle (0 to 90 deg). Both are 0 at
-    the singularity.
+    the transmission measure (0 to 1) or the transmission angle (0 to 90 deg). Measure and
+    angle are 0 at the singularity.
 
     Attributes
     ----------
@@ -276,8 +279,8 @@ def _list_nearest_samples(mode: int, entry: Any) -> Iterator[_NearestSample]:
 def _describe_type_1(summary: Any, number: int) -> _Statement:
     """Return sentences on configurations in which an output loses a direction of motion.
 
-    These are the singularities of type I. With one input, the output is at rest there while
-    the input moves.
+    These are the singularities of type I. With one input, the output is at rest at such a
+    singularity while the input moves.
 
     Parameters
     ----------

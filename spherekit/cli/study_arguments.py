@@ -160,7 +160,7 @@ def read_angle(option: str, text: str, angle_unit: "AngleUnit") -> float:
     text
         The text that the user wrote.
     angle_unit
-        Unit of a number without a unit: that of the mechanism file.
+        Unit of a number without a unit: the unit of the mechanism file.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def mechanism_options(options: Namespace) -> list[str]:
     """Return ``--input``, ``--lock`` and ``--crossings`` as words of a command line.
 
     The commands `run`, `page` and `export` have these options. A run suggests further
-    commands to the user. With these words they compute the same motion.
+    commands to the user. With these words the suggested commands compute the same motion.
     """
     words = []
     for pair in options.input or []:
@@ -235,8 +235,8 @@ def study_from(
     has a start and possibly torques. Arguments of the command line replace it:
 
     - Laws replace a simulation of the file, and a start replaces laws of the file.
-    - A torque replaces that of a simulation of the file. If the file has no simulation,
-      `check_time` refuses a torque without a start.
+    - A torque replaces the torque of a simulation of the file. If the file has no
+      simulation, `check_time` refuses a torque without a start.
 
     Parameters
     ----------
@@ -273,14 +273,14 @@ def study_from(
     if values.get("no_search"):
         fields["search"] = False
     if options.lock or options.input or "samples" in fields:
-        # A path of the file is for its own inputs and number of samples.
+        # A path in the file only fits the inputs and the number of samples of the file.
         fields["path"] = None
     study = replace(study, mechanism=mechanism)
 
     if values.get("law"):
         fields["laws"] = laws_of(options.law, study)
-        # The simulation of the file is removed. One of the command line stays, so that
-        # `check_time` refuses it beside the laws.
+        # The simulation of the file is removed. A simulation of the command line stays, so
+        # that `check_time` refuses it beside the laws.
         fields.setdefault("start", None)
         fields.setdefault("torque", None)
     elif "start" in fields:
@@ -307,7 +307,7 @@ def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
     ------
     AnalysisError
         If the kind is unknown, a key or value is wrong, or the input is left out although
-        the mechanism has several.
+        the mechanism has several inputs.
     """
     from spherekit.errors import AnalysisError, ModelError
     from spherekit.files.time_law import LAW_KINDS, make_field_readers
@@ -362,13 +362,13 @@ def torque_of(torque_texts: Sequence[str], study: "Study") -> "str | dict[str, s
 
     Returns
     -------
-    The expression alone if a single one is stated without its input, or else expressions by
-    input.
+    The expression itself if a single torque is stated without an input. Otherwise the
+    expressions by input.
 
     Raises
     ------
     AnalysisError
-        If one of several torques names no input, or an input has two.
+        If one of several torques names no input, or if an input has two torques.
     """
     from spherekit.errors import AnalysisError
     from spherekit.wording import listing

@@ -1,4 +1,4 @@
-"""`spherekit sweep`: figures of merit of many designs, and their tables."""
+"""`spherekit sweep`: figures of merit and result tables of many designs."""
 
 import json
 import shlex
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from spherekit.designs.sweep_parts import SweepResult
 
 FIGURES_FOLDER = "_figures"
-"""Folder of the figures in that of the sweep.
+"""Name of the folder of the figures, in the folder of the sweep.
 
 Programs that read a folder of Parquet files ignore names that begin with an underscore.
 """

@@ -21,10 +21,10 @@ MAX_DESIGN_WORDS_LENGTH = 50
 """Characters of the longest list of design numbers within a line."""
 
 DESIGNS_PER_EXTREME = 3
-"""Number of designs with the largest and smallest values of a figure that are printed."""
+"""Number of printed designs with the largest, and with the smallest, value of a figure."""
 
 MAX_PRINTED_REASONS = 5
-"""Number of reasons for impossible designs that are printed, the most frequent first."""
+"""Largest number of printed reasons for impossible designs, the most frequent first."""
 
 ROUNDING = 1e-12
 """Numbers smaller than this, relative to the largest of their column, print as 0."""
@@ -132,7 +132,7 @@ def _sample_words(sweep: "Sweep") -> str:
 
 
 def _sample_distance(sweep: "Sweep") -> str:
-    """Return how far samples of the only input are apart in words, or an empty text.
+    """Return in words how far apart samples of the only input are, or an empty text.
 
     An example is `` (1 deg of input 21 apart)``.
     """
@@ -144,11 +144,11 @@ def _sample_distance(sweep: "Sweep") -> str:
 
 
 def _ranked_rows(frame: Any) -> Any:
-    """Return the rows by whose figures of merit designs are ranked.
+    """Return the rows with the figures of merit by which designs are ranked.
 
-    A row is an assembly mode of a design. Ranked are the modes that exist at all samples,
-    or all modes if there are none. Figures of a mode that ends depend on how near the last
-    sample is to the end.
+    A row is an assembly mode of a design. The modes that exist at all samples are ranked,
+    or all modes if there are no such modes. Figures of a mode that ends depend on how near
+    the last sample is to the end.
 
     Parameters
     ----------
@@ -162,8 +162,8 @@ def _ranked_rows(frame: Any) -> Any:
 def _count_rows(frame: Any, is_valid: Any, where: tuple[str, ...]) -> str:
     """Return in words how many rows a sweep has, and how many exist at all samples.
 
-    A row is one assembly mode (way to assemble the mechanism) of one design. It exists at
-    an input if the loops of links close there.
+    A row is one assembly mode (way to assemble the mechanism) of one design. The row exists
+    at an input if the loops of links close at this input.
 
     Parameters
     ----------
@@ -171,8 +171,8 @@ def _count_rows(frame: Any, is_valid: Any, where: tuple[str, ...]) -> str:
         The table of the sweep. Its column ``closes`` is the share of samples at which the
         mode exists.
     is_valid
-        (rows,) whether the row has figures of merit (numbers that rate the design). A row
-        of a failed design has none.
+        Mask (rows,) of the rows that have figures of merit (numbers that rate the design).
+        A row of a failed design has no figures.
     where
         The conditions of ``--where``, which all rows meet.
     """
@@ -187,7 +187,7 @@ def _count_rows(frame: Any, is_valid: Any, where: tuple[str, ...]) -> str:
     closes = valid_rows["closes"]
     partial_rows = valid_rows[closes < 1.0]
     if len(partial_rows):
-        # Such as " (designs 9-12)"; empty for a long list.
+        # A text such as " (designs 9-12)", empty for a long list.
         designs_text = _design_words(partial_rows)
         least_percentage = number_text(100.0 * closes.min(), digits=3)
         text += (
@@ -215,7 +215,7 @@ def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
     """Return a table of the designs with the largest and smallest figures of merit.
 
     Whether a figure should be large or small depends on the purpose, which a sweep does not
-    know. Both ends are therefore listed.
+    know. The largest and the smallest figures are therefore listed.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
     ]
     count = DESIGNS_PER_EXTREME if len(figures) <= MANY_FIGURES else 1
     sizes = [variable.name for variable in sweep.variables]
-    # The user knows varied numbers by the keys of the file that the command line has.
+    # The user knows the varied numbers by their keys in the file, as on the command line.
     headings = {
         variable.name: variation.key
         for variable, variation in zip(sweep.variables, sweep.space.variations, strict=True)

@@ -1,4 +1,4 @@
-"""`spherekit synthesize`: sizes for a wanted function, from a file."""
+"""`spherekit synthesize`: finds sizes for a function that a file describes."""
 
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from spherekit.designs.synthesis import Synthesis
 
 MAX_PRINTED_DESIGNS = 5
-"""Number of designs that are printed."""
+"""Largest number of designs that are printed."""
 
 ROUNDING = 1e-12
 """Numbers smaller than this, relative to the largest of their column, print as 0."""
@@ -115,8 +115,9 @@ def _make_report(result: "Synthesis") -> ScreenReport:
     to assemble the loops). A row is one design in one mode. Local optimisations, which
     minimise the objectives, start from the best rows that meet the conditions.
 
-    With one objective the best designs are printed. With several objectives, designs of the
-    Pareto fronts are printed, evenly chosen. Each assembly mode has its own front.
+    With one objective the best designs are printed. With several objectives, designs that
+    are evenly spread over the Pareto fronts are printed. Each assembly mode has its own
+    front.
     """
     import numpy as np
 
@@ -144,9 +145,9 @@ def _make_report(result: "Synthesis") -> ScreenReport:
         )
     if len(frame) > len(printed_rows):
         title = title.removesuffix(":") + f"; {len(printed_rows)} of {len(frame)}:"
-    # A matched column has the error of a design at one point of the wanted function. There
-    # is a column for each point, so these are not printed. An objective that is itself a
-    # figure of merit has two equal columns, of which one is printed.
+    # A matched column has the error of a design at one point of the desired function. There
+    # is a column for each point, which would be too many to print. An objective that is
+    # itself a figure of merit has two equal columns, of which only one is printed.
     repeated = [figure for figure in synthesis.minimise if figure in result.figures]
     skipped = {*synthesis.matched, *repeated}
     names = [column for column in frame.columns if column not in skipped]

@@ -105,7 +105,7 @@ def execute(options: Namespace) -> int:
         check_tolerance(study.mechanism.name, options.tol)
     if options.rounds < 1:
         raise AnalysisError(f"--rounds {options.rounds}: give a whole number of at least 1")
-    # The analysis of the command line, otherwise the only one that the file names.
+    # The analysis of the command line, otherwise the only analysis that the file names.
     analyses = (
         [create_analysis(options.analysis, study.mechanism.angle_unit)]
         if options.analysis
@@ -178,9 +178,9 @@ def _check_destinations(options: Namespace) -> None:
     """Raise an error if a file of the results cannot be written.
 
     The command ``spherekit trade`` measures the time and error of several ways to compute
-    an analysis. This takes minutes, so the files are checked before. An existing file is
-    replaced only if spherekit wrote it. The check looks for a word that such a file
-    contains.
+    an analysis. This takes minutes, so the files are checked in advance. An existing file
+    is replaced only if spherekit wrote it. The check looks for a word that files of
+    spherekit contain.
     """
     from spherekit.display.rerun.destination import check_place
     from spherekit.storage.atomic_write import (

@@ -19,7 +19,7 @@ ASSEMBLY_SAMPLES = 37
 """Number of samples along each input at which a mechanism is assembled."""
 
 RANK_SAMPLES = 9
-"""Number of these samples at which the mobility by rank is computed."""
+"""Number of the assembled samples at which the mobility by rank is computed."""
 
 EXAMPLES = """examples:
   # one of the shipped mechanisms
@@ -53,7 +53,7 @@ def execute(options: Namespace) -> int:
     """Execute ``spherekit validate``: check every file, and print a report on each.
 
     The exit status is `BAD_INPUT` if any file has a fault, otherwise 0. A faulty file does
-    not prevent the check of the next ones.
+    not prevent the check of the next files.
     """
     status = 0
     for name in options.file:
@@ -190,8 +190,8 @@ def make_report(properties: Facts) -> ScreenReport:
         results.append(f"analyses: {analyses}")
     groups = ", ".join(properties["groups"]) or "none"
     # A pole (axis of relative rotation of two links) usually follows from the intersection
-    # of great circles. In some parts of a mechanism there are too few circles, and the
-    # velocity equations are needed. This is the number of such parts.
+    # of great circles. In some parts of a mechanism there are too few circles, so the poles
+    # follow from the velocity equations. This is the number of such parts.
     equation_part_count = properties["irreducible_parts"]
     return ScreenReport(
         headline,

@@ -23,17 +23,17 @@ DEFAULT_SECTORS_DEG = (100.0, 60.0, 80.0, 120.0)
 
 MIN_CREASES = 4
 MAX_CREASES = 12
-"""Numbers of creases for which files are written.
+"""The least and the largest number of creases for which files are written.
 
-Three creases are rigid. The upper limit bounds the time of the search for ranges, which
-tries all combinations of signs of the driven fold angles.
+A vertex of three creases is rigid. The upper limit bounds the time of the search for
+ranges, which tries all combinations of signs of the driven fold angles.
 """
 
 FOLD_MARGIN_DEG = 5
-"""Distance that the middle one of the last three creases keeps from 0 and 180 degrees.
+"""Least distance of the fold angle of the second-last crease from 0 and 180 degrees.
 
-The two assembly modes meet there, so the last creases are not determined. Larger: smaller
-ranges of inputs. Smaller: ranges that end closer to a singularity.
+At 0 and 180 degrees the two assembly modes meet, so the last creases are not determined.
+Larger: smaller ranges of inputs. Smaller: ranges that end closer to a singularity.
 """
 
 TEMPLATE = Path(__file__).parent / "templates" / "vertex.toml.in"
@@ -93,8 +93,8 @@ def vertex_text(sectors_deg: Sequence[float]) -> str:
         for k, sign in enumerate(fold_range.signs, 1)
     ]
     # The output is a sector that moves with every driven crease. Only s(n - 2) and s(n - 1)
-    # do so: sn moves only with c1, and the sectors before s(n - 2) do not move with c1. Of
-    # these two the one that is more nearly opposite to s1 is used.
+    # do so: sn moves only with c1, and the sectors before s(n - 2) do not move with c1. The
+    # one of these two sectors that is more nearly opposite to s1 is used.
     output_number = max(n // 2 + 1, n - 2)
     output_name = "opposite" if n <= 7 else "sector"
     output = f'[outputs.{output_name}]\nlink = "s{output_number}"'
@@ -123,9 +123,9 @@ def vertex_text(sectors_deg: Sequence[float]) -> str:
 def find_fold_range(sectors_deg: Sequence[float]) -> FoldRange:
     """Return the longest range in which a vertex of folded paper closes.
 
-    At a vertex n creases (hinges) meet, with rigid sectors between them. It closes if all
-    sectors fit together. The fold angles of the driven creases have equal magnitude, which
-    runs from 1 to 179 degrees. All combinations of valleys and mountains are tried.
+    At a vertex n creases (hinges) meet, with rigid sectors between them. The vertex closes
+    if all sectors fit together. The fold angles of the driven creases have equal magnitude,
+    which runs from 1 to 179 degrees. All combinations of valleys and mountains are tried.
 
     Parameters
     ----------
@@ -198,12 +198,12 @@ def _length(fold_range: FoldRange) -> int:
 
 
 def _can_close(sectors: Floats, fold_angles: Floats) -> Bools:
-    """Return where the last three creases can close a vertex of folded paper.
+    """Return a mask of configurations in which the last three creases can close a vertex.
 
     At a vertex n creases (hinges) c1 ... cn meet. Between them are rigid sectors, in the
     order c1, s1, c2, s2, ..., cn, sn. The creases c1 ... c(n - 3) are driven. So the
-    sectors sn, s1, ..., s(n - 3) form a strip with known angles. Its end creases are c(n -
-    2) and cn, and two more sectors must connect them:
+    sectors sn, s1, ..., s(n - 3) form a strip with known angles. The end creases of the
+    strip are c(n - 2) and cn, and two more sectors must connect them:
 
         c(n - 2)   s(n - 2)   c(n - 1)   s(n - 1)   cn
 
@@ -219,15 +219,15 @@ def _can_close(sectors: Floats, fold_angles: Floats) -> Bools:
 
     Returns
     -------
-    (t,) booleans: the fold angle of c(n - 1) differs from 0 and 180 degrees by at least
-    `FOLD_MARGIN_DEG`.
+    Mask (t,) of the configurations in which the vertex closes and the fold angle of c(n -
+    1) differs from 0 and 180 degrees by at least `FOLD_MARGIN_DEG`.
     """
     *driven_sectors, side_a, side_b, last_sector = (
         sectors  # s1 ... s(n - 3); the last three
     )
     cos_distance = _cos_end_creases([last_sector, *driven_sectors], fold_angles)
     # Cosine of the angle of the triangle at c(n - 1), which is 180 degrees minus the fold
-    # angle. If the triangle is impossible, its magnitude exceeds 1.
+    # angle. If the triangle is impossible, the magnitude of this cosine exceeds 1.
     cos_middle = (cos_distance - np.cos(side_a) * np.cos(side_b)) / (
         np.sin(side_a) * np.sin(side_b)
     )
@@ -263,7 +263,8 @@ def _cos_end_creases(sectors: Sequence[float], fold_angles: Floats) -> Floats:
     for sector, crease_angles in zip(later_sectors, fold_angles.T, strict=True):
         frames = frames @ rotation_about_axis(z_axis, crease_angles)
         frames = frames @ rotation_about_axis(x_axis, [sector])
-    # The first crease is the axis z at the start, so this is the scalar product of both.
+    # The first crease is the axis z at the start, so this is the scalar product of the two
+    # creases.
     return frames[:, 2, 2]
 
 

@@ -104,7 +104,7 @@ def execute(options: Namespace) -> int:
 
 
 def is_mechanism(name: str) -> bool:
-    """Return whether a name is that of a mechanism file, or of a shipped mechanism."""
+    """Return whether a name belongs to a mechanism file or a shipped mechanism."""
     from spherekit.files.library import shipped
 
     path = Path(name)
@@ -135,8 +135,8 @@ def _show_mechanism(options: Namespace) -> int:
     folder = Path(tempfile.mkdtemp(prefix="spherekit-"))
     path = folder / f"{mechanism.name}.rrd"
     try:
-        # If the mechanism cannot be assembled at its first inputs, others are shown. The
-        # remark names these inputs, or is empty. `note` prints no empty text.
+        # If the mechanism cannot be assembled at its first inputs, other inputs are shown.
+        # The remark names these inputs, or is empty. `note` prints no empty text.
         other_inputs_remark = preview(mechanism, path)
         if other_inputs_remark:
             other_inputs_remark = f"{mechanism.name}: {other_inputs_remark}"

@@ -205,8 +205,8 @@ def _split_key_message(message: str) -> tuple[KeyPath, str]:
 def replace_actions(mechanism: Mechanism, document: Document) -> Mechanism:
     """Return a mechanism with the masses, loads and joint limits of a document.
 
-    This is faster than reading the whole document again. Links, pairs and sizes in the
-    document must be those of the mechanism, which is not checked.
+    This is faster than reading the whole document again. The document must have the same
+    links, pairs and sizes as the mechanism, which is not checked.
     """
     tables = {name: document.data[name] for name in _ACTION_TABLES if name in document.data}
     reader = _MechanismReader(document, convert_to_model(document, tables))
@@ -474,7 +474,7 @@ class _MechanismReader:
                 "form. Keep either the dimensions (axes, arcs and angles of links, zero of "
                 "pairs) or the reference pose (xyz or lonlat, and value, of pairs)",
             )
-        # A reference pose: the axes of pairs, and the variables that they have in the pose.
+        # A reference pose: the axes of pairs, and the variables of the pairs in the pose.
         if pose_paths:
             axes: dict[str, Vector] = {}
             for name, item in pairs.items():
@@ -771,7 +771,7 @@ def _vector(item: Table, prefix: str = "") -> Vector | None:
 
 
 def _numbers(tables: Table, key: str) -> dict[str, float]:
-    """Return the numbers under a key by entry, for the entries of a table that have it."""
+    """Return the numbers under a key, by name, for those inner tables that have the key."""
     return {name: item[key] for name, item in tables.items() if key in item}
 
 

@@ -33,7 +33,7 @@ _LONLAT_NAMES = ("longitude", "latitude")
 """Names for the two numbers of a direction on the sphere."""
 
 _OPTIONAL_PAIR_KEYS = ("zero", "value")
-"""Angles of pairs that a file may leave out; they are 0 then."""
+"""Angles of pairs that a file may leave out; these are 0 by default."""
 
 
 def document_of(
@@ -68,8 +68,8 @@ def document_of(
 def _with_lonlat(document: Document) -> Document:
     """Return the data of a mechanism file, with angles in place of unit vectors.
 
-    Callers change single numbers. A longitude can change alone, but a single component of a
-    unit vector cannot. The axes of pairs, the directions of outputs and the points of
+    Callers change single numbers. A longitude can change on its own, but a single component
+    of a unit vector cannot. The axes of pairs, the directions of outputs and the points of
     profiles (contact curves) become a longitude and a latitude, in the unit of the file.
     They are `LiteralNumber`: floats that keep their decimal digits as text, like the
     numbers that are read from a file. Other vectors, such as the centre of a circle, stay.
@@ -145,7 +145,7 @@ class ReachedTable:
     """The innermost table of a file to which the parts of a key lead.
 
     The parts of the key ``links.2.arc``, for example, are "links", "2" and "arc". The user
-    may give a key that names no number. This record tells how far the key leads, for a
+    may give a key that names no number. This object tells how far the key leads, for a
     message.
 
     Attributes
@@ -261,7 +261,7 @@ def _explain_missing_part(reached: ReachedTable, missing_part: str) -> KeyProble
 
 
 def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPath]:
-    """Return the locations of all numbers of one entry of a table, by the user's keys.
+    """Return the locations of all numbers of an element of a file, by the user's keys.
 
     A number can have several keys. An example is the number at ``("links", "2", "arcs",
     0)``, which has the keys ``links.2.arcs.0``, ``links.2.arcs.32`` (the pair to which the
@@ -272,8 +272,8 @@ def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPat
     document
         A mechanism file with directions as angles.
     table, name
-        Name of the table and of the entry, such as ``"links"`` and ``"2"``. If there is no
-        such entry, the result is empty.
+        Name of the table and of the element in it, such as ``"links"`` and ``"2"``. If
+        there is no such element, the result is empty.
 
     Returns
     -------
@@ -283,7 +283,7 @@ def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPat
     entry: Any = {}
     with suppress(AttributeError, KeyError, TypeError):
         entry = document.data[table][name]
-    # The location of each number. The key is stored without table and entry, as the tuple
+    # The location of each number. The key is stored without table and element, as the tuple
     # of its other parts: ("arcs", "32") for ``links.2.arcs.32``.
     path_by_parts: dict[KeyPath, KeyPath] = {}
     # A file may leave out the angles ``zero`` and ``value`` of pairs, which are 0 then.
@@ -336,7 +336,7 @@ def is_angle(document: Document, key: str) -> bool:
         The file and the key of the number, such as ``links.2.arc``; see `number_path`.
     """
     path = number_path(document, key)
-    # Angles of pairs that the file leaves out are 0, and have no entry.
+    # Angles of pairs that the file leaves out are 0, and have no key in the data.
     return path in angle_paths(document) or path[-1] in _OPTIONAL_PAIR_KEYS
 
 
@@ -357,8 +357,8 @@ def number_at(document: Document, path: KeyPath) -> float:
 def with_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> Document:
     """Return the data of a file in which some numbers are replaced.
 
-    Only tables and lists that contain a new number are copied. Both documents share the
-    others, which saves time in a sweep of designs.
+    Only tables and lists that contain a new number are copied. The old and the new document
+    share all other tables and lists, which saves time in a sweep of designs.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ Kind = Literal["mechanism", "study", "synthesis"]
 """The kinds of files that have a schema."""
 
 MAX_INTEGER_BITS = 200
-"""Larger integers are refused; a message would fill pages with their digits."""
+"""Larger integers are refused; their digits would make messages far too long."""
 
 MAX_SHOWN_CHARACTERS = 60
 """Longest value of a file that a message shows in full."""
@@ -291,11 +291,11 @@ class SchemaConversion:
 
         `part` is the part of the schema that declares the table.
 
-        The keys of a table can depend on its values, for example on that of the key "kind".
-        The schema then has a list of rules "if the table has this value, then ...". A rule
-        can refer ("$ref") to a definition that declares the whole table. The first such
-        rule with a true condition is used. Rules without a reference only restrict keys and
-        values. They were checked before.
+        The keys of a table can depend on its values, for example on the value of the key
+        "kind". The schema then has a list of rules "if the table has this value, then ...".
+        A rule can refer ("$ref") to a definition that declares the whole table. The first
+        rule with such a reference and a true condition is used. Rules without a reference
+        only restrict keys and values, which were checked before.
         """
         for rule in part.get("allOf", ()):
             declares_table = "$ref" in rule.get("then", ())

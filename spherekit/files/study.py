@@ -51,7 +51,8 @@ class Start:
     Attributes
     ----------
     q
-        Variable (rad) of the input; for several inputs a number for each, in their order.
+        Variable (rad) of the input; for several inputs a number for each input, in their
+        order.
     dq
         Rate (rad/s) of the input, or of each input. The number 0 applies to all inputs.
     """
@@ -218,7 +219,7 @@ def _read_numbers(
         return read_quantity(source, dimension, angle_unit, is_limited=is_text)
 
     if isinstance(value, str):
-        # An exponent such as 1e+5 also has a plus sign. It is not a separator.
+        # An exponent such as 1e+5 also has a plus sign, which is not a separator.
         parts = re.split(r"(?<![eE])\+", value.strip().removeprefix("+"))
         return tuple(map(read_number, parts)) if len(parts) > 1 else read_number(parts[0])
     return tuple(map(read_number, value)) if np.ndim(value) else read_number(value)
@@ -253,8 +254,8 @@ class Study:
     laws
         Time law of each driven pair.
     duration
-        Time (s) from t = 0 that the samples divide, both ends included. Without laws and
-        start, the only input turns at 1 rad/s.
+        Time (s) from t = 0 over which the samples are spaced, both ends included. Without
+        laws and start, the only input turns at 1 rad/s.
     start
         State of the inputs at t = 0, also as a text or mapping that `Start.of` reads. A
         number in a text without a unit is in the unit of the mechanism's file. The motion
@@ -266,8 +267,8 @@ class Study:
         Error (rad) of each step of a simulation.
     crossings
         What happens where curves of configurations cross. With "end", assembly modes keep
-        the signs of their dyads, and a simulation ends there. With "pass", both follow the
-        smooth curves.
+        the signs of their dyads, and a simulation ends there. With "pass", modes and
+        simulations follow the smooth curves.
     verify
         Number of rows that are computed once more in 50 digits.
     degrees

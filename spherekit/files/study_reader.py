@@ -151,8 +151,8 @@ class _StudyReader:
 
         If the study names a pair that is not an input (driven pair) of the mechanism, the
         pairs of the study become the only inputs. Otherwise the inputs of the mechanism
-        remain. The study can state one end of a range or both. The other ends are those of
-        the mechanism.
+        remain. The study can state one end of a range or both. The other ends are taken
+        from the mechanism.
         """
         input_tables = self.data.get("inputs", {})
         for pair in input_tables:
@@ -227,7 +227,7 @@ class _StudyReader:
                         f"leave out {key} or values",
                     )
             column = table["values"]
-            # All lists must be as long as that of the first input.
+            # All lists must be as long as the list of the first input.
             if columns and len(column) != len(columns[0]):
                 raise fault(
                     (*path, "values"),

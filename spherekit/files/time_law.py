@@ -26,7 +26,7 @@ from spherekit.quantity import (
 )
 
 States = tuple[Floats, Floats, Floats]
-"""The variable (rad), its rate (rad/s) and acceleration (rad/s2), in the shape asked."""
+"""The variable (rad), its rate (rad/s) and acceleration (rad/s2), in the shape of t."""
 
 
 LAW_SPLINE_DEGREE = 5

@@ -14,7 +14,7 @@ from spherekit.errors import FileError, ModelError
 from spherekit.files.toml_lines import KeyPath, locate_keys
 
 Table = Mapping[str, Any]
-"""A table of a file, or the whole of it."""
+"""A table of a file, or the whole file."""
 
 MAX_BYTES = 4 * 1024 * 1024
 """Largest file read; the largest mechanisms need some 100 kB."""
@@ -89,8 +89,8 @@ class Document:
     name
         Name of the file in messages.
     text
-        Text of the file. None for data that a program has made. Messages about them have no
-        line.
+        Text of the file. None for data that a program has made. Messages about such data
+        have no line.
     data
         The tables of the file. Floats are `LiteralNumber`, which keep their decimals.
     """

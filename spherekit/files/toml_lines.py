@@ -174,7 +174,7 @@ class _KeyScanner:
 
         A header in two brackets, such as ``[[names]]``, begins a table of the array at
         `array_path`. The tables of an array are numbered from 0. The line of the array is
-        that of its first header.
+        the line of its first header.
         """
         self.lines.setdefault(array_path, self.line)
         index = self.array_table_sizes[array_path]

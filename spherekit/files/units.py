@@ -47,7 +47,7 @@ Element = TypeVar("Element")
 
 
 def _same_names(names: str) -> dict[str, str]:
-    """Return a mapping for keys that are called as their fields, from ``"key key"``."""
+    """Return a mapping for keys that have the names of their fields, from ``"key key"``."""
     return {name: name for name in names.split()}
 
 
@@ -73,7 +73,7 @@ KEYS: Mapping[type, Mapping[str, str]] = {
 }
 """Field of each class of the model by its key in files, in the order of writing.
 
-Two keys for one field are two ways to state it; the first is written.
+Two keys for one field are two ways to state the field; the first key is written.
 """
 
 
@@ -231,8 +231,9 @@ def convert_to_file(data: Table, unit: AngleUnit) -> Any:
 
     Returns
     -------
-    The same tables with converted numbers. Each is a `LiteralNumber`: a float that keeps
-    the decimal digits with which it is written. They are read back as the same angle.
+    The same tables with converted numbers. Each number is a `LiteralNumber`: a float that
+    keeps the decimal digits with which it is written. These digits are read back as the
+    same angle.
     """
 
     def convert_angle(path: KeyPath, angle: float) -> LiteralNumber:
