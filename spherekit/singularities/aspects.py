@@ -226,7 +226,7 @@ class _AspectNodes(ArrayRows):
     values
         (n, V) variables (rad).
     sample
-        (n,) number of the sample at which each configuration is.
+        (n,) index of the sample at which each configuration is.
     is_regular
         (n,) whether the configuration has no singularity of a type that divides aspects.
     determinant_two
@@ -279,19 +279,19 @@ class _AspectGraph:
     Attributes
     ----------
     neighbours
-        (directions, samples) number of the neighbouring sample in each direction of the
+        (directions, samples) index of the neighbouring sample in each direction of the
         grid, -1 if there is none. Direction 2 k leads upwards along input k, 2 k + 1
         downwards.
     nodes
         The configurations.
     numbers_at_sample
-        (samples, k) numbers of the configurations at each sample. A sample with fewer than
+        (samples, k) indices of the configurations at each sample. A sample with fewer than
         k configurations has `NO_CONFIGURATION` in its last columns.
     is_path_known
         (n, directions) whether the path from a configuration in a direction was followed
         from its other end, so that it need not be followed again.
     connections
-        Arrays (m, 2) of the numbers of connected configurations.
+        Arrays (m, 2) of the indices of connected configurations.
     """
 
     def __init__(
@@ -361,7 +361,7 @@ class _AspectGraph:
         values
             (n, V) variables of the configurations (rad).
         samples
-            (n,) number of the sample of each configuration.
+            (n,) index of the sample of each configuration.
         """
         closure = self.solver.closure
         input_count = len(self.driven)
@@ -429,7 +429,7 @@ class _AspectGraph:
 
         Returns
         -------
-        (n,) numbers of the configurations.
+        (n,) indices of the configurations.
         """
         numbers = np.full(len(values), NO_CONFIGURATION)
         # Positions of the configurations whose number is not known yet.
@@ -466,7 +466,7 @@ class _AspectGraph:
 
         Returns
         -------
-        (n,) numbers of the configurations. `NO_CONFIGURATION` where another configuration
+        (n,) indices of the configurations. `NO_CONFIGURATION` where another configuration
         has the place.
         """
         self._fill_free_places(column, values, samples)
@@ -529,7 +529,7 @@ class _AspectGraph:
 
         Returns
         -------
-        (n,) number of the stored configuration if it is the same, else `NO_CONFIGURATION`.
+        (n,) index of the stored configuration if it is the same, else `NO_CONFIGURATION`.
         """
         stored_numbers = self.numbers_at_sample[samples, column]
         stored_values = self.nodes.values[stored_numbers]
@@ -574,7 +574,7 @@ class _AspectGraph:
         Parameters
         ----------
         starts
-            Numbers of the configurations.
+            Indices of the configurations.
         directions
             Directions of the grid, numbered as in `neighbours`. A path starts at each
             configuration in each direction.
@@ -599,7 +599,7 @@ class _AspectGraph:
         Parameters
         ----------
         starts
-            (n,) numbers of the configurations at which paths start.
+            (n,) indices of the configurations at which paths start.
         directions
             (n,) direction of the grid in which each path leads: 2 k upwards along input k,
             2 k + 1 downwards.
@@ -640,7 +640,7 @@ class _AspectGraph:
         Parameters
         ----------
         pairs
-            (n, 2) numbers of the configurations at the start and end of each path.
+            (n, 2) indices of the configurations at the start and end of each path.
         input_changes
             (n, g) changes of the g inputs along the path (rad).
         """
@@ -676,7 +676,7 @@ class _AspectGraph:
             The types of singularity ("I", "II") that divide aspects, for the result. Each
             aspect is free of them.
         """
-        # Numbers of the regular configurations among all, rising.
+        # Indices of the regular configurations among all, rising.
         regular_numbers = np.flatnonzero(self.nodes.is_regular)
         nodes = self.nodes.rows(regular_numbers)
         # Connections join regular configurations. Their numbers among all configurations

@@ -299,7 +299,7 @@ def closed_configurations(
     """
     low, high = starting_range(solver.closure)
     start = random.uniform(low, high, (count, len(low)))
-    # Numbers of the variables that Newton's method does not change: first the inputs.
+    # Indices of the variables that Newton's method does not change: first the inputs.
     fixed_variables = list(solver.driven)
     range_starts, range_stops = np.transpose(ranges_of(solver.mechanism))
     start[:, fixed_variables] = random.uniform(

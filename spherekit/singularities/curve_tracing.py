@@ -322,7 +322,7 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         Parameters
         ----------
         rows
-            (k,) numbers of the curves.
+            (k,) indices of the curves.
         steps
             (k,) lengths of the steps. Not used here, but the base class passes them.
         new_nodes

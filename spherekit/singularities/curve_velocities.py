@@ -194,7 +194,7 @@ class LinkMotion:
         Parameters
         ----------
         poles
-            The poles, as numbers of two links.
+            The poles, as indices of two links.
         plan
             A construction of these poles by great circles, or None.
         """
@@ -459,7 +459,7 @@ class CurveMotion:
         s
             (n,) arc lengths (rad).
         pole
-            The numbers of the two links.
+            The indices of the two links.
         """
         # The zeros of w on the curve. None if w is zero everywhere.
         rest_points = self.rest_points(pole)

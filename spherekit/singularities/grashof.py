@@ -86,7 +86,7 @@ def grashof(mechanism: Mechanism) -> Grashof | None:
 
 
 def four_bar_links(mechanism: Mechanism) -> tuple[int, int, int, int] | None:
-    """Return the numbers of fixed link, input, coupler and output of a four-bar.
+    """Return the indices of fixed link, input, coupler and output of a four-bar.
 
     A four-bar has one loop of four links, joined by pairs with an axis, and one input. The
     result is None for other mechanisms. The fixed link is the ground (link 0) if the driven

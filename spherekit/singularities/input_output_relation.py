@@ -58,7 +58,7 @@ Form = Literal["i", "ii"]
 
 @dataclass(frozen=True)
 class FourLinks:
-    """Numbers of the four links whose relative rotations are an input and an output.
+    """Indices of the four links whose relative rotations are an input and an output.
 
     The input is the rotation of link i relative to r, the output that of link o relative to
     s. i and r are different links, and so are o and s. Apart from that, two of the four may
@@ -87,7 +87,7 @@ class FourLinks:
         return tuple(dict.fromkeys((self.i, self.r, self.o, self.s)))
 
     def ends(self, axis: str) -> tuple[int, int]:
-        """Return the numbers of the two links that belong to an axis, such as "os"."""
+        """Return the indices of the two links that belong to an axis, such as "os"."""
         first, second = LINKS_OF_AXIS[axis]
         return getattr(self, first), getattr(self, second)
 
@@ -283,7 +283,7 @@ def find_third_axis(form: Form, links: FourLinks) -> ThirdAxis:
         The output is the rotation of link o relative to link s in form "i", and relative to
         r in form "ii".
     links
-        The numbers of the links. The input is the rotation of i relative to r. In form i,
+        The indices of the links. The input is the rotation of i relative to r. In form i,
         two of the four links are the same.
 
     Returns

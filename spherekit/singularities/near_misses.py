@@ -49,7 +49,7 @@ class NearMiss:
         The type, I (the output rests) or II (the input rests), and the index of the output
         among the outputs.
     curve, s
-        Number of the curve of configurations, and arc length of the point on the curve
+        Index of the curve of configurations, and arc length of the point on the curve
         (rad).
     q
         The input at the point (rad), within the range of the input.
@@ -121,7 +121,7 @@ def _near_misses_on_curve(
     kind
         Type I (the output rests) or II (the input rests).
     output, number
-        Index of the output, and number of the curve.
+        Index of the output, and index of the curve.
     near
         Largest angle of a near miss (rad).
     """
@@ -199,7 +199,7 @@ def _sine_limits(
     sampled
         The singularities on all curves of configurations.
     kind, number
-        The type, and the number of the curve.
+        The type, and the index of the curve.
     angle
         The distance from the type along the curve.
     near
@@ -295,7 +295,7 @@ def _inputs_and_modes(
     sampled
         The singularities on all curves of configurations, and the range of the input.
     curve, s
-        Number of the curve, and arc length on the curve (rad).
+        Index of the curve, and arc length on the curve (rad).
     values
         (variables,) the configuration (rad).
 
@@ -333,7 +333,7 @@ def local_minima(
     sampled
         The singularities on all curves, and the range of the input.
     number
-        Number of the curve.
+        Index of the curve.
     angles
         The angle along the curve.
     limit
@@ -461,7 +461,7 @@ def _find_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
     sampled
         The singularities on all curves, and the range of the input.
     number
-        Number of the curve.
+        Index of the curve.
     """
     ends = _find_piece_ends(sampled, number)
     is_at_range_limit = _is_at_range_limit(sampled, number, ends)
@@ -481,7 +481,7 @@ def _is_at_range_limit(
     Parameters
     ----------
     sampled, number
-        The range, and the number of the curve.
+        The range, and the index of the curve.
     ends
         k ends of pieces of the curve.
     """
@@ -521,7 +521,7 @@ def _find_piece_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
     sampled
         All curves, and the range of the input.
     number
-        Number of the curve.
+        Index of the curve.
     """
     pieces = sampled.configurations.curves[number].pieces
     # Arc lengths along the curve (rad), one for each piece.

@@ -68,7 +68,7 @@ def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingP
     whole
         Position analysis of the whole mechanism, with one input.
     links
-        Numbers of the links.
+        Indices of the links.
     """
     part = _find_smaller_part(whole, links)
     if part is not None:
@@ -101,7 +101,7 @@ def _find_smaller_part(whole: PositionAnalysis, links: Iterable[int]) -> Placing
     whole
         Position analysis of the whole mechanism, with one input.
     links
-        Numbers of the links.
+        Indices of the links.
     """
     mechanism = whole.mechanism
     if whole.by_rank:

@@ -120,7 +120,7 @@ class SampledSingularities:
     curves
         The curves of `configurations`.
     curve, s
-        (n,) number of the curve on which each row is, -1 if it is on none, and (n,) the arc
+        (n,) index of the curve on which each row is, -1 if it is on none, and (n,) the arc
         length of the row on this curve.
     status
         (n,) status of each row. OK: the row is on a curve. AT_SINGULARITY: it is so near to
@@ -165,7 +165,7 @@ class SampledSingularities:
         # For each assembly mode of the part, the assembly modes of the whole mechanism that
         # contain this mode.
         self._whole_modes = part.whole_modes
-        # Number of the variable of the input, among all variables of the part.
+        # Index of the variable of the input, among all variables of the part.
         self._driven = self.position_analysis.solver.input_variable
         # All curves of the part, each with its pieces in the different assembly modes.
         self.configurations: Configurations = self.position_analysis.configurations
@@ -178,7 +178,7 @@ class SampledSingularities:
         )
 
         part_values = values[:, part.variables]
-        # For each row the number of the curve on which it is, -1 if it is on none, and its
+        # For each row the index of the curve on which it is, -1 if it is on none, and its
         # arc length on this curve.
         self.curve, self.s = self._find_curve_points(part_values, assembly_mode)
         # Curves can cross in some configurations. They end a little before a crossing, so a
@@ -218,7 +218,7 @@ class SampledSingularities:
         Returns
         -------
         curve_numbers, s
-            (n,) numbers of the curves, -1 for rows on none, and (n,) arc lengths (rad), NaN
+            (n,) indices of the curves, -1 for rows on none, and (n,) arc lengths (rad), NaN
             for rows on none.
         """
         curve_numbers = np.full(len(values), -1)
@@ -301,7 +301,7 @@ class SampledSingularities:
         Parameters
         ----------
         places
-            The configuration as points of curves of configurations: number of the curve and
+            The configuration as points of curves of configurations: index of the curve and
             arc length (rad). There are several if curves cross in the configuration.
         values
             (variables,) the variables of the configuration (rad).
@@ -330,7 +330,7 @@ class SampledSingularities:
     def _modes_at(self, places: Sequence[tuple[int, float]], q: float) -> list[int]:
         """Return the assembly modes that have a configuration at an input q (rad).
 
-        The configuration is given by its places: numbers of curves and arc lengths (rad).
+        The configuration is given by its places: indices of curves and arc lengths (rad).
         """
         # A piece is a part of a curve that is one assembly mode (way to assemble the
         # mechanism).
@@ -342,7 +342,7 @@ class SampledSingularities:
     def _passes_any(self, places: Sequence[tuple[int, float]]) -> bool:
         """Return whether a simulation passes one of some places; True without a simulation.
 
-        A place is the number of a configuration curve, and an arc length (rad) on this
+        A place is the index of a configuration curve, and an arc length (rad) on this
         curve. A simulation passes only parts of curves.
         """
         return any(self._passes_place(curve, s) for curve, s in places)
@@ -356,7 +356,7 @@ class SampledSingularities:
         Parameters
         ----------
         curve, q
-            Number of a curve through the configuration, and the input (rad) there. The
+            Index of a curve through the configuration, and the input (rad) there. The
             curve determines the period.
         margin
             If the range consists of whole periods, its two ends are the same configuration.
@@ -387,7 +387,7 @@ class SampledSingularities:
         Parameters
         ----------
         curve, s
-            Number of the curve, and arc length (rad).
+            Index of the curve, and arc length (rad).
         q
             The input (rad).
         """
@@ -410,7 +410,7 @@ class SampledSingularities:
         Parameters
         ----------
         curve, s
-            Number of the curve, and arc length (rad).
+            Index of the curve, and arc length (rad).
         """
         arc_curve = self.curves[curve]
         input_on_curve = float(arc_curve.at(s).values[0, self._driven])
@@ -434,7 +434,7 @@ class SampledSingularities:
         Parameters
         ----------
         curve
-            Number of the curve, which has the period.
+            Index of the curve, which has the period.
         periods_between
             Number of periods between the inputs, of either sign.
         """
@@ -486,7 +486,7 @@ class SampledSingularities:
 
         Returns
         -------
-        The smallest and the largest arc length (rad), by the number of the curve. On closed
+        The smallest and the largest arc length (rad), by the index of the curve. On closed
         curves arc lengths continue from lap to lap. Curves without a row are left out.
         """
         passed_ranges: dict[int, tuple[float, float]] = {}
@@ -535,7 +535,7 @@ class SampledSingularities:
         kind
             Type I or II.
         curve, s
-            Number of the curve of configurations, and arc lengths (n,) on the curve (rad).
+            Index of the curve of configurations, and arc lengths (n,) on the curve (rad).
         output
             Index of the output among the outputs.
 
@@ -557,7 +557,7 @@ class SampledSingularities:
         Parameters
         ----------
         curve, s
-            Number of the curve of configurations, and arc lengths (n,) on the curve (rad).
+            Index of the curve of configurations, and arc lengths (n,) on the curve (rad).
         output
             Index of the output.
         """
@@ -580,7 +580,7 @@ class SampledSingularities:
         Parameters
         ----------
         curve, s
-            Number of the curve of configurations, and arc lengths (n,) on the curve (rad).
+            Index of the curve of configurations, and arc lengths (n,) on the curve (rad).
         output
             Index of the output.
         """
@@ -644,7 +644,7 @@ class SampledSingularities:
         Parameters
         ----------
         number, s
-            Number of the curve, and arc lengths (m,) on it (rad).
+            Index of the curve, and arc lengths (m,) on it (rad).
 
         Returns
         -------
@@ -680,7 +680,7 @@ class SampledSingularities:
         Parameters
         ----------
         curve, s
-            Number of the curve of configurations, and arc lengths (m,) on the curve (rad).
+            Index of the curve of configurations, and arc lengths (m,) on the curve (rad).
         output
             Index of the output among the outputs.
 
@@ -803,7 +803,7 @@ class SampledSingularities:
         Parameters
         ----------
         curve, output
-            Number of the curve of configurations, and index of the output.
+            Index of the curve of configurations, and index of the output.
         s
             (n,) rising arc lengths (rad).
         """
@@ -828,7 +828,7 @@ class SampledSingularities:
         Parameters
         ----------
         curve
-            Number of the curve.
+            Index of the curve.
 
         Returns
         -------
@@ -859,7 +859,7 @@ class SampledSingularities:
         Parameters
         ----------
         number, output
-            Number of the curve, and index of the output.
+            Index of the curve, and index of the output.
         kind
             Type of the singularity. Crossings with other curves count for every type.
         s
@@ -896,10 +896,10 @@ class SampledSingularities:
         Parameters
         ----------
         number, output, kind
-            Number of the curve, index of the output, and type of the singularity.
+            Index of the curve, index of the output, and type of the singularity.
         """
         curve = self.curves[number]
-        # Singular points state their output by the numbers of its two links.
+        # Singular points state their output by the indices of its two links.
         links = self.report.outputs[output]
         arc_lengths: list[float] = []
         inputs: list[float] = []

@@ -359,7 +359,7 @@ def _input_coefficients(
         [output.pole],
         by_rank=by_rank,
     )
-    # Links that are joined by locked inputs are one body. `body` has the number of the body
+    # Links that are joined by locked inputs are one body. `body` has the index of the body
     # of each link. The relation names each body by one of its links. In the loop, later
     # links replace earlier ones of the same body, so the links of the input are preferred.
     body = pole_request.plan.body
@@ -407,7 +407,7 @@ def _pole_axis(
     Parameters
     ----------
     pole
-        Numbers of the two links.
+        Indices of the two links.
     planned_axes
         (n, 3) axis of each pole by the plan, NaN where the plan yields none.
     input_pole, input_axis
@@ -437,7 +437,7 @@ def _pole_axis(
 
 
 def _input_variables(motion: Motion) -> list[int]:
-    """Return the number of the variable of each input."""
+    """Return the index of the variable of each input."""
     return [motion.mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
 
 

@@ -213,13 +213,13 @@ class SingleFreedomSingularities:
         Parameters
         ----------
         output
-            Numbers of the output link and of its reference link.
+            Indices of the output link and of its reference link.
 
         Returns
         -------
         The links i and r of the input, and the links o and s, by form.
         """
-        # The numbers of the input link i and of its reference link r.
+        # The indices of the input link i and of its reference link r.
         input_link, input_reference = self.input
         output_link, output_reference = output
         links = FourLinks(
@@ -297,7 +297,7 @@ class SingleFreedomSingularities:
         Parameters
         ----------
         curve
-            Number of the configuration curve.
+            Index of the configuration curve.
         s
             (n,) arc lengths (rad) of the points.
         output
@@ -380,7 +380,7 @@ class SingleFreedomSingularities:
         Parameters
         ----------
         number
-            Number of the curve.
+            Index of the curve.
         output
             Position of the output in `outputs`.
 
@@ -529,7 +529,7 @@ class SingleFreedomSingularities:
                 point = SingularPoint(
                     type=Type.III,
                     output=output_links,
-                    # The number of each curve that ends here, with the arc length.
+                    # The index of each curve that ends here, with the arc length.
                     places=tuple(curve_end.places),
                     error=np.nan if crossing is None else crossing.error,
                     values=curve_end.values,
@@ -693,7 +693,7 @@ def _explain_vanishing_relation(
     relation
         The relation, in one of the forms.
     curve
-        Number of the curve.
+        Index of the curve.
     link_names
         Names of all links of the mechanism.
     """
@@ -722,7 +722,7 @@ class _SingularCurveEnd:
         (variables,) variables of the crossing (rad). If the crossing was not located, those
         of the last computed point of a curve.
     places
-        Numbers of the curves that end at the crossing, each with the arc length (rad) of
+        Indices of the curves that end at the crossing, each with the arc length (rad) of
         its end.
     """
 
@@ -949,7 +949,7 @@ def _relative_rate(
     axes
         (n, 3) unit vectors by pole. Their sense decides the sign of the rate.
     links
-        Numbers of the two links.
+        Indices of the two links.
     """
     link, reference = links
     w, _ = motion.relative(reference, link)

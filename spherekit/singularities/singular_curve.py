@@ -107,7 +107,7 @@ class SingularCurve:
         Parameters
         ----------
         chord_numbers
-            (n,) numbers of chords; chord k starts at node k.
+            (n,) indices of chords; chord k starts at node k.
         parts
             (n,) position of the projection on each chord, from 0 to 1.
         """

@@ -10,7 +10,7 @@ from spherekit.singularities.input_output_relation import Type
 
 @dataclass(frozen=True)
 class SingularPoint:
-    """A singularity of one input and one output, by numbers of links.
+    """A singularity of one input and one output, by indices of links.
 
     Attributes
     ----------
@@ -21,7 +21,7 @@ class SingularPoint:
     output
         The output (o, s): link o relative to link s.
     places
-        Where the point is: the number of a configuration curve, and the arc length on it
+        Where the point is: the index of a configuration curve, and the arc length on it
         (rad). A crossing of curves has an item for each curve end there. The arc length is
         NaN if an output or the input stands still on the whole curve.
     error
@@ -62,7 +62,7 @@ class SingularPoint:
 
     @property
     def curve(self) -> int:
-        """The number of the first curve in `places`."""
+        """The index of the first curve in `places`."""
         number, _ = self.places[0]
         return number
 

@@ -77,7 +77,7 @@ class SingularSurface:
     nodes
         The n vertices. They are singular configurations up to `points.residual`.
     triangles
-        (m, 3) numbers of vertices. Variables at the ends of an edge may differ by whole
+        (m, 3) indices of vertices. Variables at the ends of an edge may differ by whole
         revolutions in addition to the length of the edge.
     side
         Length of the edges aimed at (rad, in the space of the variables), after halving.
@@ -245,7 +245,7 @@ class SingularSurface:
         Parameters
         ----------
         edges
-            (k, 2) numbers of the vertices at the ends of each edge.
+            (k, 2) indices of the vertices at the ends of each edge.
         part
             (k, 1) position on each edge, from 0 (first end) to 1. One number for all edges
             is allowed.
@@ -319,7 +319,7 @@ class SingularSurface:
         is_inside
             (n,) whether each old vertex remains.
         """
-        # (edges, 2) vertices of edges, and (m, 3) numbers of the edges of each triangle.
+        # (edges, 2) vertices of edges, and (m, 3) indices of the edges of each triangle.
         edges, sides = list_edges(self.triangles)
         (good,) = np.nonzero(edge_points.is_on_locus)
         # New vertices are numbered after the old ones.
@@ -358,9 +358,9 @@ def _subdivide_triangle(
     Parameters
     ----------
     corners
-        Numbers of the three corners 1, 2, 3 of the triangle.
+        Indices of the three corners 1, 2, 3 of the triangle.
     side_vertices
-        Numbers of the new vertices on the sides 12, 23 and 31; `NO_VERTEX` for a side
+        Indices of the new vertices on the sides 12, 23 and 31; `NO_VERTEX` for a side
         without a new vertex.
     is_inside
         Whether each corner is inside.
@@ -403,7 +403,7 @@ def _inside_polygon(
     Parameters
     ----------
     corners
-        Numbers of the three corners of the triangle.
+        Indices of the three corners of the triangle.
     side_vertices
         For each side, from one corner to the next, its new vertex or `NO_VERTEX`.
     is_inside
@@ -430,7 +430,7 @@ def _fan_triangles(polygon: list[int], apex_position: int) -> list[tuple[int, ..
     Parameters
     ----------
     polygon
-        Numbers of the vertices, in the order of the border.
+        Indices of the vertices, in the order of the border.
     apex_position
         Position of the apex in this list.
     """

@@ -70,7 +70,7 @@ class OutputStationary:
     Attributes
     ----------
     link, relative_to
-        Numbers of the output link and of its reference link, as bodies of the loops.
+        Indices of the output link and of its reference link, as bodies of the loops.
     pointing
         Unit vector in the axes of the output link, or None if the orientation of the link
         is the output.
@@ -87,7 +87,7 @@ class OutputStationary:
 
     @property
     def pole(self) -> Pole:
-        """The numbers of the two links, the smaller one first."""
+        """The indices of the two links, the smaller one first."""
         return pole_of(self.link, self.relative_to)
 
     @property

@@ -106,7 +106,7 @@ class SurfaceFront:
         self.waiting_edges: deque[Edge] = deque()
 
     def find_vertices_near(self, values: Floats, motion: Floats, radius: float) -> Indices:
-        """Return the numbers of the vertices near a configuration on the same sheet.
+        """Return the indices of the vertices near a configuration on the same sheet.
 
         A sheet is a part of a surface of singular configurations. Two sheets can pass each
         other at a small distance. They differ in their singular motion: the rates with
@@ -229,7 +229,7 @@ class SurfaceFront:
         Parameters
         ----------
         a, b, c
-            Numbers of the vertices.
+            Indices of the vertices.
         """
         # Two neighbours of one orientation pass their common edge in opposite directions.
         if (a, b) in self.directed_edges:
@@ -271,7 +271,7 @@ class SurfaceFront:
         Parameters
         ----------
         bases
-            Numbers of the vertices at which the planes touch the surface.
+            Indices of the vertices at which the planes touch the surface.
         offsets
             For each base a position in its tangent plane, as a complex number: coordinates
             (rad) along the two tangents, from the base.
@@ -501,7 +501,7 @@ class SurfaceFront:
         edge
             The open edge.
         apex
-            Number of the third vertex, or `NEW_VERTEX` for a new one at the ideal apex,
+            Index of the third vertex, or `NEW_VERTEX` for a new one at the ideal apex,
             which makes the triangle equilateral.
         positions
             Positions of the vertices around, and of `NEW_VERTEX`, in the tangent plane at

@@ -68,7 +68,7 @@ def find_output_part(
     mechanism, assembly
         The mechanism, and the order in which its groups of links are assembled.
     link, relative_to
-        Numbers of the output link and of its reference link.
+        Indices of the output link and of its reference link.
 
     Returns
     -------
@@ -107,14 +107,14 @@ def _make_tree(
     mechanism
         The whole mechanism, with its own numbers of links, pairs and variables.
     pairs, variables
-        Numbers of the pairs, and of the variables of these pairs.
+        Indices of the pairs, and of the variables of these pairs.
     first_links
         The links that become body 0, which is the root of the tree, and body 1.
     """
     links = list(first_links)
     for pair in pairs:
         links += mechanism.ends[pair]
-    # Each link once, in this order. Its position is the number of its body.
+    # Each link once, in this order. Its position is the index of its body.
     distinct_links = list(dict.fromkeys(links))
     body_of_link = {link: body for body, link in enumerate(distinct_links)}
     new_number_of_pair = {pair: number for number, pair in enumerate(pairs)}
@@ -177,7 +177,7 @@ class TangentSpace:
     linearisation
         Orientations, velocity vectors and closure residual at the configurations.
     tree, variables
-        The loops, and the numbers of the variables that take part in them.
+        The loops, and the indices of the variables that take part in them.
     basis
         (n, V, k) orthonormal rates that close the loops, zero for other variables. If J
         has as many rows as its rank, the last column has the sense with

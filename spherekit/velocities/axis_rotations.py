@@ -50,7 +50,7 @@ class AxisRotation:
     """A rotation about the z axis by the angle scale * variable + offset (rad).
 
     The chain of rotations from one link of a pair to the other consists of such rotations
-    and constant ones. `variable` is the number of the pair variable in the mechanism.
+    and constant ones. `variable` is the index of the pair variable in the mechanism.
     """
 
     variable: int
@@ -201,10 +201,10 @@ class PairRotations:
     chains
         For each pair the rotation from its first link to its second, as a chain of factors.
     sides
-        For each contact of two profiles, by number of the pair: the profile of its first
+        For each contact of two profiles, by index of the pair: the profile of its first
         and of its second link.
     followers
-        R pairs that wheels couple to the inputs, by number of the pair. The angle of such a
+        R pairs that wheels couple to the inputs, by index of the pair. The angle of such a
         pair is a linear function of the input angles. The values are one factor for each
         input, then the constant (rad).
     """

@@ -30,11 +30,11 @@ from spherekit.velocities.pose_expressions import LinkOrientation, place_link
 class SlideChangeBound:
     """Upper bound of the length of the derivative of `CarriedVector.slide`.
 
-    The slide is the derivative of a vector by a pair variable, seen from a link. This
-    bounds the next derivative by the same variable, for error bounds. It is a sum of terms.
-    Some terms have the length ``|k''|``, the second derivative of the curvature k of a
-    profile by its arc length. There is no expression of k'', so its largest value along the
-    profile is used.
+    The slide is the derivative of a vector with respect to a pair variable, seen from a
+    link. The bound applies to the second derivative with respect to this variable, for
+    error bounds. It is a sum of terms. Some terms have the length ``|k''|``, the second
+    derivative of the curvature k of a profile with respect to arc length. There is no
+    expression of k'', so its largest value along the profile is used.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class SlideChangeBound:
 
     @property
     def total(self) -> Expr:
-        """The bound: that of the terms without k'', plus the largest ``|k''|``."""
+        """The bound: the bound of the terms without k'', plus the largest ``|k''|``."""
         return self.other_terms + sum(
             profile.max_curvature_second for profile in self.profiles
         )
@@ -69,7 +69,7 @@ class CarriedVector:
     vector
         (3,) expressions of the vector in ground axes.
     link
-        Number of the link that carries the vector.
+        Index of the link that carries the vector.
     length
         Length of `vector`.
     slide
@@ -78,8 +78,8 @@ class CarriedVector:
     slide_length
         Length of `slide`.
     slide_change_bound
-        Upper bound of the length of the derivative of `slide` by the variable. It bounds
-        the error of `slide` at a computed configuration.
+        Upper bound of the length of the derivative of `slide` with respect to the
+        variable. It bounds the error of `slide` at a computed configuration.
     """
 
     vector: Exprs
@@ -191,8 +191,8 @@ def absolute(item: Expr) -> Expr:
 def largest(items: Iterable[Expr]) -> Expr:
     """Return the largest of numbers and expressions, none of which is negative.
 
-    Numbers are compared now. Expressions are compared when the result is evaluated, and
-    equal ones only once.
+    Numbers are compared immediately. Expressions are compared when the result is
+    evaluated; equal expressions count only once.
     """
     items = list(items)
     maximum: Expr = max(
@@ -216,7 +216,7 @@ def _axis_of_r_pair(
     Parameters
     ----------
     links
-        Numbers of the two links.
+        Indices of the two links.
     axes
         The axis (3,) in the axes of the first link, and in those of the second.
     placed
@@ -235,9 +235,9 @@ def _contact_line(
     """Return the direction p to a contact point, which slides along a profile of a link.
 
     A profile is a curve on the unit sphere, fixed in the link. Seen from the link, p
-    changes as the contact moves along the profile. Its derivative by the arc length, called
-    the slide, is the unit tangent. The length of the tangent's derivative bounds how much
-    the slide changes. Error bounds need this number.
+    changes as the contact moves along the profile. The derivative of p with respect to
+    arc length, called the slide, is the unit tangent. The length of the tangent's
+    derivative bounds how much the slide changes. Error bounds need this number.
 
     Parameters
     ----------
@@ -286,16 +286,16 @@ def _rolling_vector(
 
     The vector is the angular velocity of the second link relative to the first, per unit of
     arc length s. k1 and k2 are the curvatures of the profiles of both links, and p is the
-    contact point. One of the links carries the vector. Primes are derivatives by s as seen
-    from this link. The tangent is t = p'. Then
+    contact point. One of the links carries the vector. Primes are derivatives with
+    respect to s as seen from this link. The tangent is t = p'. Then
 
         first derivative:  (k1 - k2) t + (k1 - k2)' p
         second derivative: (k1 - k2) t' + 2 (k1 - k2)' t + (k1 - k2)'' p
 
-    The first derivative is the slide of the vector, which is needed for accelerations. The
-    length of the second derivative is at most the sum of the lengths of its terms. This
-    bound is needed for error bounds. There is no expression of the last term. Its length is
-    at most ``|k1''| + |k2''|``, of which each profile knows the largest value.
+    The first derivative is the slide of the vector, which accelerations contain. The
+    length of the second derivative is at most the sum of the lengths of its terms.
+    Error bounds contain this bound. There is no expression of the last term. Its length
+    is at most ``|k1''| + |k2''|``, of which each profile knows the largest value.
 
     Parameters
     ----------
@@ -348,11 +348,12 @@ def _vector_along_profile(
     Parameters
     ----------
     sign
-        1.0 for the profile of the first link of the contact, -1.0 for that of the second.
+        1.0 for the profile of the first link of the contact, -1.0 for the other
+        profile.
     side
         The profile.
     link
-        Number of the link that carries the profile.
+        Index of the link that carries the profile.
     placed
         Orientation of this link.
     variables
@@ -405,13 +406,13 @@ def _vector_along_curve(
     the three axes. The vector is the angular velocity of the second link relative to the
     first. So it is n + k p if the first link carries the profile, otherwise -(n + k p).
 
-    Let primes be derivatives by the arc length, as seen from the link with the profile.
-    Because n' = -k t and p' = t,
+    Let primes be derivatives with respect to arc length, as seen from the link with the
+    profile. Because n' = -k t and p' = t,
 
         first derivative:  k' p
         second derivative: k' t + k'' p
 
-    The first derivative is the slide of the vector, which is needed for accelerations. The
+    The first derivative is the slide of the vector, which accelerations contain. The
     length of the second derivative is at most ``|k'| + |k''|``, for error bounds.
 
     Parameters
@@ -422,7 +423,7 @@ def _vector_along_curve(
     side
         The profile.
     link
-        Number of the link that carries the profile.
+        Index of the link that carries the profile.
     contact_frame
         (3, 3) rows t, n and p in ground axes.
     """

@@ -1,4 +1,4 @@
-"""Rates of all variables by each input, in homogeneous form.
+"""Rates of all variables while each input moves in turn, in homogeneous form.
 
 While input i moves at the rate 1 and the others rest, the rates of all variables are
 tau_i / D. The scale D is the determinant of the equations. It vanishes at configurations in
@@ -6,9 +6,9 @@ which the inputs do not determine the rates of all variables.
 
 With one input, the numbers tau are the minors of the velocity equations
 (`spherekit.velocities.group_equations`). They are rates with respect to a parameter p.
-They contain no division, so they stay finite at dead centres of any pair, where rates by
-the input do not. Rates by the input are tau / D. Rates by the arc length of the curve of
-all variables are ``tau / |tau|``.
+They contain no division, so they stay finite at dead centres of any pair, where rates
+per unit rate of the input do not. These are tau / D. Rates per unit of arc length of
+the curve of all variables are ``tau / |tau|``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -49,7 +49,7 @@ class MotionRates:
 
 
 class CoordinateRates(VelocityEquations):
-    """Homogeneous rates of variables and links (rates times a determinant) by each input.
+    """Homogeneous rates (rates times a determinant) of variables and links for each input.
 
     While input i moves at the rate 1 and the others rest, the rates of all variables are
     tau_i / D. The homogeneous rates tau_i are regular even if the scale D, the determinant
@@ -95,15 +95,15 @@ class CoordinateRates(VelocityEquations):
         The loops of the mechanism are closed group by group. A group is a set of links that
         are placed together. The equations of each group are solved by Cramer's rule without
         its division, so nothing is divided by a determinant that may be zero. The rates are
-        then multiplied by the determinant. The scale is the product of all these
-        determinants.
+        then multiplied by the determinant. The scale is the product of the determinants
+        of all groups.
 
         Parameters
         ----------
         driven_rates
-            The rate of each driven pair (joint), by the number of the pair.
+            The rate of each driven pair (joint), by the index of the pair.
         offsets
-            By the number of a pair, a vector (3,) that is subtracted from its angular
+            By the index of a pair, a vector (3,) that is subtracted from its angular
             velocity in the loop equations. For accelerations it contains the terms that do
             not depend on the unknowns. Pairs without an offset have zero.
         """
@@ -147,7 +147,7 @@ class CoordinateRates(VelocityEquations):
         rate_by_variable
             The known rates, by variable, multiplied by `scale`.
         offsets
-            Offset vectors (3,) by the number of the pair, not multiplied by `scale`.
+            Offset vectors (3,) by the index of the pair, not multiplied by `scale`.
         scale
             Common factor of the rates and of the result, which avoids divisions.
         """
@@ -186,7 +186,7 @@ class CoordinateRates(VelocityEquations):
         return [sum_along_paths(self.tree, self.pair_velocities(tau)) for tau in self.tau]
 
     def closure_residual_rates(self, size: ExpressionNode) -> dict[int, Exprs]:
-        """Return the derivatives (3,) of the opening of each loop by a size.
+        """Return the derivative (3,) of the opening of each loop with respect to a size.
 
         Each loop is cut at one pair (joint), the key of the result. The frame of this pair
         is computed in two ways: from the first link of the pair and its variable, and from
@@ -226,7 +226,7 @@ class CoordinateRates(VelocityEquations):
         input_index
             The input that moves.
         link
-            Number of the link.
+            Index of the link.
 
         Returns
         -------
@@ -256,9 +256,9 @@ class CoordinateRates(VelocityEquations):
         Parameters
         ----------
         variable
-            Number of the variable.
+            Index of the variable.
         link
-            Number of the link.
+            Index of the link.
         orientation
             Orientation of the link, with its basis.
 
@@ -319,8 +319,8 @@ def _frame_velocity(frame: Exprs, size: ExpressionNode) -> Exprs:
     """Return the angular velocity (3,) of a frame per unit rate of a size, in ground axes.
 
     A size is an arc or an angle of the mechanism. If it changes, the frame turns. The
-    columns b of the frame (3, 3) have the derivatives b' = w x b by the size. Half the sum
-    of b x b' over the three columns is w.
+    columns b of the frame (3, 3) have the derivatives b' = w x b with respect to the
+    size. Half the sum of b x b' over the three columns is w.
     """
     entries = [*frame.ravel()]
     derivative = vector(differentiate(entries, {size: 1.0})).reshape(3, 3)

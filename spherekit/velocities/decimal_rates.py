@@ -1,4 +1,4 @@
-"""Computes rates near dead centres in quad precision, from the decimal sizes of the file.
+"""Computes rates near dead centres in quad precision, from the decimal sizes in the file.
 
 At a distance d (rad, in the pair variables) from a dead centre, the relative error of rates
 is the rounding error of the geometry divided by d squared. With float64 sizes, no digit of
@@ -87,7 +87,7 @@ class DecimalRates:
             n rows, each one configuration: inputs, pair variables in float64, and the
             assembly mode (way to assemble the links).
         driven
-            Number of the input pair that moves at unit rate. Other inputs are locked.
+            Index of the input pair that moves at unit rate. Other inputs are locked.
 
         Returns
         -------
@@ -107,8 +107,8 @@ class DecimalRates:
         is_known = np.zeros(n, dtype=bool)
         for mode, rows in _rows_of_modes(motion, [modes[k] for k in sorted(numbers)]):
             # The signs of the assembly mode choose between solutions. A dyad (two links
-            # joined by a pair) has two solutions. For other groups of links, the sign is
-            # that of the determinant of their closure equations.
+            # joined by a pair) has two solutions. For other groups of links, the sign
+            # is the sign of the determinant of the closure equations.
             placed = quad_assembly.place(
                 mode.signs, mode.group_signs, motion.inputs[rows], motion.values[rows]
             )
@@ -132,10 +132,11 @@ class DecimalRates:
     def relative_error_bound(self) -> Floats:
         """(n,) the larger of the relative error bounds of `w` and `dw`.
 
-        These are the angular velocities of links and their derivatives by the input, at n
-        rows.
+        `w` are the angular velocities of links and `dw` their derivatives with respect
+        to the input, at n rows.
 
-        Each bound is relative to the largest vector of any link, or to 1 if that is larger.
+        Each bound is relative to the largest vector of any link, or to 1 if 1 is
+        larger.
         """
         rate_size, derivative_size = (
             np.maximum(1.0, np.max(np.sqrt(dot(x, x)).astype(float), axis=1))
@@ -156,10 +157,10 @@ class DecimalRates:
         Parameters
         ----------
         pole
-            Numbers of the first and the second link.
+            Indices of the first and the second link.
         pair
-            Number of the pair whose axis is the pole. None if the direction of the pole is
-            that of v.
+            Index of the pair whose axis is the pole. None if the pole has the direction
+            of v.
 
         Returns
         -------
@@ -229,7 +230,7 @@ class DecimalRates:
         dv
             (n, 3) its derivative.
         is_pair_axis
-            Whether the direction is the axis of a pair, and not that of v.
+            Whether the direction is the axis of a pair, and not the direction of v.
 
         Returns
         -------
@@ -242,9 +243,9 @@ class DecimalRates:
         dv_error = 2.0 * self.dw_error
         # Bounds of the errors of u, and of du, its derivative with respect to the input.
         if is_pair_axis:
-            # du = w x u with the angular velocity w of a link of the pair. Its error is
-            # that of w, plus the error of u times |w|, which is at most the largest speed
-            # of any link.
+            # du = w x u with the angular velocity w of a link of the pair. The error of
+            # du is the error of w, plus the error of u times |w|, which is at most the
+            # largest speed of any link.
             direction_error = self.axis_error
             change_error = self.w_error + self.axis_error * self._largest_speed
             direction_bound = direction_error
@@ -279,7 +280,7 @@ class DecimalRates:
 def _rows_of_modes(
     motion: Motion, modes: Sequence[AssemblyMode]
 ) -> Iterator[tuple[AssemblyMode, Indices]]:
-    """Yield each assembly mode with the numbers of its rows (k,) in a motion.
+    """Yield each assembly mode with the indices of its rows (k,) in a motion.
 
     A mode is a way to assemble the links, with signs that identify its solution. Some modes
     consist of `pieces`, because they continue smoothly through points at which modes meet.
@@ -311,7 +312,7 @@ def _solve_rates(motion: Motion, driven: int, is_known: Bools, axes: Array) -> D
         The motion with the n rows. Its loops, paths and passive variables (which no input
         sets) are used.
     driven
-        Number of the input pair that moves at unit rate.
+        Index of the input pair that moves at unit rate.
     is_known
         (n,) whether the configuration of a row is known. Rows whose velocity equations are
         nearly singular (`MAX_RATE_SENSITIVITY`) become unknown in the result.

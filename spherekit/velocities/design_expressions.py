@@ -54,7 +54,7 @@ from spherekit.velocities.transmission_angle import COMPONENTS, transmission_ang
 from spherekit.wording import listing, nearest
 
 MakePairs = Callable[[Mapping[str, Expr]], PairRotations]
-"""Returns the rotations of all pairs, given the symbols of the sizes by their names."""
+"""Function that returns the rotations of all pairs from symbols of sizes, by name."""
 
 
 class DesignExpressions:
@@ -75,8 +75,8 @@ class DesignExpressions:
         then the time.
     configuration_symbols
         In closed form, symbols of the signs of the dyads. A dyad (two links in series) can
-        be closed in two ways, between which its sign chooses. Otherwise symbols of all pair
-        variables.
+        be closed in two ways, and the sign of the dyad chooses one of the ways.
+        Otherwise symbols of all pair variables.
     size_symbols
         Symbols of the sizes that differ, then of the numbers of masses and loads that
         differ.
@@ -199,7 +199,7 @@ class DesignExpressions:
 
     @cached_property
     def coordinate_rates(self) -> CoordinateRates:
-        """The homogeneous rates of all variables by each input.
+        """The homogeneous rates of all variables while each input moves.
 
         These are the rates times the determinant of the velocity equations. They are finite
         even where the determinant vanishes.
@@ -229,7 +229,7 @@ class DesignExpressions:
         ]
 
     def differentiate_by_sizes(self, items: Sequence[Expr]) -> list[list[Expr]]:
-        """Return the derivatives of expressions by each size, while the loops stay closed.
+        """Return derivatives with respect to each size, while the loops stay closed.
 
         A size is a number of the mechanism that varies between designs, such as an arc of a
         link, a mass or a number of a load. The inputs are constant. If a size grows, the
@@ -261,7 +261,7 @@ class DesignExpressions:
         if self.has_closed_form:
             return [differentiate(items, {size: 1.0}) for size in self.size_symbols]
         self._refuse_second_curvature_derivative(items)
-        # Partial derivatives by each pair variable. They are needed because the pair
+        # Partial derivatives with respect to each pair variable, because the pair
         # variables change with the sizes.
         by_variable = [
             self._differentiate_by_variable(items, v)
@@ -278,7 +278,7 @@ class DesignExpressions:
         ]
 
     def _refuse_second_curvature_derivative(self, items: Sequence[Expr]) -> None:
-        """Raise `EngineError` if expressions cannot be differentiated by sizes.
+        """Raise `EngineError` if expressions have no derivatives with respect to sizes.
 
         A profile that is not a circle has symbols for its curvature k at the contact and
         for dk/ds and d2k/ds2, with the arc length s. A size can move the contact. The
@@ -298,11 +298,12 @@ class DesignExpressions:
     def _differentiate_along_closed_loops(
         self, items: Sequence[Expr], symbol: ExpressionNode, by_variable: list[list[Expr]]
     ) -> list[Expr]:
-        """Return the total derivatives of expressions by a symbol, with inputs at rest.
+        """Return total derivatives with respect to a symbol, with inputs at rest.
 
         If the symbol grows, the pair variables v have to change, so that the loops stay
-        closed. The total derivative is the partial derivative by the symbol, plus the sum
-        over all v of (dv / dsymbol) times the partial derivative by v.
+        closed. The total derivative is the partial derivative with respect to the
+        symbol, plus the sum over all v of (dv / dsymbol) times the partial derivative
+        with respect to v.
 
         Parameters
         ----------
@@ -329,7 +330,7 @@ class DesignExpressions:
     def _differentiate_by_variable(
         self, items: Sequence[Expr], variable: int
     ) -> list[Expr]:
-        """Return the derivatives of expressions by a pair variable.
+        """Return the derivatives of expressions with respect to a pair variable.
 
         If the variable moves a contact along a profile (curve on a link), the tangent,
         point and curvature of the profile at the contact change with the variable. Their
@@ -426,7 +427,7 @@ class DesignExpressions:
 
     @cached_property
     def _link_velocity_derivatives(self) -> list[list[Exprs]]:
-        """The derivatives (3,) of the `_link_velocities` by the moving input."""
+        """Derivatives (3,) of the `_link_velocities` with respect to the moving input."""
         return [
             self.coordinate_rates.bias_accelerations(rates, w)
             for rates, w in zip(self._variable_rates, self._link_velocities, strict=True)
@@ -473,7 +474,7 @@ class DesignExpressions:
         return vectors[moving][self.mechanism.link(link)]
 
     def _output_links(self, name: str) -> tuple[int, int]:
-        """Return the number of an output's link, and of the link it is seen from."""
+        """Return the index of an output's link, and of the link from which it is seen."""
         (output,) = (output for output in self.mechanism.outputs if output.name == name)
         return self.mechanism.link(output.link), self.mechanism.link(output.relative_to)
 
@@ -680,14 +681,14 @@ class DesignExpressions:
         The computed relative velocity of resting links is a rounding error, which also has
         a direction. The product of this direction and the result is NaN. Links rest if
         their relative velocity is less than `NO_MOTION` times a reference. The reference is
-        the velocity of one of the links, but at least 1. Runs of an analysis take the link
-        with the larger number. So does this method, such that both give NaN in the same
-        configurations.
+        the velocity of one of the links, but at least 1. Runs of an analysis take the
+        link with the larger index. So does this method, so that runs and this method
+        give NaN in the same configurations.
 
         Parameters
         ----------
         link, other
-            Numbers of the two links.
+            Indices of the two links.
         moving
             Index of the moving input.
         """
@@ -705,8 +706,8 @@ class DesignExpressions:
     def _relative_direction(self, link_name: str, other_name: str, moving: int) -> Exprs:
         """Return the axis (3,) of the pair of two links, or the direction of their motion.
 
-        The direction of the motion is that of the relative angular velocity while one input
-        (`moving`) has the rate 1 and the others rest.
+        The direction of the motion is the direction of the relative angular velocity
+        while one input (`moving`) has the rate 1 and the others rest.
         """
         link = self.mechanism.link(link_name)
         other = self.mechanism.link(other_name)
@@ -811,7 +812,7 @@ class DesignExpressions:
                 self.configuration_symbols, self._variable_rates[moving], strict=True
             )
         # A side is one of the two profiles of a contact. The rate of a column is its
-        # derivative by the arc length times the rate of the arc length.
+        # derivative with respect to arc length times the rate of the arc length.
         for side in self.structure.pairs.sides_with_symbols:
             # The arc length at which the contact is on this profile is a pair variable.
             arc_length = self.configuration_symbols[side.track.variable]
@@ -904,7 +905,7 @@ class DesignExpressions:
         contacts, so 0 does no harm.
         """
         angles: list[Expr] = [0.0] * len(self.mechanism.variable_owners)
-        # `Mechanism.angles` has the number of the variable of each R pair.
+        # `Mechanism.angles` has the index of the variable of each R pair.
         for pair, variable in self.mechanism.angles.items():
             if pair in self.inputs:
                 angles[variable] = self.sample_symbols[self.inputs.index(pair)]
@@ -913,7 +914,7 @@ class DesignExpressions:
         return angles
 
     def _variable(self, pair: str) -> int:
-        """Return the number of the (first) variable of a pair."""
+        """Return the index of the (first) variable of a pair."""
         return self.mechanism.variables_of(self.mechanism.pair_number[pair])[0]
 
     def angle(self, pair: str) -> Expr:
@@ -948,5 +949,5 @@ class DesignExpressions:
         return transmission_angle(COMPONENTS, *dyad_axes)
 
     def _variable_of_pair(self, pair_number: int) -> int:
-        """Return the number of the (first) variable of a pair, given by its number."""
+        """Return the index of the (first) variable of a pair with a given index."""
         return self.mechanism.variables_of(pair_number)[0]

@@ -1,12 +1,12 @@
 """Signs of pole directions that are continuous along each assembly mode.
 
 The direction u of a pole is determined up to its sign. It follows the angular velocity v of
-the second link relative to the first: at each sample the velocity coefficient v . u has the
-sign of the previous sample. If v passes through zero between two samples, it reverses
-relative to u, and so does the coefficient. The reversals are read from the cubic Hermite
-interpolant of v between the samples. At the first sample of a mode, u points to the side on
-which the sum of all axes and contact points lies. Over a grid of several inputs, all
-directions point to this side.
+the second link relative to the first: at each sample the velocity coefficient v . u has
+the sign that it has at the previous sample. If v passes through zero between two
+samples, it reverses relative to u, and so does the coefficient. The reversals are read
+from the cubic Hermite interpolant of v between the samples. At the first sample of a
+mode, u points to the side on which the sum of all axes and contact points lies. Over a
+grid of several inputs, all directions point to this side.
 
 v is per unit rate of the moving input. At a dead centre of the input it reverses through
 infinity, and only its product with the sense of the input (+1 or -1) is continuous. v and
@@ -54,7 +54,7 @@ class ComparedRows:
     Attributes
     ----------
     rows
-        (k,) numbers of the compared rows in their block of rows, rising. The first and the
+        (k,) indices of the compared rows in their block of rows, rising. The first and the
         last row of the assembly mode (way to assemble the links) are among them.
     may_reverse
         (k - 1,) for each compared row but the first, whether a direction may be reversed
@@ -75,14 +75,14 @@ class VelocityPath:
     ----------
     coordinate
         (k,) coordinate along the path: the input (rad) or, if there are several inputs, the
-        number of the sample.
+        index of the sample.
     sense
         (k,) 1 where the input increases along the path, -1 where it decreases.
     v
         (3, k) relative angular velocity if the input has the rate `sense`: 1 or -1.
     dv
-        (3, k) derivative of `v` by the coordinate; 0 if there are several inputs, because
-        it is then not known.
+        (3, k) derivative of `v` with respect to the coordinate; 0 if there are several
+        inputs, because the derivative is then not known.
     """
 
     coordinate: Floats
@@ -121,7 +121,8 @@ class LastSample:
     path
         The relative angular velocity v at this sample, as a path of one sample. Its fields
         are the `coordinate` along the path of the inputs, the `sense` in which the input
-        moves (1 or -1), `v`, and the derivative `dv` of v by the coordinate.
+        moves (1 or -1), `v`, and the derivative `dv` of v with respect to the
+        coordinate.
     sign
         The sign of the direction at this sample, +1.0 or -1.0.
     """
@@ -158,8 +159,9 @@ class SignContinuation:
     Attributes
     ----------
     last
-        The last sample of each pole in each assembly mode (way to assemble the links). A
-        key has three numbers: of the mode and of the two links of the pole.
+        The last sample of each pole in each assembly mode (way to assemble the links).
+        A key has three numbers: the number of the mode and the indices of the two
+        links.
     first_axis_sums
         By the number of the assembly mode, the sum (3,) of the axes and contact points of
         all pairs (joints) at the first sample of the mode. At this sample, the sign of each
@@ -195,7 +197,7 @@ class SignContinuation:
 def apply_continuous_signs(
     field: PoleField, motion: Motion, request: Request, sign_continuation: SignContinuation
 ) -> None:
-    """Give directions, and the coefficients along them, their continuous signs, in place.
+    """Give directions, and coefficients along the directions, continuous signs, in place.
 
     The direction of a pole follows the angular velocity v of its second link relative to
     the first: their scalar product keeps its sign until v passes through zero.
@@ -222,7 +224,8 @@ def apply_continuous_signs(
     # +1, or -1 where the input moves back. v is per unit rate of the input, so only its
     # product with the sense is continuous at dead centres of the input.
     sense = np.ones(n) if motion.sense is None else motion.sense
-    # Arrays (poles, 3, n) of directions, of v, and of its derivative by the input.
+    # Arrays (poles, 3, n) of directions, of v, and of the derivative of v with respect
+    # to the input.
     directions = np.array([field.direction[pole].T for pole in poles])
     v = np.array([(field.w[j] - field.w[i]).T for i, j in poles])
     dv = np.array([(field.dw[j] - field.dw[i]).T for i, j in poles])
@@ -376,9 +379,10 @@ def continue_signs(
         The rows at which directions are compared, by the index of the assembly mode.
     evaluate_poles
         Returns at rows (k,) the directions of the poles, the angular velocities v of their
-        second links relative to the first, and the derivatives of v by the input, each
-        (3, poles, k). v and its derivatives contain the sense of the input. The scalar
-        products of v and these directions are not negative; the signs apply to them.
+        second links relative to the first, and the derivatives of v with respect to the
+        input, each (3, poles, k). v and its derivatives contain the sense of the input.
+        The scalar products of v and these directions are not negative; the signs apply
+        to them.
     sign_continuation
         Signs at the end of the previous block. It is updated.
     """
@@ -400,8 +404,8 @@ def continue_signs(
     directions, v, dv = evaluate_poles(all_rows)
     has_several_inputs = motion.inputs.shape[1] > 1
     if has_several_inputs:
-        # dv is the derivative by one input, not along the path of all inputs. So it is
-        # replaced by 0.
+        # dv is the derivative with respect to one input, not along the path of all
+        # inputs. So it is replaced by 0.
         dv = np.zeros_like(v)
     coordinate = motion.sample.astype(float) if has_several_inputs else motion.inputs[:, 0]
     has_direction = all_finite(directions, 0)
@@ -468,7 +472,7 @@ def _add_signs_at_rest(
     Parameters
     ----------
     rows
-        (k,) numbers of the rows, rising. They can have gaps.
+        (k,) indices of the rows, rising. They can have gaps.
     directions
         (3, k) directions without their signs.
     moving, moving_signs
@@ -510,7 +514,7 @@ def _continue_along_path(
     sign_continuation
         Last samples of the previous block. It is updated in place.
     key
-        Three numbers: of the assembly mode and of the two links of the pole.
+        Three numbers: the number of the assembly mode and the indices of the two links.
     start_sign
         The sign at the first sample, if there is no previous block.
     path
@@ -528,7 +532,8 @@ def _continue_along_path(
     sign_changes = np.ones(len(may_reverse))
     if np.any(may_reverse):
         sign_changes = np.where(may_reverse, _sign_changes(path), 1.0)
-    # The sign of each sample is that of the one before, times the change between them.
+    # The sign of each sample is the sign of the sample before, times the change in
+    # between.
     signs = np.cumprod(np.append(first_sign, sign_changes))
     sign_continuation.last[key] = LastSample(path.selection([-1]), float(signs[-1]))
     return signs
@@ -565,16 +570,16 @@ def _sign_changes(path: VelocityPath) -> Floats:
 def _interpolate_in_gaps(path: VelocityPath, gaps: Indices) -> Floats:
     """Return a velocity v at positions between samples, by cubic Hermite polynomials.
 
-    The polynomials use v and its derivative by the coordinate of the path. If the input
-    changes its sense between two samples, the derivatives cannot be used. v is then
-    interpolated by a straight line.
+    The polynomials use v and the derivative of v with respect to the coordinate of the
+    path. If the input changes its sense between two samples, the derivatives cannot be
+    used. v is then interpolated by a straight line.
 
     Parameters
     ----------
     path
         The velocity at k samples.
     gaps
-        (m,) numbers of gaps. Gap g is between the samples g and g + 1.
+        (m,) indices of gaps. Gap g is between the samples g and g + 1.
 
     Returns
     -------

@@ -1,8 +1,8 @@
 """Positions in closed form as expressions, for mechanisms whose groups are all dyads.
 
 The angles of the inputs and one sign for each dyad give the orientations of all links. The
-directions of axes are computed from each other without the angles of other pairs. These
-angles follow afterwards, if they are needed.
+directions of axes are computed from each other without the angles of other pairs. The
+angles of other pairs follow afterwards, if the caller uses them.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ from spherekit.velocities.pose_expressions import (
 )
 
 MIN_RELIABLE_SQUARE = 1e-16
-"""Smallest square of a triple product of a dyad whose bodies are placed to 1e-8 rad.
+"""Smallest square of the triple product of a dyad with which bodies are placed to 1e-8 rad.
 
 Later dyads whose axes depend on a dyad with a smaller square are not judged. Larger: fewer
 of these are found out of reach. Smaller: axes with larger errors are trusted.
@@ -82,8 +82,9 @@ def place_by_inputs(
     """Return the orientations of all links for given inputs and signs.
 
     A dyad is two links in series between two other links. It can be closed in two ways,
-    between which its sign chooses. Links whose relative orientations are known form a body.
-    The inputs determine the bodies at the beginning, and each dyad unites three of them.
+    and the sign of the dyad chooses one of them. Links whose relative orientations are
+    known form a body. The inputs determine the bodies at the beginning, and each dyad
+    unites three of them.
 
     The rotation of a link from link axes to ground axes is `basis @ basis_from_link`, see
     `LinkOrientation`. Only `basis` changes when a body is turned.
@@ -340,7 +341,7 @@ def make_closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | N
         return None
     inputs = symbols(f"q_{k + 1}" for k in range(len(assembly.inputs)))
     signs = symbols(f"sign_{k + 1}" for k in range(len(assembly.groups)))
-    # The empty tuple: equations of groups are only needed for rates.
+    # The empty tuple: only rates would need the equations of groups.
     structure = KinematicStructure(mechanism, assembly, pair_rotations(mechanism), ())
     placement = place_by_inputs(structure, inputs, signs)
     input_by_pair = dict(zip(assembly.inputs, inputs, strict=True))
@@ -374,7 +375,7 @@ def write_arguments(q: Floats, signs: Integers, out: Floats) -> Floats:
 
 
 def find_out_of_reach(triple_squares: Floats) -> Bools:
-    """Return (n,) in which configurations a dyad certainly cannot be closed.
+    """Return a mask (n,) of configurations in which a dyad certainly cannot be closed.
 
     A dyad (two links joined by a pair) cannot be closed if its links are too short or too
     long. The square of the triple product of its axes, computed from its arcs, is then
@@ -407,7 +408,7 @@ def pair_angle(
     Parameters
     ----------
     structure, pair
-        The mechanism, and the number of the pair.
+        The mechanism, and the index of the pair.
     orientations
         Orientations of all links.
     """

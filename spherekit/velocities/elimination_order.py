@@ -3,14 +3,14 @@
 The compiled functions of the engine solve the velocity equations J r = 0 by a fixed
 sequence of pivots, which is chosen here from numerical closure Jacobians J. The equations
 of a loop are three rows of J. A pivot is a loop with the variables for which its equations
-are solved. There are three variables, or fewer if its equations depend on those of earlier
-loops.
+are solved. There are three variables, or fewer if the equations of the loop depend on
+the equations of earlier loops.
 
 The columns of a pivot are the axes of its variables. An elimination order is well
 conditioned at a configuration if the axes of each pivot are far from linearly dependent
 there (`MAX_AMPLIFICATION`). The same order can be badly conditioned elsewhere. With
 redundant equations, the loops that can give three variables may differ between assembly
-modes. Several orders may therefore be needed for one set of configurations.
+modes. One set of configurations may therefore require several orders.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ from spherekit.arrays import Bools, Floats, Indices
 from spherekit.positions.linear_equations import left_inverse
 
 Pivot = tuple[int, list[int]]
-"""Number of a loop, and the numbers of the variables that its equations give, at most
+"""Index of a loop, and the indices of the variables that its equations give, at most
 three."""
 EliminationOrder = Sequence[Pivot]
 """Pivots in the order of elimination. Together they give all passive variables."""
@@ -41,15 +41,15 @@ it. Such an entry needs further products in later steps."""
 MAX_AMPLIFICATION = 100.0
 """Largest norm of the inverse that a well-conditioned elimination order gives, relative to
 the norm of the smallest left inverse. Larger: rows lose more digits and need quad
-precision. Smaller: more orders are needed, each with expressions of its own.
+precision. Smaller: more orders are used, each with expressions of its own.
 """
 MAX_LEFT_INVERSE_ERROR = 1e-6
 """Largest component of B A - 1 for an inverse B that an elimination order gives for the
 equations A. Beyond it a pivot was only rounding, and B is no inverse, whatever its size.
-Larger: inverses with fewer digits are accepted. Smaller: more orders are needed."""
+Larger: inverses with fewer digits are accepted. Smaller: more orders are used."""
 MOST_ORDERS = 16
 """Largest number of orders for one set of configurations. The expressions of each order
-take about as long to generate as those of the first."""
+take about as long to generate as the expressions of the first order."""
 MAX_CONFIGURATIONS_PER_ORDER = 32
 """Largest number of configurations from which one order is chosen."""
 
@@ -63,9 +63,9 @@ class PivotCandidate(NamedTuple):
     Attributes
     ----------
     loop
-        Number of the loop.
+        Index of the loop.
     variables
-        Numbers of the variables.
+        Indices of the variables.
     independence
         How far the axes of the variables are from linearly dependent: 1 for axes at right
         angles, 0 for dependent axes. The least value of all configurations counts.
@@ -92,7 +92,7 @@ def assign_elimination_orders(
     jacobians
         (n, 3 loops, variables) closure Jacobians of n configurations.
     passive
-        Numbers of the variables that are not inputs. These are eliminated.
+        Indices of the variables that are not inputs. These are eliminated.
 
     Returns
     -------
@@ -103,7 +103,7 @@ def assign_elimination_orders(
     least_sizes = inverse_sizes(jacobians[:, :, list(passive)])
 
     def find_suited(order: EliminationOrder | None, rows: Indices) -> Bools:
-        """Return at which of the configurations `rows` an order is well conditioned."""
+        """Return a mask of the `rows` at which an order is well conditioned."""
         if order is None:
             return np.zeros(len(rows), dtype=bool)
         sizes = eliminated_inverse_sizes(jacobians[rows], order)
@@ -171,7 +171,7 @@ def choose_elimination_order(
     jacobians
         (k, 3 loops, variables) closure Jacobians of the configurations.
     passive
-        Numbers of the variables to eliminate.
+        Indices of the variables to eliminate.
 
     Returns
     -------
@@ -230,12 +230,12 @@ def _judge_candidates(
     Parameters
     ----------
     loop
-        Number of the loop.
+        Index of the loop.
     rows
         (k, 3, variables) equations of the loop at k configurations. Variables that were
         solved from other loops have been replaced by their solutions.
     loop_variables
-        Numbers of the variables that these equations contain.
+        Indices of the variables that these equations contain.
 
     Returns
     -------
@@ -295,12 +295,12 @@ def _choose_pivot(
     candidates
         By loop, its possible pivots.
     loops
-        Numbers of the loops that are no pivots yet.
+        Indices of the loops that are no pivots yet.
     columns
-        Numbers of the variables that are not eliminated yet.
+        Indices of the variables that are not eliminated yet.
     contains_variable
-        (loops, variables) whether the equations of a loop contain a variable. Row k belongs
-        to the loop with the number `loops[k]`.
+        (loops, variables) whether the equations of a loop contain a variable. Row k
+        belongs to the loop with the index `loops[k]`.
 
     Returns
     -------
@@ -343,7 +343,7 @@ def _elimination_cost(
     candidate
         The pivot.
     loop_variables
-        Numbers of the variables in its loop that are not eliminated yet.
+        Indices of the variables in its loop that are not eliminated yet.
     contains_variable
         (loops, variables) whether the equations of a loop contain a variable. The loop of
         the pivot is one of them.

@@ -48,7 +48,7 @@ class EquivalentLinkage:
     contact_mechanism
         The mechanism with contacts.
     pairs_without_rolling
-        Numbers of the pairs of the mechanism with contacts, without the rolling contacts.
+        Indices of the pairs of the mechanism with contacts, without the rolling contacts.
     sliding
         Indices, in `pairs_without_rolling`, of the sliding contacts.
     constant_rotations
@@ -58,7 +58,7 @@ class EquivalentLinkage:
         For each variable of the linkage, its angle as a linear function of a variable of
         the mechanism with contacts.
     train
-        The ratios of pairs that follow the inputs through wheels, by the numbers of the
+        The ratios of pairs that follow the inputs through wheels, by the indices of the
         pairs of the linkage. None without rolling contacts.
     """
 
@@ -171,7 +171,7 @@ class EquivalentLinkage:
 
         def add_r_pair(before_turn: Entries, after_turn: Entries) -> None:
             """Add an R pair with the constant rotations before and after its variable."""
-            variable = len(transforms)  # each R pair has one variable, of the same number
+            variable = len(transforms)  # each R pair has one variable, of the same index
             transforms.append(
                 JointTransform((before_turn, after_turn), (AxisRotation(variable),))
             )
@@ -195,11 +195,11 @@ class EquivalentLinkage:
         return transforms
 
     def _follower_factors(self, train_numbers: Sequence[Expr]) -> dict[int, list[Expr]]:
-        """Return the factors of each pair that wheels drive (a follower), by its number.
+        """Return the factors of each follower (pair that wheels drive), by its index.
 
         The angle of a follower is a linear function of the input angles. A follower has one
-        factor for each input, and then the constant (rad). `train_numbers` are those of all
-        followers, one after another.
+        factor for each input, and then the constant (rad). `train_numbers` are the
+        factors and constants of all followers, one after another.
         """
         if self.train is None:
             return {}
@@ -247,10 +247,11 @@ def find_equivalent_linkage(
     except EngineError:
         # Profiles that are no circles have no rotation about a fixed axis.
         return None
-    # Below, n is the number of a pair of the mechanism.
+    # Below, n is the index of a pair of the mechanism.
     rolling = [n for n in contacts if mechanism.pairs[n].rolls]
     sliding = [n for n in contacts if n not in rolling]
-    # A convex profile must not be in contact with one that is curved alike or more.
+    # A convex profile must not be in contact with a profile that is curved as much or
+    # more.
     for n in sliding:
         first_curvature, second_curvature = (
             profile.curve.evaluate(np.zeros(1)).curvature[0]
@@ -314,7 +315,7 @@ def _replace_contacts(
     mechanism
         The mechanism with contacts.
     pairs_without_rolling
-        Numbers of its pairs, without the rolling contacts.
+        Indices of its pairs, without the rolling contacts.
     sliding
         Indices, in `pairs_without_rolling`, of the sliding contacts.
     constant_rotations
@@ -338,7 +339,8 @@ def _replace_contacts(
     ):
         pair = mechanism.pairs[n]
         if index not in sliding:
-            # An R pair: its frame in the first link, and transposed that in the second.
+            # An R pair: its frame in the first link, and its transposed frame in the
+            # second.
             add_pair(pair, rotations[0], rotations[1].T)
             continue
         first_link, second_link = pair.links

@@ -12,8 +12,8 @@ v/|v|. The tilts act in three ways:
 2. The velocity equations have other coefficients. Their residual is m1 = sum of d_k x w_k
    over the tilts d_k of the links of a loop. The residual of the acceleration equations is
    the derivative m2 of m1. m1 changes the angular velocities by the same factors by which
-   an opening of the loop turns the links (`link_rotations`), and m2 changes dw by them. m1
-   changes dw, too.
+   an opening of the loop turns the links (`link_rotations`), and m2 changes dw by the
+   same factors. m1 changes dw, too.
 3. The axes are tilted relative to the links whose motion is computed.
 
 An error of v turns u by the angle |error|/|v|. The acceleration coefficient is dv . u. This
@@ -83,14 +83,14 @@ class GeometryRounding:
 
     @cached_property
     def _bend(self) -> Floats:
-        """(n,) bound of the derivative by the input of d x v, per rad of the tilt d.
+        """(n,) bound of the derivative of d x v with respect to the input, per rad of d.
 
         Sizes are rounded, so axes are tilted a little. d x v is the effect of a tilt on a
         velocity, and the derivative is the effect on an acceleration.
 
         Here v is the difference of the angular velocities of any two links. d is the
-        rotation vector of the tilt of an axis. It is fixed in one of the links and turns
-        with it.
+        rotation vector of the tilt of an axis. The vector d is fixed in one of the
+        links and turns with this link.
         """
         # The derivative is (w x d) x v + d x dv with the angular velocity w of that link.
         # If W is the largest angular velocity of any link, ``|w| |v|`` is at most 2 W^2.
@@ -133,9 +133,9 @@ class GeometryRounding:
     def relative_error_bound(self) -> Floats:
         """(n,) the larger of the relative error bounds of `w` and `dw`.
 
-        `w` are the angular velocities of links, `dw` their derivatives by the input. The
-        largest error of any link is divided by the largest vector of any link, or by 1 if
-        that is larger.
+        `w` are the angular velocities of links, `dw` their derivatives with respect to
+        the input. The largest error of any link is divided by the largest vector of any
+        link, or by 1 if 1 is larger.
         """
         relative_errors = (
             np.max(error, axis=0) / np.max(norm_columns(rate_bound), axis=0, initial=1.0)
@@ -159,7 +159,7 @@ class GeometryRounding:
         Parameters
         ----------
         pole
-            Numbers of the two links.
+            Indices of the two links.
         v, dv
             (3, n) angular velocity of the second link relative to the first, and its
             derivative.
@@ -185,15 +185,15 @@ class GeometryRounding:
             norm_columns(self.link_rotations[:, j] - self.link_rotations[:, i]), axis=0
         )
         v_tilt_error = self._first_misfit * turn + 2.0 * self.axis_error * self._speed
-        # The direction. The axis of a pair has no error by v.
+        # The direction. Errors of v do not affect the axis of a pair.
         direction = self.gap * spreads["direction"] + self.axis_error
         if not is_pair_axis:
             direction = direction + v_tilt_error / speed
         direction = direction * (1.0 + second_order)
 
         # The velocity coefficient v . u. If the links hardly move relative to each other, v
-        # has no usable direction. The direction is then that of the plan, whose error is
-        # not counted here, and the spreads along u are replaced by those of w.
+        # has no usable direction. The direction is then taken from the plan. Its error
+        # is not counted here, and the spreads along u are replaced by the spreads of w.
         has_no_direction = ~(direction < USABLE_DIRECTION)
         # `axis` is the error of the direction along which both coefficients are measured.
         axis = np.where(has_no_direction, 0.0, direction)

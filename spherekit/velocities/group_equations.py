@@ -68,7 +68,7 @@ class EquationChoice(NamedTuple):
     loop_index
         Index of the loop.
     variable
-        Number of a variable of the loop. The component is along the vector of this
+        Index of a variable of the loop. The component is along the vector of this
         variable. None stands for the direction perpendicular to the vectors of two private
         variables, which occur in no other loop. This component does not contain them.
     """
@@ -130,7 +130,7 @@ class ScalarEquation:
     loop: LoopVectorEquation
 
     def coefficient(self, variable: int) -> Expr:
-        """Return the factor of the rate of a variable; 0 if it is not in the loop."""
+        """Return the factor of a variable's rate; 0 for a variable outside of the loop."""
         if variable not in self.loop.vectors:
             return 0.0
         return dot(self.direction, self.loop.vectors[variable])
@@ -151,7 +151,7 @@ class GroupEquations:
     mechanism
         The mechanism.
     pairs
-        Numbers of the pairs of the group.
+        Indices of the pairs of the group.
     loops
         For each loop the pairs with their senses. A loop leads through pairs of the group
         and through pairs that are closed before.
@@ -228,7 +228,7 @@ class GroupEquations:
             )
 
     def _variables_of(self, pair: int) -> tuple[int, ...]:
-        """Return the numbers of the variables of a pair."""
+        """Return the indices of the variables of a pair."""
         return self.mechanism.variables_of(pair)
 
     def _choose_equations(self, vectors: Floats) -> list[EquationChoice]:
@@ -348,8 +348,8 @@ class GroupEquations:
         """Return whether the chosen equations determine the rates at a configuration.
 
         If equations are redundant, independent ones were chosen at another configuration.
-        In other assembly modes (ways to assemble the links) the chosen ones can depend on
-        each other.
+        In other assembly modes (ways to assemble the links) the chosen equations can
+        depend on each other.
 
         Parameters
         ----------
@@ -552,7 +552,7 @@ def _solve_private_rates(
 
     Returns
     -------
-    x and y by the number of their variable.
+    x and y, each by the index of the variable to which it belongs.
     """
     first, second = loop.private
     a = loop.vectors[first]
@@ -593,7 +593,7 @@ def _solve_private_rates_of_dyad(loop: LoopVectorEquation, third: int) -> dict[i
 
     Returns
     -------
-    D x and D y by the number of their variable.
+    D x and D y, each by the index of the variable to which it belongs.
     """
     first, second = loop.private
     a = loop.vectors[first]

@@ -23,27 +23,28 @@ def find_group_loops(
     """Return independent loops of a group: one for each leaf, then the others.
 
     A group is a set of bodies that are closed together, such as a dyad. A leaf is a body
-    that two pairs join to two different other bodies. These two must not be leaves. A dyad
-    therefore has one leaf. Only one loop passes through a leaf, so the variables of its two
-    pairs occur in this loop only. The other loops are closed by pairs outside a spanning
-    tree of the bodies that are no leaves.
+    that two pairs join to two different other bodies. These two bodies must not be
+    leaves. A dyad therefore has one leaf. Only one loop passes through a leaf, so the
+    variables of its two pairs occur in this loop only. The other loops are closed by
+    pairs outside a spanning tree of the bodies that are no leaves.
 
     Parameters
     ----------
     mechanism, group
         The mechanism, and the group.
     closed_pairs
-        Numbers of the driven pairs and of the pairs of earlier groups. A body of the group
+        Indices of the driven pairs and of the pairs of earlier groups. A body of the group
         can consist of several links, which these pairs join. Loops lead through such a body
         along these pairs.
 
     Returns
     -------
-    The closed path of each loop, as numbers of pairs. The pair that closes it is the last
-    one. If possible these are sliding contacts.
+    The closed path of each loop, as indices of pairs. The last pair closes the loop. If
+    possible the closing pairs are sliding contacts.
     """
-    # Until the loops are listed, `k` is the position of a pair in the group; its number in
-    # the mechanism is `group.pairs[k]`. `ends[k]` are the positions of its two bodies.
+    # Until the loops are listed, `k` is the position of a pair in the group; its index
+    # in the mechanism is `group.pairs[k]`. `ends[k]` are the positions of its two
+    # bodies.
     ends = group.ends
     leaves = _find_leaves(group)
     # The pairs that join no leaf.
@@ -66,7 +67,7 @@ def find_group_loops(
         closings.append((second_pair, [first_pair], sense))
     closings += [(k, [], 1) for k in inner_pairs if k not in tree]
 
-    # The loops lead along pairs and links with their numbers in the mechanism.
+    # The loops lead along pairs and links, given by their indices in the mechanism.
     loops: list[LoopPath] = []
     for closing_pair, further_pairs, sense in closings:
         pair = group.pairs[closing_pair]
@@ -97,8 +98,8 @@ def _find_leaves(group: Group) -> dict[int, list[int]]:
     Bodies and pairs are numbered by their indices in the group.
     """
     leaves: dict[int, list[int]] = {}
-    # Only one of two neighbours can be a leaf: the one that is tried first. The conditions
-    # hold for any order of the bodies. The last one is tried first.
+    # Only one of two neighbours can be a leaf: the body that is tried first. The
+    # conditions hold for any order of the bodies. The last body is tried first.
     for body in reversed(range(len(group.bodies))):
         body_pairs = [k for k, ends in enumerate(group.ends) if body in ends]
         neighbours: set[int] = set()
@@ -139,9 +140,9 @@ def _find_path(
     ends
         The two links of every pair of the mechanism.
     pairs
-        Numbers of the pairs that the path can use.
+        Indices of the pairs that the path can use.
     start, end
-        Numbers of the first and the last link. The pairs must connect them.
+        Indices of the first and the last link. The pairs must connect them.
 
     Returns
     -------

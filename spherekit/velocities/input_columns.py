@@ -123,7 +123,7 @@ class InputColumns:
         Indices of the columns by name of the field (`FIELD_PARTS`), then by pole or link.
     reversible_poles
         Poles whose direction may be reversed: those that are not the axis of a pair. Their
-        direction is that of v or the opposite one, which is chosen later
+        direction is the direction of v or the opposite one. The choice is made later
         (`direction_signs.py`).
     velocity_components
         Distinct expressions of the components of w of all links.
@@ -156,8 +156,9 @@ class InputColumns:
         tree = rows.tree
         moving_variable = rows.pair_variables[request.plan.input][0]
         # In the velocity equation of a loop, the angular velocities of the passive pairs
-        # add up to minus that of the input, here at unit rate. `solve_loops` expects this
-        # right-hand side. The rate of the input, 1, is entered afterwards.
+        # add up to minus the angular velocity of the input, here at unit rate.
+        # `solve_loops` expects this right-hand side. The rate of the input, 1, is
+        # entered afterwards.
         input_velocity = rows.vectors[moving_variable]
         self._rates = rows.solve_loops({request.plan.input: -1.0 * input_velocity})
         self._rates[moving_variable] = 1.0
@@ -293,8 +294,9 @@ class InputColumns:
 
         The vector a of a variable (such as the axis of a pair) turns with a link and may
         slide on it. Its derivative is w x a + r s. Here w is the angular velocity of the
-        link, r the rate of the variable, and s the slide: the derivative of a by the
-        variable, as seen from the link. Products of two errors are neglected.
+        link, r the rate of the variable, and s the slide: the derivative of a with
+        respect to the variable, as seen from the link. Products of two errors are
+        neglected.
 
         Parameters
         ----------
@@ -369,9 +371,9 @@ class InputColumns:
         for (name, pole_or_link), items in shared_parts.items():
             self.column_indices[name][pole_or_link] = columns.add_shared(items)
 
-        # Sometimes only the relative velocities of poles are needed. They are differences
-        # of the angular velocities of links. A second list has nothing but these, so it is
-        # faster to evaluate than all columns. Equal components share one entry.
+        # Sometimes only the relative velocities of poles are used. They are differences
+        # of the angular velocities of links. A second list has nothing but these, so it
+        # is faster to evaluate than all columns. Equal components share one entry.
         components = ColumnList()
         # (links, 3) indices into `velocity_components`.
         self._component_indices = np.array([components.add_shared(w) for w in self._w])
@@ -450,7 +452,7 @@ class InputColumns:
         self.reversible_poles = tuple(parts)
         # All columns that were added here.
         self._reversible_slice = slice(first, len(columns.expressions))
-        # (2, poles) numbers of the first and of the second link of each of these poles.
+        # (2, poles) indices of the first and of the second link of each of these poles.
         self._pole_ends = np.array(self.reversible_poles, dtype=np.intp).reshape(-1, 2).T
 
     def relative_velocities(
@@ -458,10 +460,10 @@ class InputColumns:
     ) -> Floats:
         """Return the relative angular velocities v of the two links of poles.
 
-        A pole is the axis about which its second link turns relative to its first. v is the
-        angular velocity w of the second link minus that of the first, per unit rate of the
-        moving input. Poles that are the axis of a pair (joint) are left out, because their
-        direction is known without v.
+        A pole is the axis about which a second link turns relative to a first link. v
+        is the angular velocity w of the second link minus that of the first, per unit
+        rate of the moving input. Poles that are the axis of a pair (joint) are left
+        out, because their direction is known without v.
 
         Parameters
         ----------
@@ -477,7 +479,7 @@ class InputColumns:
         -------
         (poles, 3, ...) v of the `reversible_poles`, in their order.
         """
-        # (poles,) numbers of the links. For the x, y and z component of w of each link,
+        # (poles,) indices of the links. For the x, y and z component of w of each link,
         # `_component_indices` (links, 3) has its row in `components`.
         first, second = self._pole_ends
         if first_components is None:
@@ -560,9 +562,9 @@ class InputColumns:
         Parameters
         ----------
         pole
-            Numbers of the two links.
+            Indices of the two links.
         pair
-            Number of the pair.
+            Index of the pair.
 
         Returns
         -------
@@ -633,11 +635,12 @@ class InputColumns:
     def _relative_pole_parts(self, i: int, j: int) -> dict[str, Iterable[Expr]]:
         """Return the quantities of the pole of links i and j, which no pair joins.
 
-        Its direction u is that of v, the angular velocity of link j relative to link i per
-        unit rate of the moving input. dv is the derivative of v with respect to this input.
-        The error bounds of u and of its derivative are added to the error sum of the row,
-        which decides whether the row is certified in float64. If the links rest relative to
-        each other at every configuration, u is NaN and the coefficients are 0.
+        The pole has the direction u of v, the angular velocity of link j relative to
+        link i per unit rate of the moving input. dv is the derivative of v with respect
+        to this input. The error bounds of u and of its derivative are added to the
+        error sum of the row, which decides whether the row is certified in float64. If
+        the links rest relative to each other at every configuration, u is NaN and the
+        coefficients are 0.
 
         Returns
         -------
@@ -673,9 +676,9 @@ class InputColumns:
         transverse = direction_error * motion.dv_bound
         derivative_error = motion.dv_error + transverse
         unit_derivative_error = (derivative_error + transverse) * inverse_length
-        # The error of du is limited by `MAX_DIRECTION_DQ_ERROR`, that of u by
-        # `MAX_CERTIFIED_ERROR_RAD`. The ratio of both limits converts an error of du to an
-        # equally serious error of u. `unit_derivative_error` is at most twice
+        # The error of du is limited by `MAX_DIRECTION_DQ_ERROR`, the error of u by
+        # `MAX_CERTIFIED_ERROR_RAD`. The ratio of both limits converts an error of du to
+        # an equally serious error of u. `unit_derivative_error` is at most twice
         # `derivative_error` times `inverse_length`, which is used here.
         turn_uncertainty = (
             derivative_error

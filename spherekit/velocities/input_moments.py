@@ -24,7 +24,7 @@ from spherekit.velocities.pose_expressions import LinkOrientation
 
 @dataclass(frozen=True)
 class MovingLink:
-    """Angular velocities and momenta of one link, while each input moves alone.
+    """Angular velocities and momenta of one link while a single input moves.
 
     Vectors have components along three unit vectors fixed in the link (its basis, see
     `LinkOrientation`). Velocities are multiplied by the determinant D of the velocity
@@ -33,7 +33,7 @@ class MovingLink:
     Attributes
     ----------
     link
-        Number j of the link.
+        Index j of the link.
     orientation
         Orientation of the link.
     velocities
@@ -105,9 +105,9 @@ class InputMoments:
         Parameters
         ----------
         coordinate_rates
-            Rates of variables and links by each input.
+            Rates of variables and links while each input moves.
         tensors
-            (3, 3) by number of the link, the inertia tensor in link axes, kg m2.
+            (3, 3) by index of the link, the inertia tensor in link axes, kg m2.
         unit
             The unit of inertia, kg m2, if the caller uses one for other quantities, too.
             With 0 it is the largest number in the tensors.
@@ -169,7 +169,8 @@ class InputMoments:
         and the angular acceleration b while all inputs move. Its inertia tensor is I. It
         needs two moments: I b, and the gyroscopic moment w x h with the angular momentum
         h = I w. Let y_i be D times the angular velocity of the link while input i moves
-        alone at unit rate. Multiplied by D, the two moments need at input i
+        at unit rate and the others rest. Multiplied by D, the two moments need at input
+        i
 
             y_i . (I b)   and   y_i . (w x h).
 
@@ -178,8 +179,8 @@ class InputMoments:
 
             g_ik = y_i . (y_k x h) = h . (y_i x y_k).
 
-        If i and k are exchanged, only the sign changes: g_ki = -g_ik. So each pair of
-        inputs needs only one such product.
+        If i and k are exchanged, only the sign changes: g_ki = -g_ik. So one such
+        product is enough for each pair of inputs.
 
         Parameters
         ----------

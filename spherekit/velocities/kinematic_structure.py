@@ -42,8 +42,8 @@ class KinematicStructure:
 
     Groups are sets of links that are closed together, one group after another (dyads or
     larger ones). Inputs are driven pairs whose variables are free. Other driven pairs can
-    follow the inputs through wheels. Pairs, variables and links have their numbers in the
-    mechanism.
+    follow the inputs through wheels. Pairs, variables and links are given by their
+    indices in the mechanism.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class KinematicStructure:
 
     @property
     def inputs(self) -> tuple[int, ...]:
-        """Numbers of the variables of the inputs."""
+        """Indices of the variables of the inputs."""
         return tuple(self.mechanism.variables_of(pair)[0] for pair in self.input_pairs)
 
     @property
@@ -109,9 +109,9 @@ class KinematicStructure:
         input_pairs
             Names of the pairs that are inputs.
         pairs
-            Rotations of the pairs, by default those of the mechanism. They can contain
-            symbols for sizes. They also list the pairs that follow the inputs through
-            wheels (`followers`).
+            Rotations of the pairs, by default the rotations of the pairs of the
+            mechanism. They can contain symbols for sizes. They also list the pairs that
+            follow the inputs through wheels (`followers`).
         closed
             (variables,) a closed configuration (rad). If equations repeat each other,
             those that are independent at this configuration are chosen. By default a
@@ -229,7 +229,7 @@ class KinematicStructure:
 
         Returns
         -------
-        By the number of the link, the vector in the axes of this link. Empty if there is
+        By the index of the link, the vector in the axes of this link. Empty if there is
         none.
         """
         pair = self.mechanism.variable_owners[variable]
@@ -260,14 +260,15 @@ def _vector_about_circle(side: ProfileSide, link: int, sign: float) -> dict[int,
     side
         The profile.
     link
-        Number of the link of the profile.
+        Index of the link of the profile.
     sign
-        1.0 for the profile of the first link: the second link turns. -1.0 for that of the
-        second link: the first link turns, so the vector has the opposite sign.
+        1.0 for the profile of the first link: the second link turns. -1.0 for the
+        profile of the second link: the first link turns, so the vector has the opposite
+        sign.
 
     Returns
     -------
-    The vector (3,) in link axes, by the number of the link. Empty if the profile is not
+    The vector (3,) in link axes, by the index of the link. Empty if the profile is not
     written as a circle.
     """
     circle = side.circle

@@ -48,7 +48,7 @@ class LoadState:
     revolutions
         Number of whole revolutions by which each variable is reduced.
     rates
-        Rates of all variables by time (rad/s).
+        Time derivatives of all variables (rad/s).
     time
         The time (s).
     sign_of_condition
@@ -96,10 +96,10 @@ class LoadState:
 def generalised_forces(load: Load, load_state: LoadState) -> list[Expr]:
     """Return the generalised forces of a load at the inputs, multiplied by a determinant.
 
-    There is one for each coordinate, an input of the mechanism: the power of the load while
-    this input moves at the rate 1 and the others rest, times the determinant of the
-    velocity equations. It follows from rates that contain this factor, the homogeneous
-    rates, without a division by the determinant, which can vanish.
+    There is one force for each coordinate, an input of the mechanism: the power of the
+    load while this input moves at the rate 1 and the others rest, times the determinant
+    of the velocity equations. The force follows from rates that contain this factor
+    (homogeneous rates), without a division by the determinant, which can vanish.
     """
     return component_forces(load.components(load_state.mechanism), load_state)
 

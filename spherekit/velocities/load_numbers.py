@@ -24,8 +24,8 @@ LOAD_DEPENDENT_PREFIXES = (
 """Beginnings of the names of quantities that depend on loads and on rates of the inputs."""
 
 MassesAndLoads = Any
-"""Two nested tuples of dataclasses and numbers: pairs of a link and the rows of its inertia
-tensor in link axes, and the components of every load."""
+"""Two nested tuples of dataclasses and numbers. The first has pairs of a link and the
+rows of its inertia tensor in link axes, the second the components of every load."""
 
 
 def masses_and_loads(mechanism: Mechanism) -> MassesAndLoads:
@@ -77,7 +77,7 @@ def replace_numbers(part: Any, replace_number: Callable[[Any], Any]) -> Any:
 
 
 def list_numbers(part: MassesAndLoads) -> list[float]:
-    """Return all numbers of masses and loads in their fixed order."""
+    """Return all numerical values of masses and loads in their fixed order."""
     numbers: list[float] = []
     replace_numbers(part, numbers.append)
     return numbers

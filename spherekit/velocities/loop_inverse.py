@@ -45,7 +45,7 @@ def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
     for loop, variables in pivots:
         # (m, 3) the vectors of the m variables of the pivot.
         axes = rows[loop][:, variables].T
-        # The columns of these variables are not needed any more. With zeros, the products
+        # The columns of these variables are not used any more. With zeros, the products
         # below are shorter.
         rows[loop][:, variables] = 0.0
         # The three equations of the loop are solved for the m variables. The m new rows

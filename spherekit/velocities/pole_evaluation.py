@@ -133,7 +133,7 @@ def evaluate_unsigned(
     # All links are computed. Their largest rate is the scale of relative errors.
     request_with_links = replace(request, links=frozenset(links))
     row_velocities = RowVelocities(motion, request_with_links, engine, order)
-    # The plan is followed only if a row needs it, and at most once.
+    # The plan is evaluated only if some row requires it, and at most once.
     get_planned_poles = cache(
         lambda: PlannedPoles(
             request.plan,
@@ -225,7 +225,8 @@ def _add_pole(
         },
         errors=errors,
     )
-    # The relative angular velocity v of the two links, and its derivative by the input.
+    # The relative angular velocity v of the two links, and the derivative of v with
+    # respect to the input.
     v_size = norm_columns(row_velocities.relative_velocity(pole))
     dv_size = norm_columns(row_velocities.relative_velocity_derivative(pole))
     has_failed = row_velocities.motion.failed
@@ -316,8 +317,9 @@ def _take_planned_direction(
     # The new direction points to the side of the present one, if there is one.
     is_opposite = ~is_open & (dot_columns(direction, planned_direction) < 0.0)
     planned_direction = planned_direction * np.where(is_opposite, -1.0, 1.0)
-    # The bounds of the plan assume axes that are known up to rounding. Here the axes can
-    # have a larger error, that of the configuration, so the bounds grow in proportion.
+    # The bounds of the plan assume axes that are known up to rounding. Here the axes
+    # can have a larger error, the error of the configuration, so the bounds grow in
+    # proportion.
     motion = row_velocities.motion
     configuration_error = np.fmin(motion.orientation_error, motion.fold_error)
     planned_error = planned_poles.errors[body_pole] * np.maximum(

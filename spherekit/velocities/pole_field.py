@@ -40,21 +40,21 @@ class PoleQuantity:
     Attributes
     ----------
     name
-        The attribute of `PoleField` that has the quantity. It is also its name in
+        The attribute of `PoleField` that has the quantity. The same name is used in
         `Batch.of_poles`.
     components
-        Number of its components: 3 for a vector, 1 for a number.
+        Number of components: 3 for a vector, 1 for a number.
     changes_sign
-        Whether it changes its sign if the direction of the pole is reversed.
+        Whether the quantity changes its sign if the direction of the pole is reversed.
     sufficient_needs
         Names of fields of `Needs`, such as "rates". Each field is a set of poles that an
         analysis needs. The quantity is computed for the poles in these sets.
     is_derivative
-        Whether it is a derivative by the input. Then `Needs` must have
-        ``derivatives=True``.
+        Whether the quantity is a derivative with respect to the input. Then `Needs`
+        must have ``derivatives=True``.
     error
-        "none" if its error has no bound, "bounded" if it has one, and "reported" if a run
-        also reports the largest bound of all rows.
+        "none" if there is no bound of the error of the quantity, "bounded" if there is
+        a bound, and "reported" if a run also reports the largest bound of all rows.
     locked_value
         Value for two links that cannot move relative to each other, because the other
         inputs are locked. It is 0, which is exact, or NaN if the quantity is not defined.
@@ -140,7 +140,7 @@ SIGNED_COMPONENTS = {
     for quantity in POLE_QUANTITIES
     if quantity.changes_sign
 }
-"""Number of components of each quantity of a pole that changes its sign together with the
+"""Number of components of each quantity of a pole that changes its sign with the
 direction."""
 
 
@@ -149,7 +149,7 @@ def axis_pairs(plan: Plan) -> dict[Pole, int]:
 
     A pole is the axis about which one body rotates relative to another.
 
-    The values are the numbers of these pairs.
+    By pole, the result has the indices of these pairs.
     """
     return {step.pole: step.pair for step in plan.steps if isinstance(step, PrimaryPole)}
 
@@ -160,7 +160,7 @@ class PoleField(ArrayRows):
 
     Vectors are in ground axes. Rates are per unit rate of the moving input, and derivatives
     are with respect to this input. Failed rows are NaN. Mappings have the pole of two links
-    (i, j), i < j, as their key, or the number of a link. Every bound contains the rounding
+    (i, j), i < j, as their key, or the index of a link. Every bound contains the rounding
     errors and the error of the configuration.
 
     Attributes
@@ -199,8 +199,8 @@ class PoleField(ArrayRows):
     is_decimal
         (n,) rows near a dead centre that were computed from the decimal sizes of the file.
     relative_error_bound
-        (n,) error bound of `w` and `dw`, relative to the largest of any link, or to 1 if
-        that is larger.
+        (n,) error bound of `w` and `dw`, relative to the largest vector of any link, or
+        to 1 if 1 is larger.
     direction_dq
         (n, 3) derivative of each direction (1/rad).
     direction_dq_error

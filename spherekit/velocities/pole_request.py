@@ -35,7 +35,7 @@ class Request:
     plan
         The plan, reduced to the necessary steps.
     poles
-        The poles to compute, as pairs of link numbers.
+        The poles to compute, as pairs of link indices.
     bodies
         Bodies of the plan for which the angular velocity is computed. The ground and the
         two bodies of the input are among them.
@@ -103,17 +103,18 @@ def request(
         Name of the input that moves. The others are locked, and links that cannot move
         relative to each other then form one body without poles.
     poles
-        Pairs of link numbers whose pole directions are wanted.
+        Pairs of link indices for which pole directions are requested.
     rates
-        Pairs of link numbers whose velocity coefficients are wanted.
+        Pairs of link indices for which velocity coefficients are requested.
     derivatives
-        Whether the derivatives of the coefficients are wanted.
+        Whether the derivatives of the coefficients are requested.
     planes
-        Pairs of link numbers for whose poles two great circles are requested.
+        Pairs of link indices for which two great circles through the pole are
+        requested.
     by_rank
         As in `spherekit.planning.pole_planner.plan`.
     links
-        Numbers of the links whose angular velocity is wanted.
+        Indices of the links for which angular velocities are requested.
     """
     plan_of_all_poles = _plan_all_poles(MechanismKey(mechanism), input_pair, by_rank)
     body_of_link = plan_of_all_poles.body

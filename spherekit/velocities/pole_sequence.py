@@ -1,8 +1,8 @@
 """Computes the poles of a plan one after another, and angular velocities from them.
 
-With u_ik the direction of the pole of links i and k, and two third links k and r, the pole
-of i and j lies along (u_ik x u_jk) x (u_ir x u_jr). The factors are the normals of two
-great circles through this pole.
+Let u_ik be the direction of the pole of links i and k. For any two further links k and
+r, the pole of i and j lies along (u_ik x u_jk) x (u_ir x u_jr). The factors are the
+normals of two great circles through this pole.
 
 Each pole has a bound of its error, which is propagated from the poles it is computed from.
 If the plan has several great circles for a pole, a route takes the first two or the best
@@ -172,7 +172,7 @@ class PlannedPoles:
         third_bodies
             The bodies k, whose poles with i and with j are known.
         contacts
-            Numbers of the sliding pairs between i and j.
+            Indices of the sliding pairs between i and j.
         """
         i, j = pole
         n = len(self.motion)
@@ -231,7 +231,8 @@ class PlannedPoles:
         # The tree below numbers the links and pairs of the part from 0.
         body_index = {link: k for k, link in enumerate(step.links)}
         ends = [self.plan.ends[pair] for pair in step.pairs]
-        # The variables of the part: their numbers in the mechanism, and the pair of each.
+        # The variables of the part: their indices in the mechanism, and the pair of
+        # each.
         variables: list[int] = []
         pair_of_variable: list[int] = []
         for k, pair in enumerate(step.pairs):
@@ -274,7 +275,7 @@ class PlannedPoles:
         Parameters
         ----------
         bodies
-            Numbers of bodies; the ground must be one of them.
+            Indices of bodies; the ground must be one of them.
 
         Returns
         -------

@@ -68,8 +68,8 @@ def place_link(
     """Return the orientation of the link that a pair (joint) connects to a placed link.
 
     The pair has the chain of rotations C_0 Z_1 C_1 ... Z_k C_k. C are constants, and Z are
-    rotations by the k variables of the pair. The orientation of the new link is that of the
-    placed link times this chain.
+    rotations by the k variables of the pair. The orientation of the new link is the
+    orientation of the placed link times this chain.
 
     An orientation is stored as two factors: the basis (expressions of the variables), and
     the constant rotation `basis_from_link`, here C_k. So C_k can be multiplied with the
@@ -120,8 +120,8 @@ def _rotation_cos_sin(
 
     The angle is scale * variable + offset. If a path of links goes through a pair in the
     opposite direction, the angle has the opposite sign. Both directions share their
-    expressions, since cos(-x) = cos(x) and sin(-x) = -sin(x): those of the angle with the
-    positive scale.
+    expressions, since cos(-x) = cos(x) and sin(-x) = -sin(x). The expressions of the
+    angle with the positive scale are used.
     """
     sense = 1.0 if rotation.scale > 0.0 else -1.0
     angle = abs(rotation.scale) * variables[rotation.variable] + sense * rotation.offset

@@ -23,7 +23,7 @@ which are open by more in float64, are not closed.
 """
 
 CLOSED_ROW_STEP_RAD = 1e-25
-"""Largest last step of Newton's method of a closed configuration.
+"""Largest last step of Newton's method for which a configuration counts as closed.
 
 The steps converge quadratically, so the next one is below the rounding of quad precision.
 """
@@ -51,8 +51,8 @@ class QuadPrecisionRows:
         entries of their inverse, and residuals. `RowKernel.row_bounds` describes them.
     opening_changes
         (columns, n) by how much each column changes if the loops open. For each loop and
-        each of three axes, the absolute value of the derivative by the opening angle (rad)
-        is formed. All these values are added.
+        each of three axes, the absolute value of the derivative with respect to the
+        opening angle (rad) is formed. All these values are added.
     is_closed
         (n,) whether Newton's method closed the loops. Other rows were computed at the
         original variables.

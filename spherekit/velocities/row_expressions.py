@@ -43,7 +43,7 @@ class RowExpressions(VelocityEquations):
     Attributes
     ----------
     passive_variables
-        Numbers of the variables that no input sets.
+        Indices of the variables that no input sets.
     inverse
         (variables, loops, 3) left inverse of the loop equations: the movement of each
         variable (rad) per unit opening (rad) of each loop about each ground axis. Zero for
@@ -56,14 +56,16 @@ class RowExpressions(VelocityEquations):
     link_turns
         Bound of the rotation of each link per unit opening of all loops (rad per rad).
     closure_rounding_rad
-        Closure residual (rad) that rounding alone can cause. A smaller one counts as zero.
+        Closure residual (rad) that rounding alone can cause. A smaller residual counts
+        as zero.
     opening_rad
         Bound of the opening of all loops (rad), with closure residual and rounding.
     tilt_rad
         Bound of the tilt of an axis (rad) by the rounding of sizes on the path to its link.
     axis_errors, slide_errors
-        Bounds of the errors of the vector of each variable (its axis), and of its slide:
-        the derivative of the vector by the variable, which is zero except at contacts.
+        Bounds of the errors of the vector of each variable (its axis), and of its
+        slide: the derivative of the vector with respect to the variable, which is zero
+        except at contacts.
     loop_counts
         Number of loops that contain each variable.
     condition_number
@@ -90,9 +92,9 @@ class RowExpressions(VelocityEquations):
         links of its pair (joint) per unit rate. For an R pair (revolute joint) it is the
         axis.
 
-        The error bounds are those of variables and axes. These errors have two causes: the
-        loops of a computed configuration are not closed exactly, and the sizes of the links
-        are rounded.
+        The error bounds apply to variables and axes. These have errors for two reasons:
+        the loops of a computed configuration are not closed exactly, and the sizes of
+        the links are rounded.
 
         Parameters
         ----------
@@ -104,7 +106,7 @@ class RowExpressions(VelocityEquations):
             The order in which variables that are not inputs are eliminated. Each pivot is a
             loop with the variables (at most three) for which its equations are solved.
         inputs
-            Numbers of the driven pairs.
+            Indices of the driven pairs.
         """
         # Tangent, point and curvature of a profile that is no circle are symbols.
         pairs = pair_rotations(mechanism, any_profile=True)
@@ -162,8 +164,8 @@ class RowExpressions(VelocityEquations):
         # to a link adds its part.
         self.tilt_rad = 2.0 * EPS * (2.0 + tree.longest_path)
 
-        # Errors of the vector of each variable, and of its derivative by the variable, the
-        # slide, which is zero except at contacts.
+        # Errors of the vector of each variable, and of the slide: the derivative of the
+        # vector with respect to the variable, which is zero except at contacts.
         self.axis_errors: list[Expr] = []
         self.slide_errors: list[Expr] = []
         for carried, shift in zip(self.carried, self.variable_shifts, strict=True):
@@ -198,8 +200,9 @@ class RowExpressions(VelocityEquations):
         """Return bounds of the errors of a variable's vector and of its slide.
 
         The vector turns with a link, such as the axis of an R pair (revolute joint). The
-        vector of a contact also changes with the variable. Its slide is the derivative by
-        the variable, as seen from the link. It is 0 for a vector that is fixed in the link.
+        vector of a contact also changes with the variable. The slide is the derivative
+        of the vector with respect to the variable, as seen from the link. The slide is
+        0 for a vector that is fixed in the link.
 
         The loops of a computed configuration are open by up to `opening_rad`. Compared with
         the closed configuration, the link is therefore turned, and the variable differs. In
@@ -273,8 +276,8 @@ class RowExpressions(VelocityEquations):
         loop_offsets: list[Exprs] = []
         for signs in self.tree.signs:
             # A sign is 1 or -1 for the sense in which the loop passes a pair, 0 for pairs
-            # outside. It is the same for all variables of the pair, so that of the first
-            # one is used.
+            # outside. It is the same for all variables of the pair, so the sign of the
+            # first variable is used.
             offset_sum = vector_sum(
                 offset * signs[self.pair_variables[pair][0]]
                 for pair, offset in offsets.items()

@@ -126,8 +126,8 @@ class SingleRowOutputs(NamedTuple):
 
     If the variables follow from the inputs by formulas (closed form), all outputs are for
     these variables. Otherwise the function also performs a step of Newton's method.
-    `variables` are then those after the step, and all other outputs are for those before
-    the step.
+    `variables` are then the values after the step, and all other outputs belong to the
+    values before the step.
 
     Attributes
     ----------
@@ -223,7 +223,7 @@ class RowKernel:
     engine
         "numpy", or "compiled" if heyoka evaluates the expressions.
     passive_variables
-        Numbers of the variables that no input sets.
+        Indices of the variables that no input sets.
     input_columns
         For each input that moves while the others are locked, the indices of the columns of
         its velocities and poles.
@@ -523,8 +523,8 @@ class RowKernel:
           the sum is at most 1, no contact is doubtful.
         - ``"inverse"``: movement of each passive variable (not an input) per unit opening
           of each loop about each ground axis, (passive variables, loops, 3), flattened.
-        - ``"dw_error"``: error bound of dw, the derivatives of the angular velocities of
-          all links by the input.
+        - ``"dw_error"``: error bound of dw, the derivatives of the angular velocities
+          of all links with respect to the input.
         - ``"rate_residual"``, ``"acceleration_residual"``: how well the rates and their
           derivatives satisfy the loop equations.
         - ``"rate_size"``, ``"acceleration_size"``: sums of the sizes of all terms of these

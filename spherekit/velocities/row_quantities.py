@@ -25,7 +25,7 @@ input (A_q), to the rate of an input (A_dq) and to a torque (B_torque)."""
 
 
 def sample_names(inputs: Sequence[str]) -> Names:
-    """Return the names of the numbers of which a sample of a motion consists.
+    """Return the names of the values that form a sample of a motion.
 
     They are ``q``, ``dq``, ``ddq`` (angle, rate and acceleration of the input; rad, s) and
     ``t`` (the time). With several inputs they are ``q_PAIR`` for each input, then
@@ -58,9 +58,9 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
       rest relative to each other.
     - ``direction_OUTPUT_x``: for outputs that are directions, in the axes of the reference
       link of the output.
-    - ``condition_number_OUTPUT``: with several inputs, that of the Jacobian of the output's
-      rotation by the inputs. With two inputs, an output that is a direction has the
-      Jacobian of this direction instead.
+    - ``condition_number_OUTPUT``: with several inputs, the condition number of the
+      Jacobian of the output's rotation with respect to the inputs. With two inputs, an
+      output that is a direction has the Jacobian of this direction instead.
     - ``jacobian_determinant_OUTPUT``: the determinant of this Jacobian. It exists if there
       are three inputs, or two inputs and an output that is a direction.
     - ``determinant``: 0 if the inputs do not determine the rates of all variables.
@@ -72,16 +72,16 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
     - ``kinetic_energy``.
     - ``torque``: the driving torque of the sample's motion.
     - ``free_acceleration``: the acceleration of the input without a torque.
-    - ``A_q``, ``A_dq``, ``B_torque``: the derivatives of the acceleration of the input by
-      q, by dq and by the torque, while the other two are constant.
+    - ``A_q``, ``A_dq``, ``B_torque``: the derivatives of the acceleration of the input
+      with respect to q, to dq and to the torque, while the other two are constant.
 
     With masses or loads:
 
     - ``generalized_force``: the power of the loads per unit rate of the input.
 
     With several inputs, names of quantities that depend on the moving input end in
-    ``_by_PAIR``. Inertias are ``B_PAIR_by_PAIR``, and ``free_acceleration_PAIR`` is that of
-    one input while no input has a torque.
+    ``_by_PAIR``. Inertias are ``B_PAIR_by_PAIR``, and ``free_acceleration_PAIR`` is the
+    acceleration of one input while no input has a torque.
     """
     inputs = mechanism.names_of(driven_pairs(mechanism))
     table = make_quantity_table(mechanism, inputs, _plan_groups(mechanism))
@@ -157,7 +157,7 @@ class QuantityTable(dict[str, RowQuantity]):
         """Add the components x, y and z of a vector to the table, as three quantities.
 
         Their names are `name`, then ``_x``, ``_y`` or ``_z``, then `ending`. The other
-        parameters are those of `add`.
+        parameters are the same as in `add`.
         """
         for index, axis in enumerate("xyz"):
             self.add(f"{name}_{axis}{ending}", unit, method, *arguments, component=index)
@@ -169,8 +169,8 @@ class MovingInput(NamedTuple):
     Attributes
     ----------
     name_ending
-        The ending of the names of quantities that depend on it: ``_by_21`` for the input at
-        pair 21. It is empty in a mechanism with one input.
+        The ending of the names of quantities that depend on this input: ``_by_21`` for
+        the input at pair 21. It is empty in a mechanism with one input.
     position
         Its position among the inputs.
     """
@@ -344,7 +344,7 @@ def _add_dynamic_quantities(
     for (row, pair), (ending, column) in product(enumerate(inputs), moving_inputs):
         name = "B" if has_one_input else f"B_{pair}{ending}"
         table.add(name, "kg m2", "inertia", row, column)
-    # The derivative of B by the input is a quantity only if there is a single input.
+    # The derivative dB/dq is a quantity only if there is a single input.
     if has_one_input:
         table.add("dB_dq", "kg m2/rad", "inertia_rate")
     for ending, moving in moving_inputs:
@@ -354,8 +354,8 @@ def _add_dynamic_quantities(
         name = f"free_acceleration{pair_ending}"
         table.add(name, "rad/s2", "free_acceleration", index)
         # The equation of motion is linearised. The acceleration of this input has
-        # derivatives by the angle (A_q), the rate (A_dq) and the torque (B_torque) of each
-        # input.
+        # derivatives with respect to the angle (A_q), the rate (A_dq) and the torque
+        # (B_torque) of each input.
         for (kind, unit), (ending, other) in product(
             LINEARISATION_UNITS.items(), moving_inputs
         ):

@@ -66,7 +66,7 @@ theorem. The number measures how strongly the loops are curved.
 """
 
 COMPONENT_COUNTS = SIGNED_COMPONENTS | {"w": 3, "dw": 3}
-"""Number of components of the quantities of a row. Other quantities have one."""
+"""Number of components of the quantities of a row. Other quantities have one component."""
 
 RowEngine = Literal["numpy", "compiled", "extended"]
 """What evaluates the expressions: NumPy, heyoka, or quad precision for all rows."""
@@ -92,8 +92,9 @@ class RowVelocities:
     is_decimal
         (n,) rows that were computed from the decimal sizes of the file.
     relative_error_bound
-        (n,) bound of the errors of w and dw, relative to the largest of any link or to 1.
-        It is 0 for certified rows and infinite if the rates are not determined.
+        (n,) bound of the errors of w and dw, relative to the largest vector of any link
+        or to 1. It is 0 for certified rows and infinite if the rates are not
+        determined.
     pole_errors
         (n,) error bounds of each pole, by their names in `POLE_ERRORS`.
     axis_separations
@@ -202,7 +203,7 @@ class RowVelocities:
             of the input. Usually "w" is the solution of the velocity equations. After a
             call of `use_planned_velocities` it is computed from poles.
         key
-            The pole as numbers of its links, or the number of one link.
+            The pole as indices of its links, or the index of one link.
         """
         if not self._has_rates:
             # The velocity equations are singular in all rows, so nothing was computed.
@@ -236,11 +237,11 @@ class RowVelocities:
     def use_planned_velocities(self, planned_poles: PlannedPoles) -> None:
         """Replace the angular velocities of links by those that follow from known poles.
 
-        A pole is the axis of the relative rotation of two links. So far, the velocity
-        equations gave the angular velocities. The plan of the poles is another method:
-        poles are intersections of great circles, one after another. Users can choose this
-        method to compare the results. It gives no derivatives, so the derivatives of the
-        angular velocities remain those of the equations.
+        A pole is the axis of the relative rotation of two links. Until this call, the
+        velocity equations gave the angular velocities. The plan of the poles is another
+        method: poles are intersections of great circles, one after another. Users can
+        choose this method to compare the results. It gives no derivatives, so the
+        derivatives of the angular velocities still come from the equations.
 
         The error bounds of the equations do not apply to the plan. So this changes, in
         place:
@@ -296,7 +297,8 @@ class RowVelocities:
         # The curvature uncertainty exceeds 1 if the two profiles of a contact have nearly
         # the same curvature. Such profiles hardly determine their motion.
         is_certified &= self._bound("curvature_uncertainty") <= 1.0
-        # dw are the derivatives of the angular velocities of all links by the input.
+        # dw are the derivatives of the angular velocities of all links with respect to
+        # the input.
         is_certified &= self._bound("dw_error") <= MAX_CERTIFIED_DW_ERROR
         # Poles that are axes of pairs (joints) are known exactly. The directions of the
         # others follow from the relative angular velocities v of their links.
@@ -316,7 +318,7 @@ class RowVelocities:
 
         An elimination order says which variables are eliminated from which loop of the
         velocity equations. At some rows (configurations) a step divides by nearly zero,
-        although the equations are regular. Another order is needed there.
+        although the equations are regular. Another order is used there.
 
         Parameters
         ----------
@@ -353,9 +355,9 @@ class RowVelocities:
         """Return the least condition numbers that any elimination order can give.
 
         An elimination order is the order in which variables are eliminated from the loop
-        equations. The least condition numbers (k,) are those of the exact inverse of the
-        equations of the passive variables (which no input sets), for k rows. At a singular
-        configuration they are infinite, and no order helps.
+        equations. The least condition numbers (k,) are the condition numbers of the
+        exact inverse of the equations of the passive variables (which no input sets),
+        for k rows. At a singular configuration they are infinite, and no order helps.
         """
         jacobians = self.motion.linearisation.jacobian[rows]
         passive_equations = jacobians[:, :, list(self.motion.passive_variables)]
@@ -475,8 +477,8 @@ class RowVelocities:
             axis_error=axis_error,
             loop_error=loop_error,
             # Angular velocities of the links per unit rate of the input, and their
-            # derivatives by the input. The spreads are their changes per rad of opening,
-            # summed over all directions.
+            # derivatives with respect to the input. The spreads are their changes per
+            # rad of opening, summed over all directions.
             w=np.array([quad_rows.columns[indices] for indices in w_indices.values()]),
             dw=np.array([quad_rows.columns[indices] for indices in dw_indices.values()]),
             w_spread=np.array([self._spread(quad_rows, "w", link) for link in w_indices]),
@@ -490,7 +492,7 @@ class RowVelocities:
         )
 
     def _spread(self, quad_rows: QuadPrecisionRows, name: str, key: Any) -> Floats:
-        """Return (k,) the sensitivity of a quantity of each configuration to open loops.
+        """Return the sensitivities (k,) to open loops of a quantity in k configurations.
 
         Rounding of sizes leaves the loops of a mechanism open by tiny rotations. A rotation
         times the sensitivity is an error bound of the quantity. The sensitivity is the sum
@@ -504,7 +506,7 @@ class RowVelocities:
         name
             Name of the quantity.
         key
-            The pole to which the quantity belongs, or the number of the link.
+            The pole to which the quantity belongs, or the index of the link.
         """
         # Each component of the quantity, such as x, y and z of a vector, is a column.
         columns = self._column_indices[name][key]
@@ -521,7 +523,7 @@ class RowVelocities:
         Parameters
         ----------
         rows
-            (k,) numbers of configurations.
+            (k,) indices of configurations.
         inverse
             (passive variables, directions, k) inverse of the loop equations. It is the
             movement of the variables that are not inputs, per unit opening of a loop. A
@@ -550,10 +552,11 @@ class RowVelocities:
 
         These rows are so near to a singularity that the rounding of the sizes to float64
         leaves no correct digit. The method computes w, the angular velocities of links per
-        unit rate of the input, their derivatives dw by the input, and the poles (axes of
-        relative rotation of two links). The columns, error bounds and flags of the rows for
-        which the computation succeeds are changed in place. Other rows stay as they are. If
-        `DecimalRates` cannot compute the mechanism, all rows stay as they are.
+        unit rate of the input, their derivatives dw with respect to the input, and the
+        poles (axes of relative rotation of two links). The columns, error bounds and
+        flags of the rows for which the computation succeeds are changed in place. Other
+        rows stay as they are. If `DecimalRates` cannot compute the mechanism, all rows
+        stay as they are.
 
         Parameters
         ----------
@@ -636,7 +639,7 @@ class RowVelocities:
 
         The pole is the common axis of several pairs, whose rounded axes differ. It has the
         direction of the relative angular velocity v of its links. A change of v turns it by
-        at most the size of this change, divided by that of v.
+        at most the size of this change, divided by the size of v.
         """
         # v is a sum of rates times axes. Each axis changes by at most `SAME_AXIS_SINE`, the
         # largest sine between axes that count as equal, and `rate_size` is the sum of all
@@ -707,11 +710,11 @@ class RowVelocities:
 
 
 def _is_direction_accurate(errors: Mapping[str, Floats], v_size: Floats) -> Bools:
-    """Return (n,) whether float64 gives an accurate pole direction and derivative.
+    """Return a mask (n,) of rows with an accurate pole direction and derivative in float64.
 
     A pole is the axis of the relative rotation of two links. Its direction is u = v / |v|,
-    with the relative angular velocity v. With the derivative dv of v by the input, the
-    derivative of u is
+    with the relative angular velocity v. With the derivative dv of v with respect to
+    the input, the derivative of u is
 
         du = (dv - (dv . u) u) / |v|.
 
@@ -739,10 +742,11 @@ def _is_direction_accurate(errors: Mapping[str, Floats], v_size: Floats) -> Bool
 def _is_certainly_at_rest(
     errors: Mapping[str, Floats], v_size: Floats, dv_size: Floats
 ) -> Bools:
-    """Return (n,) whether the two links of a pole certainly have no relative motion.
+    """Return a mask (n,) of rows in which two links certainly have no relative motion.
 
-    Their relative angular velocity v and its derivative dv with respect to the input are
-    then zero within small error bounds. Such a pole needs no accurate direction.
+    The relative angular velocity v of the two links of a pole, and its derivative dv
+    with respect to the input, are then zero within small error bounds. Such a pole
+    needs no accurate direction.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""The transmission measure: how certainly locked inputs hold an output.
+"""The transmission measure: how firmly locked inputs hold an output.
 
 Suppose that the pairs have play: the angular velocities of the two links of pair e differ
-by an allowed rate and by an additional misfit m_e. With locked inputs, some misfits are
-needed to move the output. The measure compares the smallest ones with those that are needed
-if all pairs are locked:
+by an allowed rate and by an additional misfit m_e. With locked inputs, the output can
+only move with some misfits. The measure compares the smallest such misfits with the
+smallest ones if all pairs are locked:
 
     transmission^2 = rho min (sum of |m_e|^2)   over all rates that turn the output by 1.
 
@@ -50,8 +50,8 @@ equations. Smaller: the slower computation by singular values is used more often
 MIN_OUTPUT_MOTION = 1e-8
 """Smallest motion of the output, relative to the motion of the passive pairs.
 
-A smaller one counts as rest. Larger: outputs that a self-motion of other links moves a
-little count as held. Smaller: rounding errors count as motions.
+A smaller motion counts as rest. Larger: outputs that a self-motion of other links moves
+a little count as held. Smaller: rounding errors count as motions.
 """
 
 TRANSMISSION_BATCH_ROWS = 4096
@@ -71,9 +71,9 @@ class Transmission:
     driven
         Indices of the variables that the inputs lock.
     link
-        Number of the output link.
+        Index of the output link.
     relative_to
-        Number of the reference link, from which the output is seen.
+        Index of the reference link, from which the output is seen.
     direction
         (3,) the direction in which the output points, in the axes of its link. A rotation
         about it does not count as motion of the output. None for the whole orientation.
@@ -138,7 +138,8 @@ class Transmission:
         measure assumes that pairs have play. With locked inputs, the passive pairs can then
         move at any rates x. Their relative velocities need not add up to 0 around a loop.
         The sums are J x, with the loop equations J, and the play takes them up. The output
-        moves by A x. A transmission is good if small sums J x move the output little:
+        moves by A x. The transmission is large if small sums J x move the output only a
+        little:
 
             transmission = 1 / sqrt(1 + |A J^+|^2 / rho).
 
@@ -207,7 +208,7 @@ class Transmission:
 
 
 def passive_variables(tree: LoopTree, driven: Sequence[int]) -> list[int]:
-    """Return the numbers of the variables that no input locks."""
+    """Return the indices of the variables that no input locks."""
     return [v for v in range(len(tree.pair_of_variable)) if v not in driven]
 
 
@@ -231,9 +232,9 @@ class PassiveEquations:
     unit_vectors
         (n, 3, passive) the orthonormal vectors, one for each passive variable.
     matrix
-        (n, 3 loops, passive) the matrix J. Its rows are the three components of the first
-        combination of loops, then those of the second, and so on. If J x is not 0, loops
-        open.
+        (n, 3 loops, passive) the matrix J. Its rows are the three components of the
+        first combination of loops, then the three components of the second combination,
+        and so on. If J x is not 0, loops open.
     """
 
     unit_vectors: Floats
@@ -280,7 +281,7 @@ def passive_equations(
 
 
 def input_authority(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> Floats:
-    """Return how certainly locked inputs prevent any motion of the links.
+    """Return how firmly locked inputs prevent any motion of the links.
 
     The variables that no input locks are called passive. If a singular value of their loop
     equations is 0, they can move although the inputs are locked.

@@ -12,8 +12,8 @@ offsets:
 
 - With the closure residuals of a configuration that is nearly closed, x is the step of
   Newton's method that closes it.
-- With the rates of the residuals by a size of the mechanism, x is the derivative of the
-  variables with respect to this size.
+- With the derivatives of the residuals with respect to a size of the mechanism, x is
+  the derivative of the variables with respect to this size.
 - With the velocity-dependent part of relative accelerations (with a minus sign), x are the
   accelerations of the variables.
 """
@@ -71,7 +71,7 @@ class VelocityEquations(ABC):
     placed
         Orientations of all links.
     variables
-        Expressions (rad) of all variables. Contacts need them.
+        Expressions (rad) of all variables, on which contacts depend.
     tree
         The loops.
     carried
@@ -82,7 +82,7 @@ class VelocityEquations(ABC):
     vectors
         (3,) vector a_v of each variable in ground axes.
     pair_variables
-        The numbers of the variables of each pair.
+        The indices of the variables of each pair.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class VelocityEquations(ABC):
         placed
             Orientations of all links as expressions.
         variables
-            Expressions (rad) of all pair variables. Contacts need them.
+            Expressions (rad) of all pair variables, on which contacts depend.
         about_centres
             How the vector is computed if two circles roll on each other. True: as the sum
             of two vectors along the axes of the circles. This takes fewer expressions, but
@@ -197,9 +197,9 @@ class VelocityEquations(ABC):
         """Return the accelerations of variables and pairs (joints) at constant input rates.
 
         The relative angular velocity of a pair is the sum of a_v x_v over its variables v,
-        with their vectors a_v and rates x_v. Its derivative by time has two parts. The
-        first is the sum of a_v dx_v, with the unknown accelerations dx_v. The second, the
-        bias, is the sum of da_v x_v. It follows from velocities alone.
+        with their vectors a_v and rates x_v. Its time derivative has two parts. The
+        first is the sum of a_v dx_v, with the unknown accelerations dx_v. The second,
+        the bias, is the sum of da_v x_v. It follows from velocities alone.
 
         Parameters
         ----------
@@ -216,8 +216,8 @@ class VelocityEquations(ABC):
             (3,) derivative of the relative angular velocity of each pair.
         """
         # da_v x_v of each variable. The vector a_v turns with its link. At a contact, it
-        # also slides on the link in proportion to the rate of the variable. So its
-        # derivative by time depends on the velocity of the link and on the rate.
+        # also slides on the link in proportion to the rate of the variable. So its time
+        # derivative depends on the velocity of the link and on the rate.
         vector_derivatives = [
             carried.derivative(w[carried.link], rate) * rate
             for carried, rate in zip(self.carried, rates, strict=True)
