@@ -39,7 +39,7 @@ class CertifiedSingularity:
     q
         The input (rad).
     curve
-        Number of the curve of configurations.
+        Index of the curve of configurations.
     point
         The configuration, with an error bound of its variables. Within this bound there is
         no other singular one.

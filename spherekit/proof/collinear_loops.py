@@ -107,9 +107,9 @@ class FourPairLoop:
     Attributes
     ----------
     equation
-        Number of the equation among those of the mechanism.
+        Index of the equation among those of the mechanism.
     variables
-        Numbers of the two variables among those of the mechanism.
+        Indices of the two variables among those of the mechanism.
     planar_closures
         For each way in which the loop closes with all four axes in one plane: the angles of
         both variables, by index of the variable.
@@ -171,7 +171,7 @@ def complete_configuration(
     equations
         The equations of the mechanism.
     equation
-        Number of the equation that is left out.
+        Index of the equation that is left out.
     given
         For each given variable, by index, its exact value (rad), up to whole turns (2 pi).
     position
@@ -222,9 +222,9 @@ def _widen_around_solution(
     equations
         The equations of the mechanism.
     square_equations
-        Numbers of the equations to solve, as many as there are free variables.
+        Indices of the equations to solve, as many as there are free variables.
     free_variables
-        Numbers of the variables that are widened, by `SOLUTION_RADIUS_RAD`.
+        Indices of the variables that are widened, by `SOLUTION_RADIUS_RAD`.
     balls
         (v,) balls of all variables (rad). Those of free variables have no radius.
 
@@ -257,7 +257,7 @@ def _find_four_pair_loop(
     equations
         The equations of the mechanism.
     equation
-        Number of the equation.
+        Index of the equation.
     step
         The step that gives this equation.
     """
@@ -329,7 +329,7 @@ def _closes_in_plane(
     arcs
         Exact arc of the link before each joint, in the unit of the file.
     positions
-        Numbers of the two given joints in the loop.
+        Indices of the two given joints in the loop.
     is_same_side
         For each of the two joints whether its links are on the same side.
     in_degrees
@@ -362,7 +362,7 @@ def _exact_arc(
     decimal_mechanism
         The mechanism with its file.
     link, first_pair, second_pair
-        Numbers of the link and of the two pairs (joints) in the structure.
+        Indices of the link and of the two pairs (joints) in the structure.
 
     Returns
     -------
@@ -401,7 +401,7 @@ def _find_arc_text(
     decimal_mechanism
         The mechanism with its file.
     link, first_pair, second_pair
-        Numbers of the link and of the two pairs (joints) in the structure.
+        Indices of the link and of the two pairs (joints) in the structure.
 
     Returns
     -------
@@ -435,7 +435,7 @@ def _planar_angles(
     equations
         The equations of the mechanism.
     pairs, links
-        Numbers of the pairs and links around the loop. Joint k (pair k) is between the
+        Indices of the pairs and links around the loop. Joint k (pair k) is between the
         links k and k + 1.
     joint
         Number k of the joint.
@@ -477,9 +477,9 @@ def _azimuth_in_link(
     equations
         The equations of the mechanism.
     link
-        Number of the link that has both pairs.
+        Index of the link that has both pairs.
     pair
-        Number of the pair about which the azimuth is counted.
+        Index of the pair about which the azimuth is counted.
     other_pair
         Index of the pair with the axis that has the azimuth.
 
@@ -596,7 +596,7 @@ class Crossings:
         pieces
             The arcs of the curve, each with a box that contains no other configurations.
         variable
-            Number of the variable.
+            Index of the variable.
         """
         middle_piece = pieces[len(pieces) // 2]
         # The loops of four pairs whose arcs are known exactly.
@@ -626,7 +626,7 @@ class Crossings:
         loop
             The loop of four pairs. The two variables are the angles of two of its pairs.
         variable
-            Number of the variable that is constant along the curve.
+            Index of the variable that is constant along the curve.
         position
             (v,) values (rad) of all variables. The other variable of the loop keeps its
             value.

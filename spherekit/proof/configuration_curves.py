@@ -133,7 +133,7 @@ class CertifiedCurves:
 
     @property
     def input_variable(self) -> int:
-        """Number of the input's variable."""
+        """Index of the variable of the input."""
         return self.construction.unknown_count
 
     @property
@@ -585,7 +585,7 @@ def _bound_saddle_doubt(
         branches of curves that leave it. Each arm is in another quadrant, given by the
         signs of two coordinates.
     variable
-        Number of the variable.
+        Index of the variable.
 
     Returns
     -------

@@ -70,7 +70,7 @@ class PlacementStep:
     pairs
         For each parent the pair that joins the link to it, in the same order.
     variable
-        Number of the variable that gives the angle of the pair, for a link with one parent.
+        Index of the variable that gives the angle of the pair, for a link with one parent.
         -1 for a link with two parents, which needs no angle.
     angle_factor
         Pair angle divided by the variable, a whole number. It is 1 except in mechanisms
@@ -105,8 +105,8 @@ class LinkPlacement:
     Attributes
     ----------
     reference
-        Number of the link relative to which this link is oriented. The root, which is
-        placed first, is its own reference.
+        Index of the link relative to which this link is oriented. The root, which is placed
+        first, is its own reference.
     degrees
         (variables,) degree of the relative orientation in each variable.
     """
@@ -128,9 +128,9 @@ class ParentPaths:
     Attributes
     ----------
     shared_link
-        Number of the first link that both paths have in common.
+        Index of the first link that both paths have in common.
     first, second
-        Numbers of the links of each path, from the parent on, without the shared link.
+        Indices of the links of each path, from the parent on, without the shared link.
     """
 
     shared_link: int
@@ -151,7 +151,7 @@ class Construction:
     Attributes
     ----------
     root
-        Number of the link that is placed first.
+        Index of the link that is placed first.
     steps
         How the other links are placed, in order.
     pairs
@@ -251,7 +251,7 @@ class Construction:
         # (equations, unknowns) whether an equation contains an unknown, that is, whether it
         # has a degree in this unknown. Unknowns that have a system are removed below.
         has_unknown = self.degrees[:, : self.unknown_count] > 0
-        # Numbers of the equations that have no system yet.
+        # Indices of the equations that have no system yet.
         open_equations = list(range(len(has_unknown)))
         systems = []
         while open_equations:
@@ -276,7 +276,7 @@ def _find_smallest_system(
         (equations, unknowns) whether an equation contains an unknown that is not yet
         solved.
     open_equations
-        Numbers of the equations that are not in a system yet. Together they contain as many
+        Indices of the equations that are not in a system yet. Together they contain as many
         unsolved unknowns as there are equations.
 
     Returns
@@ -334,7 +334,7 @@ def _find_parent_paths(
     placements
         By link index: the reference link.
     first_parent, second_parent
-        Numbers of the two links.
+        Indices of the two links.
     """
     paths_to_root = []
     for parent in (first_parent, second_parent):
@@ -432,7 +432,7 @@ class PairGraph:
     link_count, input_count
         Numbers of links and of inputs.
     given_pairs
-        Numbers of the pairs with given angles: the inputs, then the followers, which inputs
+        Indices of the pairs with given angles: the inputs, then the followers, which inputs
         drive through toothed wheels. All other angles are unknown.
     """
 
@@ -480,7 +480,7 @@ class BodyPlacement:
     Attributes
     ----------
     body
-        Number of the body.
+        Index of the body.
     pairs
         The one or two pairs that join it to bodies placed before; none for the root.
     """

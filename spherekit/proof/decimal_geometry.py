@@ -243,7 +243,7 @@ class DecimalGeometry:
         Parameters
         ----------
         contact
-            Number of the contact among the pairs of the mechanism. It must be one of
+            Index of the contact among the pairs of the mechanism. It must be one of
             circles.
         """
         pair = self.mechanism.pairs[contact]

@@ -23,9 +23,9 @@ class EnclosedPole:
     Attributes
     ----------
     input_pair
-        Number of the pair (joint) of the moving input.
+        Index of the pair (joint) of the moving input.
     link, relative_to
-        Number of the link that moves, and of the link relative to which it is seen.
+        Index of the link that moves, and of the link relative to which it is seen.
     direction
         (3,) unit vector along the pole axis in ground axes, three balls. None if the links
         may be at relative rest.
@@ -94,7 +94,7 @@ def _link_angular_velocities(
         Balls (rad) of all variables at a configuration: the unknown angles, the inputs, and
         the angles that follow from the inputs through wheels.
     input_number
-        Number of the moving input among the inputs.
+        Index of the moving input among the inputs.
 
     Returns
     -------

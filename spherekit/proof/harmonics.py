@@ -135,7 +135,7 @@ class Harmonics:
         # point.
         waves = _evaluate_waves(circle_points, self.max_degree, order)
         for equation, coefficients in enumerate(self.coefficients):
-            # Numbers of the variables that occur in the equation. The degree m of a
+            # Indices of the variables that occur in the equation. The degree m of a
             # variable is the highest multiple of its angle.
             variables = np.flatnonzero(self.degrees[equation])
             # The coefficients have an axis of length 2 m + 1 for each variable. `squeeze`
@@ -171,9 +171,9 @@ class Harmonics:
         Parameters
         ----------
         equation
-            Number of the equation.
+            Index of the equation.
         unknowns
-            Numbers of the variables that stay unknown.
+            Indices of the variables that stay unknown.
         given
             (n, g, 2) cosines and sines of the g given variables, in order.
 
@@ -226,7 +226,7 @@ class _NodeEvaluator:
         Parameters
         ----------
         equation
-            Number of the equation.
+            Index of the equation.
         node_counts
             (v,) number of nodes in a turn of each variable.
 
@@ -299,7 +299,7 @@ def _select_derivative(
     variable_count
         Number of these variables.
     *variables
-        Numbers of the variables of the derivative. None for the value, i for the first
+        Indices of the variables of the derivative. None for the value, i for the first
         derivative with respect to variable i, i and j for the second derivative with
         respect to i and j.
     """

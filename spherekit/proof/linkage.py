@@ -340,9 +340,9 @@ class _PlacedPair:
         Functions for the rotation of the second link relative to the first, and for the
         axis.
     variables
-        Numbers of the pair's variables among all variables of the mechanism.
+        Indices of the pair's variables among all variables of the mechanism.
     first_link
-        Number of the first link of the pair.
+        Index of the first link of the pair.
     """
 
     kinematics: PairKinematics
@@ -378,7 +378,7 @@ class Linkage:
             numbers taken as exact.
         """
         self.mechanism = mechanism
-        # Numbers of the two links of each pair.
+        # Indices of the two links of each pair.
         ends = mechanism.ends
         all_kinematics = _make_pair_kinematics(
             mechanism, frames or declared_frames(mechanism)
@@ -569,7 +569,7 @@ class Linkage:
             (k, variables) start values (rad), as balls (numbers with a bound of their
             error) whose bound is 0.
         held
-            Numbers of the variables that keep their values.
+            Indices of the variables that keep their values.
         eps
             Unit roundoff (relative error of one rounding) in the present precision.
         """
@@ -640,7 +640,7 @@ class Linkage:
             Closed configurations. The free variables are all variables except the moving
             variable and the locked variables.
         moving_variable
-            Number of the moving variable.
+            Index of the moving variable.
         order
             Highest power.
 
@@ -700,7 +700,7 @@ def _find_loop_senses(
     mechanism
         The mechanism.
     loop_pairs
-        Numbers of the pairs that close a loop.
+        Indices of the pairs that close a loop.
     path_senses
         (links, pairs) the senses in which the path from the ground to each link passes the
         pairs.

@@ -165,14 +165,14 @@ class EquationSystem:
     equations
         The equations of the mechanism.
     rows
-        Numbers of the equations of this system.
+        Indices of the equations of this system.
     unknowns
-        Numbers of its unknowns. There are as many unknowns as equations.
+        Indices of the unknowns of this system. There are as many unknowns as equations.
 
     Attributes
     ----------
     given
-        Numbers of all other variables: unknowns of other systems, and the inputs. Their
+        Indices of all other variables: unknowns of other systems, and the inputs. Their
         values are given when the system is solved.
     degrees
         (k, variables) trigonometric degrees, the unknowns first, then the given variables.
@@ -198,9 +198,9 @@ class EquationSystem:
         equations
             The loop-closure equations of the mechanism.
         rows
-            Numbers of the equations of this system.
+            Indices of the equations of this system.
         unknowns
-            Numbers of the variables for which it is solved, as many as equations.
+            Indices of the variables for which it is solved, as many as equations.
         """
         self.equations = equations
         self.rows = rows

@@ -239,7 +239,7 @@ class _EndCondition:
     Attributes
     ----------
     switch
-        Number of the switch in the loads. `JOINT_LIMIT_SWITCH` if the quantity belongs to a
+        Index of the switch in the loads. `JOINT_LIMIT_SWITCH` if the quantity belongs to a
         joint limit.
     coefficients
         (terms,) Legendre coefficients of the quantity as a function of time, which runs
@@ -283,7 +283,7 @@ class _TimeStep:
     start, length
         Start and length in time (s).
     coordinate
-        Number of the variable that is stored. All others follow from it.
+        Index of the variable that is stored. All others follow from it.
     motion
         The series of this variable, and of its speed times the root of the inertia.
     switch_signs
@@ -318,7 +318,7 @@ class _SignChange:
         Time in the step, from -1 at its start to 1 at its end, as a ball (a number with a
         bound of its error).
     switch
-        Number of the switch, -1 for a joint limit. None at the end of the step.
+        Index of the switch, -1 for a joint limit. None at the end of the step.
     is_at_start
         Whether the condition is negative already at the first examined time after the
         start.
@@ -641,7 +641,7 @@ class ExactSimulation:
         c
             (n,) values of the coordinate (rad).
         coordinate
-            Number of the variable that is the coordinate.
+            Index of the variable that is the coordinate.
 
         Raises
         ------
@@ -674,7 +674,7 @@ class ExactSimulation:
         values
             (n, variables) pair variables (rad). The loops are nearly closed.
         coordinate
-            Number of the variable that is the coordinate.
+            Index of the variable that is the coordinate.
 
         Returns
         -------
@@ -822,7 +822,7 @@ class ExactSimulation:
         c, p
             The coordinate (rad) and p at the start of the step.
         coordinate
-            Number of the variable that is the coordinate.
+            Index of the variable that is the coordinate.
         length
             Length of the step (s).
         sides
@@ -1086,7 +1086,7 @@ def _solve_free_variables(
     residuals
         (n, equations) errors of the closure equations (rad).
     coordinate
-        Number of the coordinate among the variables.
+        Index of the coordinate among the variables.
 
     Returns
     -------

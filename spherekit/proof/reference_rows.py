@@ -69,7 +69,7 @@ class ExactRows:
     mechanism
         The mechanism.
     driven
-        Number of the input pair that moves.
+        Index of the input pair that moves.
     values
         (n, variables) balls, the pair variables (rad).
     rates
@@ -152,7 +152,7 @@ def exact_rows(
     rows
         (n,) which rows of the motion are computed.
     driven
-        Number of the input pair (joint) that moves.
+        Index of the input pair (joint) that moves.
     arithmetic
         The number of decimal digits. By default 20, four more than float64 has.
     order
@@ -361,7 +361,7 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
     reference
         The reference rows. They need derivatives of the angular velocities (order 2 or 3).
     pole
-        Numbers of the two links.
+        Indices of the two links.
     toward
         (n, 3) vectors in ground axes. Of two opposite directions, the one on their side is
         returned.
@@ -419,7 +419,7 @@ def _vector_of_relative_motion(
     derivatives
         (n, links, 3) derivatives of the angular velocities with respect to the input.
     pole
-        Numbers of the two links.
+        Indices of the two links.
 
     Returns
     -------
@@ -507,7 +507,7 @@ def _find_relative_motion(reference: ExactRows, pole: Pole) -> _RelativeMotion:
     reference
         The reference rows.
     pole
-        Numbers of the two links.
+        Indices of the two links.
     """
     velocity = _relative_vector(reference.w, pole)
     speed = _relative_size(velocity, reference.w, pole)
@@ -531,7 +531,7 @@ def _relative_size(relative: Array, vectors: Array, pole: Pole) -> Floats:
     vectors
         (n, links, 3) the vectors of all links.
     pole
-        Numbers of the two links.
+        Indices of the two links.
 
     Returns
     -------
@@ -670,7 +670,7 @@ def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) ->
         Angular velocities of the links, and their derivatives with respect to the input, in
         balls (numbers with a bound of their error). The result has no bounds.
     pole
-        Numbers of the two links.
+        Indices of the two links.
     direction
         (n, 3) the direction u of the pole, as balls.
     """
@@ -702,7 +702,7 @@ def _derivative_with_link(reference: ExactRows, pair: int, direction: Array) -> 
         Reference rows with the angular velocity w of the link, in balls (numbers with a
         bound of their error).
     pair
-        Number of the pair (joint) with this direction. The first of its links is used.
+        Index of the pair (joint) with this direction. The first of its links is used.
     direction
         (n, 3) the direction u, as balls.
     """
@@ -730,7 +730,7 @@ def _derivative_by_relative_velocity(
         Reference rows with the angular velocities and their derivatives, in balls (numbers
         with a bound of their error).
     pole
-        Numbers of the two links.
+        Indices of the two links.
     direction
         (n, 3) the direction u, as balls.
 

@@ -311,7 +311,7 @@ class ChartRoots:
         Parameters
         ----------
         column
-            Number of the unknown.
+            Index of the unknown.
         size
             Number of coefficients.
         order

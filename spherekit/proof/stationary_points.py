@@ -218,7 +218,7 @@ class StationaryPoint:
         position. For an undecided stretch: of the change, in the stretch, of the variable
         that may be stationary.
     piece
-        Number of a certified arc. The point is between its centre and that of the next arc.
+        Index of a certified arc. The point is between its centre and that of the next arc.
         The number is set when the point is added to a list.
     """
 
@@ -333,7 +333,7 @@ def find_stationary_points(
     chain
         The chain of certified arcs.
     variable
-        Number of the variable.
+        Index of the variable.
     """
     result = StationaryPoints()
     # Successive stretches in which the derivative of the rate has the same sign are joined
@@ -403,7 +403,7 @@ def _examine_stretch(
     equations
         The equations of the mechanism.
     variable
-        Number of the variable.
+        Index of the variable.
     stretch
         The stretch.
     allows_short
@@ -463,7 +463,7 @@ def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
     stretch
         The stretch.
     variable
-        Number of the variable.
+        Index of the variable.
 
     Returns
     -------
@@ -571,7 +571,7 @@ def _enclose_zero(
     stretch
         A stretch in which the rate has exactly one zero.
     variable
-        Number of the variable.
+        Index of the variable.
     end_sign
         Sign of the rate at the end of the stretch. At the start the sign is opposite.
     """
@@ -645,7 +645,7 @@ def _approximate_zero(
     stretch
         A stretch in which the rate has exactly one zero.
     variable
-        Number of the variable.
+        Index of the variable.
     end_sign
         Sign of the rate at the end of the stretch. At the start the sign is opposite.
 
@@ -688,7 +688,7 @@ def _approximate_rate_at_ratio(
     stretch
         The stretch (part) of the curve.
     variable
-        Number of the variable.
+        Index of the variable.
     ratio
         Fraction of the straight line from the start of the stretch to its end. Newton's
         method leads from there to a configuration of the curve. If it fails, the rate at
@@ -717,7 +717,7 @@ def _approximate_rate(
     configuration
         (v,) the configuration (rad).
     variable
-        Number of the variable.
+        Index of the variable.
     direction
         (v,) direction that says in which sense the curve is followed.
 
@@ -758,7 +758,7 @@ def _shorten_to_zero(
     stretch
         A stretch in which the rate has exactly one zero.
     variable
-        Number of the variable.
+        Index of the variable.
     end_sign
         Sign of the rate at the end of the stretch. At the start the sign is opposite.
     zero_ratio

@@ -37,13 +37,13 @@ class Structure:
     ends
         For each pair the indices of the two links that it joins.
     inputs
-        Numbers of the driven pairs.
+        Indices of the driven pairs.
     couplers
         For each coupler the index of its sliding contact among the pairs of the mechanism.
     wheels
-        Numbers of the rolling contacts among the pairs of the mechanism.
+        Indices of the rolling contacts among the pairs of the mechanism.
     followers
-        Numbers of the pairs that the inputs drive through wheels.
+        Indices of the pairs that the inputs drive through wheels.
     """
 
     name: str

@@ -17,7 +17,7 @@ PLUGIN_LOG = logging.getLogger("spherekit.plugins")
 """Receives the traceback of every error of a plugin, at the level of debugging."""
 
 LIBRARY_FOLDERS = (str(Path(__file__).parent.parent), str(Path(str(np.__file__)).parent))
-"""Folders of spherekit and NumPy, whose lines are not named as the place of an error."""
+"""Folders of spherekit and NumPy: lines in them are not named as the place of an error."""
 
 STANDARD_LIBRARY_FOLDER = sysconfig.get_path("stdlib")
 """Folder of the standard library."""

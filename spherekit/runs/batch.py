@@ -47,7 +47,7 @@ _POLE_FIELD_NAMES: Mapping[str, str] = {
     },
     "pole_status": "pole_status",
 }
-"""Attribute of `PoleField` that has a quantity, by its name in `Batch.of_poles`."""
+"""For each name of a quantity in `Batch.of_poles`, the attribute of `PoleField` with it."""
 
 _QUANTITY_BY_NAME: Mapping[str, PoleQuantity] = {
     name: quantity
@@ -81,7 +81,8 @@ class Batch:
         What the analysis has declared. Other quantities raise `UndeclaredNeed`.
     timed
         Whether the samples are times of a time law or of a simulation. Otherwise the
-        samples are values of inputs, and times are those of an input that moves at 1 rad/s.
+        samples are values of inputs, and the times are the times of an input that moves at
+        1 rad/s.
     """
 
     mechanism: Mechanism
@@ -179,9 +180,9 @@ class Batch:
     def closure_conditioning(self) -> Floats:
         """(n,) condition number (2-norm) of the loop equations, linearised in each row.
 
-        The matrix has a column for each passive variable (not an input). A large number
-        means that the configuration is near a singularity, where the inputs hardly
-        determine the other variables.
+        The matrix has a column for each passive variable (not an input). A large condition
+        number means that the configuration is near a singularity, where the inputs hardly
+        determine the passive variables.
         """
         return _read_only(self._motion.conditioning)
 
@@ -199,7 +200,7 @@ class Batch:
 
     @property
     def motion(self) -> Motion:
-        """The configurations of all rows, for an analysis that computes further ones."""
+        """The configurations of all rows, for analyses that compute more configurations."""
         self._check("the motion", "tracer")
         return self._motion
 
@@ -217,9 +218,9 @@ class Batch:
     def interleaved(parts: Sequence[Array | NDArray[np.str_]]) -> Interleaved:
         """Return a table column with one number per row of the batch and subject.
 
-        A subject can be a link or a pole. The numbers of all subjects at the first row come
-        first, then those at the second row. `parts` has the values (n,) of each subject.
-        They are not copied.
+        A subject can be a link or a pole. The values of all subjects at the first row come
+        first, then the values at the second row. `parts` has the values (n,) of each
+        subject. They are not copied.
         """
         return Interleaved(parts)
 
@@ -230,8 +231,8 @@ class Batch:
 
         A pole is the instantaneous axis about which one link rotates relative to another. A
         batch row is one sample in one assembly mode (way to assemble the mechanism). A
-        column first has the numbers of all poles at the first batch row, then those at the
-        second, and so on.
+        column first has the values of all poles at the first batch row, then the values at
+        the second batch row, and so on.
 
         The columns can be lazy: their numbers are computed when the table is read. This
         saves time in long runs of an analysis that only writes the columns to its table.
@@ -239,8 +240,8 @@ class Batch:
         Parameters
         ----------
         poles
-            For each pole two link numbers, and the index of the input that moves while the
-            other inputs are locked.
+            For each pole the indices of two links, and the index of the input that moves
+            while the other inputs are locked.
 
         Returns
         -------
@@ -255,8 +256,8 @@ class Batch:
 
             A pole is the axis about which one link rotates relative to another. A row of
             the batch is one sample in one assembly mode (way to assemble the mechanism).
-            The column first has the numbers of all poles at the first row, then those at
-            the second row, and so on. Numbers that are not computed yet are computed when
+            The column first has the values of all poles at the first row, then the values
+            at the second row, and so on. Values that are not computed yet are computed when
             the column is read.
 
             Parameters
@@ -313,7 +314,7 @@ class Batch:
         Parameters
         ----------
         i, j
-            Numbers of the two links of the pole.
+            Indices of the two links of the pole.
         moved
             Index of the input that moves while the others are locked.
         quantity
@@ -341,7 +342,7 @@ class Batch:
         Parameters
         ----------
         poles
-            For each pole the numbers of two links, and the index of the input that moves
+            For each pole the indices of two links, and the index of the input that moves
             while the other inputs are locked. The motion of the second link is stated
             relative to the first link.
 
@@ -377,7 +378,7 @@ class Batch:
         return columns
 
     def assembly_mode_rows(self) -> Mapping[int, slice]:
-        """Return the rows of each assembly mode, by its number."""
+        """Return the rows of each assembly mode, keyed by the index of the mode."""
         # The rows of the n-th mode follow those of the modes before it, k for each mode.
         k = self._motion.samples
         return {
@@ -402,7 +403,7 @@ class Batch:
         return self._motion.is_path or plan.pole(i, j) in {None, *axis_pairs(plan)}
 
     def conditioning(self, i: int, j: int, moved: int = 0) -> Floats:
-        """Return (n,) the ratio ``|w_j - w_i| / (|w_i| + |w_j|)`` of angular velocities.
+        """Return the ratio (n,) ``|w_j - w_i| / (|w_i| + |w_j|)`` of angular velocities.
 
         Here w_i and w_j are the angular velocities of the links i and j. The pole (axis of
         their relative rotation) is along w_j - w_i. If the ratio is small, digits cancel in
@@ -411,7 +412,7 @@ class Batch:
         return self._pole(i, j, "conditioning", moved)
 
     def error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
-        """Return (n,) a bound of the error of the direction of a pole, rad.
+        """Return an error bound (n,) of the direction of a pole, rad.
 
         The pole is the axis of the relative rotation of the links i and j. The bound
         includes rounding and the error of the configuration.
@@ -419,23 +420,24 @@ class Batch:
         return self._pole(i, j, "error_bound", moved)
 
     def pole_status(self, i: int, j: int, moved: int = 0) -> SmallIntegers:
-        """Return (n,) status codes, with NO_POLE or ILL_CONDITIONED for this pole alone."""
+        """Return status codes (n,), with NO_POLE or ILL_CONDITIONED for this pole only."""
         return self._pole(i, j, "pole_status", moved)
 
     def velocity_coefficient(self, i: int, j: int, moved: int = 0) -> Floats:
-        """Return (n,) the velocity coefficient of two links.
+        """Return the velocity coefficient (n,) of two links.
 
-        It is the angular velocity of the link with the larger number relative to the other
-        link, along the pole (axis of their relative rotation), per unit rate of the input.
+        The coefficient is the angular velocity of the link with the larger index relative
+        to the link with the smaller index, along the pole (axis of their relative
+        rotation), per unit rate of the input.
         """
         return self._pole(i, j, "velocity_coefficient", moved)
 
     def acceleration_coefficient(self, i: int, j: int, moved: int = 0) -> Floats:
-        """Return (n,) the derivative of `velocity_coefficient` by the input, 1/rad."""
+        """Return the input derivative (n,) of `velocity_coefficient`, 1/rad."""
         return self._pole(i, j, "acceleration_coefficient", moved)
 
     def direction_dq(self, i: int, j: int, moved: int = 0) -> Floats:
-        """Return (n, 3) the derivative of the direction of a pole by the input, 1/rad.
+        """Return the input derivative (n, 3) of the direction of a pole, 1/rad.
 
         The pole is the axis of the relative rotation of the links i and j. The derivative
         is NaN in rows in which the links hardly rotate relative to each other.
@@ -443,26 +445,26 @@ class Batch:
         return self._pole(i, j, "direction_dq", moved)
 
     def velocity_coefficient_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
-        """Return (n,) a bound of the error of `velocity_coefficient`."""
+        """Return an error bound (n,) of `velocity_coefficient`."""
         return self._pole(i, j, "velocity_coefficient_error_bound", moved)
 
     def acceleration_coefficient_error_bound(
         self, i: int, j: int, moved: int = 0
     ) -> Floats:
-        """Return (n,) a bound of the error of `acceleration_coefficient`, 1/rad."""
+        """Return an error bound (n,) of `acceleration_coefficient`, 1/rad."""
         return self._pole(i, j, "acceleration_coefficient_error_bound", moved)
 
     def direction_dq_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
-        """Return (n,) a bound of the error of `direction_dq`, 1/rad.
+        """Return an error bound (n,) of `direction_dq`, 1/rad.
 
         `direction_dq` is the derivative of a pole direction with respect to the input. The
-        bound is that of the length of its error vector. It is NaN where `direction_dq` is
-        NaN.
+        bound limits the length of the error vector of this derivative. The bound is NaN
+        where `direction_dq` is NaN.
         """
         return self._pole(i, j, "direction_dq_error_bound", moved)
 
     def rates_loss(self, moved: int = 0) -> Floats:
-        """Return (n,) the relative error bound of angular velocities and derivatives.
+        """Return the relative error bound (n,) of angular velocities and derivatives.
 
         The error is relative to the largest value of all links, or to 1 if that value is
         smaller than 1. Error bounds below about 1e-10 are given as 0.
@@ -470,17 +472,17 @@ class Batch:
         return _read_only(self._pole_field(moved).relative_error_bound)
 
     def planes(self, i: int, j: int, moved: int = 0) -> Floats:
-        """Return (n, 2, 3) unit normals of the two great circles that meet in the pole."""
+        """Return unit normals (n, 2, 3) of the two great circles that meet in the pole."""
         return self._pole(i, j, "planes", moved)
 
     def pair_value(self, name: str) -> Floats:
-        """Return (n,) the variable of a pair, rad in (-pi, pi]."""
+        """Return the variable (n,) of a pair, rad in (-pi, pi]."""
         self._check("pair_value", "pair_values", name)
         (number,) = self.mechanism.variables_of(self.mechanism.pair_number[name])
         return _read_only(self._motion.values[:, number])
 
     def continued_value(self, name: str) -> Floats:
-        """Return (n,) the variable of a pair without jumps of whole revolutions, rad.
+        """Return the variable (n,) of a pair without jumps of whole revolutions, rad.
 
         The variable of a driven pair is the input itself. Other variables are in (-pi, pi]
         at the first sample of each assembly mode, and are assumed to move by less than half
@@ -490,12 +492,12 @@ class Batch:
         return _read_only(self._angles[name])
 
     def rotation(self, link: str) -> Floats:
-        """Return (n, 3, 3) rotation matrices from link axes to ground axes."""
+        """Return rotation matrices (n, 3, 3) from link axes to ground axes."""
         self._check("rotation", "rotations", link)
         return _read_only(self._motion.rotations[:, self.mechanism.link_number[link]])
 
     def angular_velocity(self, link: str, moved: int = 0) -> Floats:
-        """Return (n, 3) angular velocity of a link per unit rate of the input, ground axes.
+        """Return the angular velocity (n, 3) of a link per unit input rate, in ground axes.
 
         The angular velocity is relative to the ground. The input is that with the index
         `moved`.
@@ -503,7 +505,7 @@ class Batch:
         return self._link_rate(link, self._pole_field(moved).w)
 
     def angular_velocity_dq(self, link: str, moved: int = 0) -> Floats:
-        """Return (n, 3) derivative of the angular velocity by the input, 1/rad."""
+        """Return the input derivative (n, 3) of the angular velocity of a link, 1/rad."""
         self._check("angular_velocity_dq", "derivatives")
         return self._link_rate(link, self._pole_field(moved).dw)
 
@@ -542,7 +544,7 @@ class Batch:
         """Raise `UndeclaredNeed` if an analysis reads a quantity that it has not declared.
 
         An analysis declares in its `Needs` which quantities it reads, because a run
-        computes only the declared ones.
+        computes only declared quantities.
 
         Parameters
         ----------
@@ -575,8 +577,8 @@ class Batch:
     def _range(self, quantity: int) -> Range:
         """Return the least and the greatest value of the only input, or of its rate.
 
-        `quantity` is 0 for the input and 1 for the rate. The values are those of the whole
-        run. Outside a run they are those of this batch.
+        `quantity` is 0 for the input and 1 for the rate. The result covers the whole run,
+        or only this batch if there is no run.
         """
         run_extents = self._run_extents or input_extents(
             self._motion.inputs, self._motion.timing
@@ -585,7 +587,7 @@ class Batch:
         return float(low), float(high)
 
     def _single(self, columns: Floats) -> Floats:
-        """Return (n,) the values of the only input, from an array (n, inputs)."""
+        """Return the values (n,) of the only input, from an array (n, inputs)."""
         if columns.shape[1] != 1:
             raise SolveError(
                 f"{self.mechanism.name} has {columns.shape[1]} inputs; read input_rates "
@@ -616,7 +618,7 @@ class Batch:
         Parameters
         ----------
         i, j
-            Numbers of the links of the pole, in any order.
+            Indices of the links of the pole, in any order.
         quantity
             Name of the method that was called, such as ``"direction"``.
         """
@@ -654,10 +656,11 @@ def _read_only(values: ArrayT) -> ArrayT:
 
 
 def run_status(motion: Motion, pole_fields: PoleFields) -> SmallIntegers:
-    """Return (n,) status codes of the rows of a run.
+    """Return the status codes (n,) of the rows of a run.
 
     A row has the code of its first failure: of the position first, then of the velocities
-    (`pole_fields`) while each input moves alone. If nothing has failed, the code is OK.
+    (`pole_fields`) while each input in turn moves and the others are locked. If nothing has
+    failed, the code is OK.
     """
     status = motion.status
     for pole_field in pole_fields:

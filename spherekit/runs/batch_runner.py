@@ -168,7 +168,7 @@ class BlockRows:
             self._quality_function = kernel.row_quality
         mode_count = len(position_analysis.assembly_modes)
         sample_count = n // mode_count
-        # The results of a whole slice shall stay in the cache of the processor.
+        # The results of a whole slice (group of rows) should fit into the processor cache.
         numbers_per_row = self._quality_function.width
         slice_size = _choose_slice_size(numbers_per_row)
         self.slices = split_rows(mode_count, sample_count, slice_size)
@@ -184,7 +184,7 @@ class BlockRows:
         Parameters
         ----------
         samples
-            (k,) numbers of the samples of the block in the run.
+            (k,) indices, in the whole run, of the samples of the block.
 
         Returns
         -------
@@ -217,7 +217,7 @@ class BlockRows:
 
     @property
     def uncertified(self) -> Indices:
-        """(k,) numbers of the rows that have a configuration, but are not certified."""
+        """(k,) indices of the rows that have a configuration, but are not certified."""
         return np.flatnonzero(~(self.is_certified | self.has_failed))
 
     def erase_failed(self) -> None:
@@ -231,8 +231,8 @@ class BlockRows:
         """Solve the rows that the kernel has not certified, except rows out of reach.
 
         The kernel (compiled functions for many rows) certifies rows with small error
-        bounds. The position analysis solves the others. `samples` (k,) are the numbers of
-        the samples of the block in the run.
+        bounds. The position analysis solves all other rows. `samples` (k,) are the indices,
+        in the whole run, of the samples of the block.
         """
         uncertified = np.flatnonzero(~self.is_certified & (self.status == Status.OK))
         if len(uncertified):
@@ -266,7 +266,7 @@ class BlockRows:
         Parameters
         ----------
         row_slice
-            The index of an assembly mode, and the numbers of the rows in the block.
+            The index of an assembly mode, and the indices of the rows in the block.
 
         Returns
         -------
@@ -338,7 +338,7 @@ class BlockRows:
         """Store the closure residuals and the configuration errors of a slice.
 
         A closure residual tells how far the loops are open. The columns (width, n) of the n
-        rows are those of `_evaluate_slice`.
+        rows come from `_evaluate_slice`.
         """
         residual, error = columns[self._quality_function.slices["closure"]]
         self.closure_residual[rows] = residual
@@ -348,8 +348,8 @@ class BlockRows:
         """Return whether all rows of a slice are closed and have small error bounds.
 
         This quick test decides most slices. If it is false, `_find_certified_rows` tests
-        each row. The columns (width, n) are those of `_evaluate_slice`. An uncertainty is
-        an error bound, divided by the largest one that is allowed.
+        each row. The columns (width, n) come from `_evaluate_slice`. An uncertainty is an
+        error bound, divided by the largest one that is allowed.
         """
         parts = self._quality_function.slices
         # The uncertainties are not negative. If their sum is at most 1, so is each of them.
@@ -359,11 +359,11 @@ class BlockRows:
         return bool(has_small_bounds and np.max(residual) <= self._rounding_rad)
 
     def _find_certified_rows(self, columns: Floats) -> Bools:
-        """Return which rows (n,) are closed up to rounding and have small error bounds.
+        """Return a mask (n,) of rows closed up to rounding and with small error bounds.
 
         A row is one configuration. The other rows are solved again by a slower method.
 
-        The columns (width, n) are those of `_evaluate_slice`. An uncertainty is an error
+        The columns (width, n) come from `_evaluate_slice`. An uncertainty is an error
         bound, divided by the largest one that is allowed.
         """
         parts = self._quality_function.slices
@@ -377,7 +377,7 @@ class BlockRows:
         return self.kernel.closure_rounding_rad
 
     def _evaluate_slice(self, mode: int, rows: slice) -> Floats:
-        """Return the numbers (width, n) that decide whether n rows need no other solver.
+        """Return columns (width, n) that decide whether n rows need no other solver.
 
         They are closure residuals, error bounds and angular velocities. `rows` is a slice
         of the rows of the assembly mode with the index `mode`.
@@ -402,7 +402,7 @@ class BlockRows:
         return columns
 
     def _evaluate_predicted(self, rows: slice) -> Floats:
-        """Return the numbers (width, n) that decide about predicted rows of a slice."""
+        """Return columns (width, n) that decide whether predicted rows are good enough."""
         values = self.values[:, rows]
         arguments, columns = self._allocate_numbers(*values.shape)
         arguments[:] = values
@@ -503,7 +503,7 @@ class BlockRows:
             (width, n) results of `RowKernel.row_quality`, a column for each row of the
             slice: closure residual, error bounds and angular velocities.
         row_numbers
-            (n,) the number in the block of the row that belongs to each column.
+            (n,) for each column the index, in the block, of its row.
         """
         residual = columns[self._quality_function.slices["closure"]][0]
         is_open = (residual > self._rounding_rad) & np.isfinite(residual)
@@ -534,9 +534,9 @@ class BlockRows:
         Parameters
         ----------
         samples
-            (k,) numbers of the samples of the block in the run.
+            (k,) indices, in the whole run, of the samples of the block.
         rows
-            (m,) numbers of the rows in the block, which has k rows for each assembly mode.
+            (m,) indices of the rows in the block, which has k rows for each assembly mode.
         """
         position_analysis = self._position_analysis
         sample_count = len(samples)
@@ -592,13 +592,13 @@ class PendingPoles:
     is_assembled
         (modes, samples) rows with a configuration.
     uncertified
-        (k,) numbers of the rows that have a configuration but are not certified.
+        (k,) indices of the rows that have a configuration but are not certified.
     compared_rows_by_input
         For each input that moves: a mapping from the index of an assembly mode to rows. In
         these rows the direction of a pole is compared with its direction in the row before.
         A pole is a line, so its computed direction may be reversed there. In all other rows
-        the direction keeps its sense. The list is empty for a grid of inputs, in which rows
-        do not follow each other.
+        the direction keeps the sense of the row before. The list is empty for a grid of
+        inputs, in which successive rows are not successive positions of a motion.
     error_maxima
         (inputs, 3) largest error bound in all certified rows: of directions (rad), of
         velocity coefficients and of their derivatives. NaN if no row is certified.
@@ -770,7 +770,7 @@ class BatchRunner:
 
         There are two limits:
 
-        - The numbers of a block need at most `BLOCK_BYTES`.
+        - The columns of a block (group of samples) need at most `BLOCK_BYTES`.
         - A block has at most `MAX_BLOCK_FACTOR` times the samples of a block in a run
           without compiled functions (`PositionAnalysis.block`). In a recorded run, the
           rotation matrices of all links are read, which need more memory. So its blocks are
@@ -827,10 +827,10 @@ class BatchRunner:
     def _split_samples(
         self, first_sample: int, first_size: int, largest_size: int
     ) -> Iterator[Indices]:
-        """Yield the numbers (n,) of the samples of each block of a run.
+        """Yield the indices (n,) of the samples of each block (group of samples) of a run.
 
-        The numbers of a block (its columns) are computed when an analysis reads them, and
-        only then need memory. While no analysis reads columns, the blocks become larger.
+        The columns of a block are computed when an analysis reads them, and only then need
+        memory. While no analysis reads columns, the blocks become larger.
 
         Parameters
         ----------
@@ -906,7 +906,7 @@ class BatchRunner:
         """
         pending_poles = self.pending_poles.pop(id(motion))
         # The poles in all rows that are not certified are computed here. `requests` states
-        # for each input which poles are needed.
+        # for each input which poles the analyses read.
         uncertified_poles = UncertifiedPoles(
             self.kernel, motion, self.requests, pending_poles.uncertified
         )
@@ -948,9 +948,9 @@ class BatchRunner:
 
         - On a path of samples, signs are such that directions are continuous from row to
           row.
-        - In a grid of inputs, rows do not follow each other. All directions of an assembly
-          mode have a positive component along one vector: the sum of all pair axes in the
-          first row of this mode.
+        - In a grid of inputs, successive rows are not successive positions of a motion. All
+          directions of an assembly mode have a positive component along one vector: the sum
+          of all pair axes in the first row of this mode.
 
         Parameters
         ----------
@@ -1000,7 +1000,7 @@ class BatchRunner:
         Parameters
         ----------
         samples
-            (n,) numbers of the samples, rising.
+            (n,) indices of the samples, rising.
         """
         position_analysis = self.sampling.position_analysis
         # (inputs, rows): the rows are all samples in the first assembly mode, then all
@@ -1037,7 +1037,7 @@ class BatchRunner:
             For each slice of successive rows, the rows between which the direction of a
             pole may reverse, and the largest error bounds of poles.
         """
-        # Numbers of the rows with a configuration, but with too large error bounds.
+        # Indices of the rows with a configuration, but with too large error bounds.
         uncertified = rows.uncertified
         is_uncertified = np.zeros(len(motion), dtype=bool)
         is_uncertified[uncertified] = True
@@ -1048,11 +1048,12 @@ class BatchRunner:
         is_assembled = ~rows.has_failed.reshape(shape)
         is_uncertified = is_uncertified.reshape(shape)
         # Poles are requested for each input that moves while the other inputs are locked.
-        # `requests` has one entry for each of these inputs.
+        # `requests` has one item for each of these inputs.
         input_count = len(self.requests)
         # A pole is a line, so its computed direction may reverse from one row to the next.
         # These are the rows in which it has to be compared with the row before. In a grid
-        # of inputs, rows do not follow each other, so no directions are compared.
+        # of inputs, successive rows are not successive positions, so no directions are
+        # compared.
         compared_rows_by_input = []
         if motion.is_path:
             for input_index in range(input_count):
@@ -1077,7 +1078,7 @@ class BatchRunner:
         Parameters
         ----------
         samples
-            (n,) numbers of the samples, rising. Each series of successive samples is
+            (n,) indices of the samples, rising. Each series of successive samples is
             predicted separately.
         rows
             The rows of the block: all samples in each assembly mode.
@@ -1099,7 +1100,7 @@ class BatchRunner:
         Parameters
         ----------
         samples
-            (n,) numbers of the samples of the block.
+            (n,) indices of the samples of the block.
         q
             (inputs, modes * n) inputs (rad): all samples in the first assembly mode, then
             all samples in the second mode, and so on.

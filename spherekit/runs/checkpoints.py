@@ -71,8 +71,8 @@ def resume_or_start(
             return new_state, MemoryTables()
         return new_state, _make_store(run_plan, run_folder, [])
 
-    # A run that was stopped. The keys of journals are those of earlier versions:
-    # "standing" is the state of the run, and "done" its number of finished samples.
+    # A run that was stopped. Journals keep the keys of earlier versions: "standing" is the
+    # state of the run, and "done" its number of finished samples.
     journal = run_folder.read_journal()
     try:
         differing = differences(journal["identity"], run_plan.identity)
@@ -135,8 +135,8 @@ def checkpointing(
         The state of the run: the number of samples done, and data that each block takes
         over from the block before.
     table_store
-        The rows of the result tables so far. A run can be resumed only if they are in
-        files.
+        The rows of the result tables that the run has written so far. A run can be resumed
+        only if they are in files.
     """
     # A resumed run begins with the samples that were saved before.
     saved_samples = run_state.samples_done

@@ -9,7 +9,7 @@ MAX_PROVEN_LOOPS = 6
 """Largest number of independent loops up to which a proof of the modes is proposed.
 
 An eight-bar has three loops. Larger: proofs are proposed that take hours. Smaller: users do
-not learn that a proof is possible.
+not learn that a proof could be computed.
 """
 
 
@@ -50,10 +50,10 @@ def describe_completeness(position_analysis: PositionAnalysis) -> str:
 def can_prove_modes(position_analysis: PositionAnalysis) -> bool:
     """Return whether a proof of the assembly modes is both needed and possible.
 
-    An assembly mode is a way to assemble the mechanism. A proof is needed if the search
-    could have missed a mode. The command ``spherekit certify`` can then prove that none is
-    missing. This is possible for mechanisms with one input that are constructed link by
-    link, and in which the profiles of contacts are circles.
+    An assembly mode is a way to assemble the mechanism. A proof of completeness is
+    worthwhile if the search could have missed a mode. The command ``spherekit certify`` can
+    then prove that none is missing. The command can do so for mechanisms with one input
+    that are constructed link by link, and in which all contact profiles are circles.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def can_prove_modes(position_analysis: PositionAnalysis) -> bool:
     """
     if not position_analysis.assembly_modes or len(position_analysis.inputs) != 1:
         return False
-    # No mode could be missed, so no proof is needed.
+    # No mode could be missed, so the text proposes no proof.
     if position_analysis.claim.guarantee in (Guarantee.CERTIFIED, Guarantee.COMPLETE):
         return False
     mechanism = position_analysis.mechanism

@@ -30,7 +30,8 @@ class ParameterTrade:
 
     Such a parameter trades speed for accuracy. The command runs the analysis with each
     value of the parameter. It compares one column of the results with the same column at
-    the most accurate value. It then recommends the quickest value for a wanted accuracy.
+    the most accurate value. It then recommends the quickest value that reaches the accuracy
+    asked for.
 
     Attributes
     ----------
@@ -39,7 +40,7 @@ class ParameterTrade:
     values
         Values of the parameter to try, the most accurate last.
     table, column
-        Names of the table and of the column whose numbers are compared.
+        Names of the table and of the column with the values that are compared.
     match
         Columns of texts that identify a row. Rows of two runs with the same texts in these
         columns are compared.

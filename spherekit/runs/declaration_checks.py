@@ -190,7 +190,7 @@ def _find_item_fault(field: str, item: Any, mechanism: Mechanism) -> str:
     field
         Name of the field of `Needs` that contains the item.
     item
-        The number of a link, a pole (numbers of two links, the smaller one first), or the
+        The index of a link, a pole (indices of two links, the smaller index first), or the
         name of a link or pair.
     mechanism
         The mechanism to which the item belongs.

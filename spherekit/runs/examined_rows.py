@@ -88,10 +88,9 @@ class OutputRows(ArrayRows):
         blocks. The list has place (time, first input or sample number), angle, rate, inputs
         and velocity ratios. NaN becomes None, because the list is stored as JSON.
 
-        If the output rests in the last row, place and rate are those of the last row in
-        which it moves. With them, the next block sees whether the rate changes its sign
-        after the rest. The other numbers serve to continue the angle, and stay those of the
-        last row.
+        If the output rests in the last row, place and rate come from the last row in which
+        the output moves. So the next block sees whether the rate changes its sign after the
+        rest. All other values serve to continue the angle, and come from the last row.
         """
         place, rate = self.places[-1], self.rates[-1]
         # Rows in which the rate is not zero up to rounding.
@@ -120,7 +119,7 @@ class OutputRows(ArrayRows):
 
         Rows in which the output rests are passed over, so the two rows need not be
         neighbours. A row of unknown rate (NaN) between them is a singular configuration.
-        The rate may jump there from one sign to the other, so such changes are left out.
+        The sign of the rate may jump there, so such changes are left out.
         """
         moving = self.find_moving()
         rates = self.rates[moving]
@@ -263,7 +262,7 @@ class ExaminedRows:
         """
         input_count, component_count = jacobian.shape[1:]
         is_known = self.is_ok[rows] & np.all(np.isfinite(jacobian), axis=(1, 2))
-        # Over time, the ranges are those of the speed, to which all inputs contribute.
+        # Over time, the ranges are ranges of the speed, to which all inputs contribute.
         if self.plan.is_path and output.variable is None and not self.plan.moves_over_time:
             overview.add_reversals(np.where(is_known[:, None, None], jacobian, np.nan))
         if not np.any(is_known):
@@ -548,11 +547,11 @@ class ExaminedRows:
         segment
             Rows (samples) of a path, with angles without jumps.
         before, after
-            Numbers of the two rows, in which the rates have opposite signs.
+            Indices of the two rows. The rates in these rows have opposite signs.
         """
         rate_before = segment.rates[before]
         rate_after = segment.rates[after]
-        # The rates are derivatives of the angle with respect to the time, or by the single
+        # The rates are derivatives of the angle with respect to time, or to the single
         # input.
         if self.plan.moves_over_time:
             path = segment.places  # times
@@ -639,8 +638,8 @@ def _link_rates(motion: Motion) -> Floats:
         variable_rates = np.zeros((len(motion), motion.values.shape[1]))
         variable_rates[:, driven] = 1.0
         if passive:
-            # The passive variables change so that the loops stay closed. The inverse is
-            # that of the columns of the passive variables in the Jacobian.
+            # The passive variables change so that the loops stay closed. The inverse
+            # belongs to the columns of the passive variables in the Jacobian.
             closing = -motion.closure_inverse @ jacobian[:, :, driven, None]
             variable_rates[:, passive] = closing[:, :, 0]
         # (n, variables, 3) the angular velocity between the two links of a pair, per unit

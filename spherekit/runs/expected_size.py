@@ -70,11 +70,11 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
         - ``assembly_modes``: the number of assembly modes (ways to assemble the mechanism).
           It is known only if all groups are dyads (two links with three R pairs) and there
           are not many poles. In all other cases the search for modes can take long. The
-          entry is then None, and all other numbers are those of a single assembly mode.
+          value is then None, and all other numbers hold for a single assembly mode.
         - ``configurations``: the number of configurations.
-        - ``tables``: for each table the numbers of its rows, columns and bytes.
+        - ``tables``: for each table how many rows, columns and bytes it has.
         - ``velocity_equation_solves``: how often velocity equations are solved.
-        - ``not_predicted``: names of the analyses whose tables are not predicted.
+        - ``not_predicted``: names of the analyses for which no table sizes are predicted.
 
         If nothing is predicted, the only entry is ``reason``, which says why.
 

@@ -1,4 +1,4 @@
-"""Figures of merit: one number of a design in an assembly mode, from its rows."""
+"""Figures of merit: one number for a design in an assembly mode, from the result rows."""
 
 import re
 from dataclasses import dataclass
@@ -58,7 +58,7 @@ class FigureOfMerit:
         The input (rad) at which the reduction ``at`` takes the expression: one number for
         each input.
     table
-        The table ``ANALYSIS.TABLE`` whose rows are reduced. None for quantities of a
+        The table ``ANALYSIS.TABLE`` that has the rows to reduce. None for quantities of a
         configuration, which need no analysis.
     meaning
         Meaning of the figure in a few words, such as ``largest driving torque``. The
@@ -66,8 +66,8 @@ class FigureOfMerit:
     only
         Names and texts of columns of the table. Only rows with these texts are reduced.
     place
-        With several inputs, the driven pair whose variable the reductions ``argmin`` and
-        ``argmax`` return.
+        With several inputs, the driven pair with the variable that the reductions
+        ``argmin`` and ``argmax`` return.
     """
 
     name: str

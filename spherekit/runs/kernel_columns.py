@@ -38,8 +38,8 @@ RowSlice = tuple[int, slice]
 class ColumnKey(NamedTuple):
     """Identifies a column of numbers: one quantity of a pole or link in all rows.
 
-    A row is one sample in one assembly mode (way to assemble the mechanism). The rows are
-    those of a block of samples that are computed together. A pole is the axis about which
+    A row is one sample in one assembly mode (way to assemble the mechanism). The rows
+    belong to a block of samples that are computed together. A pole is the axis about which
     one link rotates relative to another. Compiled functions compute a column when it is
     read.
 
@@ -88,8 +88,8 @@ def split_rows(mode_count: int, sample_count: int, size: int) -> list[RowSlice]:
     """Return the rows of all assembly modes in slices of at most `size` rows.
 
     A row is one sample in one mode. The first `sample_count` rows belong to the first mode,
-    the next ones to the second mode, and so on. The result has the index of the mode and
-    the rows of each slice, which never contains two modes.
+    the next `sample_count` rows to the second mode, and so on. The result has the index of
+    the mode and the rows of each slice, which never contains two modes.
     """
     return [
         (mode, slice(start, min(start + size, (mode + 1) * sample_count)))
@@ -103,8 +103,8 @@ class UncertifiedPoles:
 
     A pole is the axis about which one link rotates relative to another. The kernel, a set
     of compiled functions for many rows, certifies a row if its error bounds are small
-    enough. In the other rows, slower functions evaluate the poles, and their results are
-    used in place of those of the kernel.
+    enough. In the other rows, slower functions evaluate the poles, and these results
+    replace the results of the kernel.
 
     Attributes
     ----------
@@ -141,13 +141,13 @@ class UncertifiedPoles:
         requests
             The poles to evaluate, for each input that moves while the others are locked.
         rows
-            (u,) numbers of the uncertified rows in the block, rising.
+            (u,) indices of the uncertified rows in the block, rising.
         """
         self.rows = rows
         self._reversible_poles = [
             input_columns.reversible_poles for input_columns in kernel.input_columns
         ]
-        # One field for each moving input, with all numbers of its poles in these rows.
+        # One field for each moving input, with all values of its poles in these rows.
         self.fields: list[PoleField] = []
         if len(rows):
             configurations = motion.rows(rows)
@@ -187,11 +187,11 @@ class UncertifiedPoles:
     def put_into_unsigned(
         self, poles: UnsignedPoles, input_index: int, rows: Indices
     ) -> None:
-        """Replace the numbers of the kernel in uncertified rows, in place.
+        """Replace the values of the kernel (compiled code) in uncertified rows, in place.
 
         A kernel (compiled functions) has computed the poles (axes of the relative rotation
         of two links) in all rows. In uncertified rows its errors may be too large, and more
-        accurate results replace its numbers.
+        accurate results replace the values of the kernel.
 
         Parameters
         ----------
@@ -222,11 +222,11 @@ class UncertifiedPoles:
             poles.velocity_rates[:, pole_index, replaced] = velocity_rate[field_rows].T
 
     def put_into_column(self, key: ColumnKey, column: Floats, rows: slice) -> None:
-        """Replace the numbers of a column of the kernel in uncertified rows, in place.
+        """Replace the values of a kernel column in uncertified rows, in place.
 
-        A column has one number of a pole or link in each row (sample in an assembly mode).
-        A kernel (compiled functions) has computed it. In uncertified rows its errors may be
-        too large, and more accurate results replace its numbers.
+        A column has one value of a pole or link in each row (sample in an assembly mode). A
+        kernel (compiled functions) has computed it. In uncertified rows its errors may be
+        too large, and more accurate results replace the values of the kernel.
 
         Parameters
         ----------
@@ -283,7 +283,7 @@ def evaluate_unsigned_poles(
     input_index: int,
     rows: Indices,
 ) -> UnsignedPoles:
-    """Return the poles whose sense of direction is chosen later, in some rows.
+    """Return the poles with a sense of direction that is chosen later, in some rows.
 
     A pole is the axis about which one link rotates relative to another. It is a line, so
     its direction can have two senses. A pole that is the axis of a pair (joint) has a fixed
@@ -296,12 +296,12 @@ def evaluate_unsigned_poles(
     motion
         The configurations of the block.
     uncertified_poles
-        The poles in rows where the errors of the kernel may be too large. They replace the
-        numbers of the kernel.
+        The poles in rows where the errors of the kernel may be too large. These poles
+        replace the values of the kernel.
     input_index
         Index of the input that moves while the others are locked.
     rows
-        (k,) numbers of the rows in the block.
+        (k,) indices of the rows in the block.
     """
     poles = _evaluate_unsigned_by_kernel(kernel, input_index, motion.values.T[:, rows])
     uncertified_poles.put_into_unsigned(poles, input_index, rows)
@@ -382,8 +382,8 @@ class KernelColumns:
         self.requests = requests
         self.uncertified_poles = uncertified_poles
         self._sign_functions = sign_functions
-        # Whether a column was read. As long as no column is read, little memory is needed,
-        # so the run makes the next blocks longer.
+        # Whether a column was read. As long as no column is read, the rows take little
+        # memory, so the run makes the next blocks (groups of samples) longer.
         self.was_read = False
         # For the n rows of the block: (variables, n) pair variables (rad), and (n,) whether
         # the row has failed.
@@ -401,8 +401,8 @@ class KernelColumns:
     def read(self, keys: Sequence[ColumnKey], reader: Reader) -> None:
         """Compute some columns slice by slice, and pass them to a reader.
 
-        A column has one number of a pole or link in each row (sample in an assembly mode).
-        A slice is a number of successive rows that fits into the cache of the processor.
+        A column has one value of a pole or link in each row (sample in an assembly mode). A
+        slice is a number of successive rows that fits into the cache of the processor.
 
         Parameters
         ----------
@@ -410,8 +410,8 @@ class KernelColumns:
             The columns to compute.
         reader
             Function that is called for each slice, perhaps in several threads. Its
-            arguments are the slice of rows, and a list of the numbers (k,) of each column
-            in these rows.
+            arguments are the slice of rows, and a list of the values (k,) of each column in
+            these rows.
         """
         self.was_read = True
         read_slice = partial(self._read_slice, keys, reader)
@@ -422,7 +422,7 @@ class KernelColumns:
     ) -> None:
         """Compute some columns of one slice of rows, and pass them to a reader.
 
-        A column has one number of a pole or link in each row (sample in an assembly mode).
+        A column has one value of a pole or link in each row (sample in an assembly mode).
 
         Parameters
         ----------
@@ -489,17 +489,17 @@ class KernelColumns:
     def _replace_numbers(self, key: ColumnKey, column: Floats, rows: slice) -> Floats:
         """Return a column with the right numbers in failed and in uncertified rows.
 
-        A column has one number of a pole or link in each row (sample in an assembly mode).
+        A column has one value of a pole or link in each row (sample in an assembly mode).
         Failed rows have no configuration, and become NaN. In uncertified rows the errors of
         the kernel (compiled functions) may be too large, and more accurate results replace
-        its numbers.
+        the values of the kernel.
 
         Parameters
         ----------
         key
             Identifies the column: input that moves, quantity, pole or link, and component.
         column
-            (k,) the numbers of the kernel.
+            (k,) the values that the kernel has computed.
         rows
             The k successive rows of the block to which the numbers belong.
         """
@@ -587,7 +587,7 @@ class LazyField:
         is_quad_precision, is_decimal = np.zeros((2, n), dtype=bool)
         relative_error_bound = np.where(motion.failed, np.nan, 0.0)
         pole_status = dict.fromkeys(self._column_indices["direction"], status)
-        # The other rows have the numbers of the ordinary functions.
+        # The uncertified rows have the values of the ordinary functions.
         if uncertified_poles.fields:
             field = uncertified_poles.fields[input_index]
             status = _replace_rows(status, uncertified, field.status)
@@ -646,7 +646,7 @@ class LazyField:
         # (compiled functions). Only their number is used here.
         for quantity, indices_by_subject in self._column_indices.items():
             for subject, indices in indices_by_subject.items():
-                # Successive numbers of a component are adjacent in memory.
+                # Successive values of a component are adjacent in memory.
                 components = np.empty((len(indices), n))
                 for component_index, component_values in enumerate(components):
                     key = ColumnKey(self._input_index, quantity, subject, component_index)
@@ -682,7 +682,7 @@ class LazyField:
         name
             Name of the quantity in `PoleField`, such as ``"direction"``.
         pole
-            Numbers of the two links, the smaller one first.
+            Indices of the two links, the smaller one first.
         k
             Index of the component if the quantity is a vector, otherwise 0.
 
@@ -699,7 +699,7 @@ class LazyField:
 
 
 def largest_errors(field: PoleField) -> dict[str, float]:
-    """Return the largest value of each error bound in `REPORTED_ERRORS`, by its name.
+    """Return, by name, the largest value of each error bound in `REPORTED_ERRORS`.
 
     It is the largest over all poles (axes of relative rotation of two links) and rows. Only
     finite bounds in rows with the status OK count. Without such a bound it is -inf.

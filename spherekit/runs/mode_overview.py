@@ -18,8 +18,8 @@ MAX_LIST_ENTRIES = 32
 """Number of entries that each list of an overview has at most.
 
 The lists are the spans of samples with one status, and for each output the places of rest,
-the uncertain ones, and the places of type I singularities. Further entries are counted
-only. Larger: more of them are listed, and the state of a run is larger.
+the uncertain ones, and the places of type I singularities. Further items are counted only.
+Larger: more items are listed, and the stored state of a run is larger.
 """
 
 REVERSAL_SHARE = 0.02
@@ -27,13 +27,13 @@ REVERSAL_SHARE = 0.02
 
 The curvature of the velocity between two rows moves the line by a similar share. Larger:
 velocities that only come close to zero count as zero; smaller: zeros between distant rows
-are not noticed, and the least velocity ratio is that of a row.
+are not noticed, and the least velocity ratio is read at a row, not between rows.
 """
 
 EQUAL_MINIMA_TOLERANCE = 1e-9
 """Minima that differ by less are equal, and the first of them is reported.
 
-The minima are those of transmission angles (rad), transmission measures and singular
+The minima are minima of transmission angles (rad), transmission measures and singular
 values. Larger: places of minima are less accurate; smaller: rounding errors choose among
 equal minima.
 """
@@ -100,9 +100,9 @@ class OutputOverview:
     last_row
         The last examined row of a path, which the next block needs: place, angle (rad),
         rate, inputs (rad) and velocity ratios, with None in place of NaN. If the output
-        rests in this row, place and rate are those of the last row in which it moves. The
-        attribute is None for outputs without a fixed axis, on a grid, and if the last row
-        has no configuration.
+        rests in this row, place and rate come from the last row in which the output moves.
+        The attribute is None for outputs without a fixed axis, on a grid, and if the last
+        row has no configuration.
     turning_error_rad
         Largest estimated error (rad) of an angle at which the output turns back between
         two samples.
@@ -376,7 +376,7 @@ class ModeOverview:
     ----------
     spans
         Spans of successive samples with the same status, by the name of the status: the
-        numbers of the first and the last sample. At most `MAX_LIST_ENTRIES` are stored for
+        indices of the first and the last sample. At most `MAX_LIST_ENTRIES` are stored for
         each status.
     unlisted_spans
         Number of the spans that are not stored, by status.
@@ -433,7 +433,7 @@ class ModeOverview:
 
 
 def first_minimum(values: Floats) -> int:
-    """Return the number of the row with the least value, the first one if several agree.
+    """Return the index of the row with the least value, the first row if several agree.
 
     Values within `EQUAL_MINIMA_TOLERANCE` agree, so rounding does not choose the row.
 
@@ -448,7 +448,7 @@ def first_minimum(values: Floats) -> int:
 def update_minimum(
     minimum: list[float] | None, values: Floats, places: Floats
 ) -> list[float] | None:
-    """Return the least value so far and its place, with the values of further samples.
+    """Return the updated least value and its place after the values of further samples.
 
     A smaller value replaces the earlier minimum only if it is less by more than
     `EQUAL_MINIMA_TOLERANCE`. Of minima that differ only by rounding, the first one stays.

@@ -28,7 +28,7 @@ class MotionOverview:
     Attributes
     ----------
     modes
-        The overview of each mode, by its number as text.
+        The overview of each mode, keyed by the index of the mode as text.
     """
 
     modes: dict[str, ModeOverview] = field(default_factory=dict)
@@ -92,7 +92,7 @@ class MotionOverview:
         """Add the status of each configuration to the overview of its assembly mode.
 
         A status tells whether the mechanism closes, or why it does not. `motion` has the
-        configurations of one block of samples. `first_sample` is the number of its first
+        configurations of one block of samples. `first_sample` is the index of this first
         sample in the whole run.
         """
         # The rows of a mode follow each other, one for each sample of the block.

@@ -10,18 +10,18 @@ class Needs:
     """Declares which quantities an analysis reads from a `Batch`.
 
     A `Batch` has the results for a group of samples. A run evaluates only what its analyses
-    declare. A pole is the axis about which one link rotates relative to another. It is
-    given by the numbers of both links, the smaller one first. Pairs are given by name, and
-    so are links in `rotations` and `link_rates`.
+    declare. A pole is the axis about which one link rotates relative to another. A pole is
+    stated by the indices of both links, the smaller index first. Pairs are given by name,
+    and so are links in `rotations` and `link_rates`.
 
     Attributes
     ----------
     directions
-        Poles whose axis direction is read.
+        Poles for which the axis direction is read.
     rates
-        Poles whose direction and velocity coefficient (angular velocity about the pole per
-        unit rate of the input) are read. With `derivatives` their acceleration coefficient
-        can be read too.
+        Poles for which the direction and velocity coefficient (angular velocity about the
+        pole per unit rate of the input) are read. With `derivatives`, the acceleration
+        coefficient of these poles can be read too.
     derivatives
         Whether derivatives with respect to the input are read, for the poles and links in
         `rates`, `turns` and `link_rates`.
@@ -29,25 +29,25 @@ class Needs:
         Poles that are found as the intersection of two great circles, of which these
         circles are read.
     pair_values
-        Pairs whose variable is read, in rad within (-pi, pi].
+        Pairs for which the variable is read, in rad within (-pi, pi].
     continued_values
-        Pairs whose variable is read without jumps of whole revolutions.
+        Pairs for which the variable is read without jumps of whole revolutions.
     rotations
-        Links whose rotation matrix is read.
+        Links for which the rotation matrix is read.
     link_rates
-        Links whose angular velocity per unit rate of the input is read.
+        Links for which the angular velocity per unit rate of the input is read.
     pair_rates
-        Pairs whose rate per unit rate of the input is read.
+        Pairs for which the rate per unit rate of the input is read.
     time
         Whether the time of each row and the rates and accelerations of the inputs are read.
     tracer
         Whether the analysis uses the position analysis of the run, in order to compute
         other configurations than those of the samples, such as those along a curve.
     turns
-        Poles whose axis turns are read: the derivatives of the axis direction with respect
-        to the input. They need `derivatives`.
+        Poles for which the turning of the axis is read: the derivatives of the axis
+        direction with respect to the input. They need `derivatives`.
     links
-        Numbers of the links that an analysis with `tracer` reads. If the set is empty, the
+        Indices of the links that an analysis with `tracer` reads. If the set is empty, the
         analysis reads all links. The set has no meaning in a `union` of needs.
     """
 

@@ -27,7 +27,7 @@ Larger: narrow extremes are met more often, and long runs take more time.
 
 @dataclass(frozen=True)
 class ExaminedOutput:
-    """An output whose motion the overview examines: a link, or a direction on it.
+    """An output with a motion that the overview examines: a link, or a direction on a link.
 
     Attributes
     ----------
@@ -36,13 +36,13 @@ class ExaminedOutput:
     label
         Its name for the screen: that in the file, and its links such as ``4/1``.
     link, reference
-        Numbers of the link that moves, and of the link relative to which it moves.
+        Indices of the link that moves, and of the link relative to which it moves.
     variable
-        Number of the variable (angle) of the pair that joins both links. None if there is
-        no such pair, or if the output is a direction.
+        Index of the variable (angle) of the pair that joins both links. None if there is no
+        such pair, or if the output is a direction.
     sense
         +1 if this variable is the angle of the link relative to the reference, and -1 if
-        it is that of the reference relative to the link.
+        this variable is the angle of the reference relative to the link.
     direction
         (3,) the direction in which the output points, in the axes of its link. None if
         the output is the orientation of the link.
@@ -81,7 +81,7 @@ def examined_outputs(mechanism: Mechanism) -> tuple[ExaminedOutput, ...]:
     ]
     if outputs:
         return tuple(outputs)
-    # The ground is link 0, so the larger number is that of the other link.
+    # The ground is link 0, so the larger index belongs to the link that is not the ground.
     links = [max(ends) for ends in mechanism.ends if 0 in ends]
     candidates = [link for link in dict.fromkeys(links) if {0, link} not in input_ends]
     if not candidates:
@@ -150,7 +150,7 @@ class OverviewPlan:
 
     @cached_property
     def outputs(self) -> tuple[ExaminedOutput, ...]:
-        """The outputs whose motion is examined."""
+        """The outputs for which the motion is examined."""
         return examined_outputs(self.mechanism)
 
     @cached_property
@@ -161,7 +161,7 @@ class OverviewPlan:
 
     @cached_property
     def joining_dyads(self) -> list[Group | None]:
-        """For each output the dyad whose transmission angle is stated for it, or None.
+        """For each output the dyad that supplies the stated transmission angle, or None.
 
         A dyad is a group of two links with three R pairs (revolute joints).
 

@@ -33,11 +33,11 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
     - ``ratio``: unit of the entries that end with ``_ratio``; empty for velocity ratios.
     - ``outputs``: their labels, links, whether they turn about a fixed axis, and the pair
       at which their transmission angle is taken.
-    - ``modes``: for each mode by number the places between which it closes, those of
-      other statuses, the least transmission angle of all dyads, and for each output the
-      range of its angle, its velocity ratios, its least transmission angle and measure,
-      how near it is to singularities of type I, and where it comes to rest.
-      ``excess_between_samples`` has estimates by how much these extremes are exceeded
+    - ``modes``: for each mode, keyed by index: the places between which the mechanism
+      closes, the places with other statuses, the least transmission angle of all dyads, and
+      for each output the range of its angle, its velocity ratios, its least transmission
+      angle and measure, how near it is to singularities of type I, and where it comes to
+      rest. ``excess_between_samples`` has estimates by how much these extremes are exceeded
       between samples: the angle in rad, the ratio, and the transmission angle in rad (or
       the measure, if there is no such angle).
     """
@@ -152,9 +152,10 @@ def _summarize_excess(output: OutputOverview) -> Facts:
     measure instead. Only small values of the transmission matter, so its maxima are left
     out.
     """
-    # There are two estimates for the angle. Only one of them is used, the other is 0. If
-    # the rates are unknown, parabolas through successive samples exceed the samples. If
-    # they are known, turning points between samples are computed from them, with an error.
+    # There are two estimates for the angle. Only one estimate is used, and the second is 0.
+    # If the rates are unknown, parabolas through successive samples exceed the samples. If
+    # the rates are known, turning points between samples are computed from them, with an
+    # error.
     parabola_excess = output.smooth_angle.excess(output.lowest_rad, output.highest_rad)
     angle_excess = max(parabola_excess, output.turning_error_rad)
     ratios = [
@@ -182,8 +183,8 @@ def _summarize_jacobian(plan: OverviewPlan, output: OutputOverview) -> Facts | N
     At type I the smallest singular value of the output's velocity Jacobian is zero. A place
     identifies a sample by its time, its first input or its number. The result has the range
     of the smallest singular value, and the place and inputs of its least value. The places
-    of type I are those at which the determinant of the Jacobian changes its sign. The last
-    number counts the places that are not listed.
+    of type I are the places at which the determinant of the Jacobian changes sign. The last
+    item of the result counts the places that are not listed.
     """
     if output.gain is None:
         return None
@@ -203,8 +204,8 @@ def _summarize_jacobian(plan: OverviewPlan, output: OutputOverview) -> Facts | N
 def _inputs_at(plan: OverviewPlan, place: float) -> list[float]:
     """Return the inputs (rad) at a place of the run, for the summary.
 
-    A place is a time (s), a value of the first input (rad) or the number of a sample. Which
-    of these it is depends on the run. Between samples of a path the inputs are
+    A place is a time (s), a value of the first input (rad) or the number of a sample. The
+    run decides which of these is used. Between samples of a path the inputs are
     interpolated. In a grid of inputs the place is the number of a sample.
     """
     if not plan.is_path:

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator
 
 SECTIONS_OF_PARAMETERS = ("Parameters", "Attributes")
-"""Headings of the sections whose entries are parameters."""
+"""Headings of the docstring sections that list parameters."""
 
 
 def parameter_meanings(cls: type) -> dict[str, str]:

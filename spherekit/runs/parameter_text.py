@@ -94,7 +94,8 @@ def read_fields(
         Function of the faulty key in a tuple (empty if no single key is at fault) and a
         message, which returns the error to raise.
     key_of_field
-        Keys by field name, for fields whose key in the text differs from their name.
+        For fields with a key in the text that differs from the field name: the key, by
+        field name.
 
     Returns
     -------
@@ -154,7 +155,8 @@ def parse_fields(
     cls, name
         The dataclass, and its name in messages.
     key_of_field
-        Keys by field name, for fields whose key in the text differs from their name.
+        For fields with a key in the text that differs from the field name: the key, by
+        field name.
     angle_unit
         Unit of angles without a unit.
     readers

@@ -21,7 +21,7 @@ class PendingRows:
     Attributes
     ----------
     sample
-        (k,) numbers of the samples.
+        (k,) indices of the samples.
     inputs, values, status
         (modes, k, ...) input angles and pair variables (rad), and codes that tell whether
         the mechanism closes.

@@ -42,7 +42,7 @@ class ReversalGaps:
     Attributes
     ----------
     rows_before, rows_after
-        (k,) numbers of the rows at the beginning and at the end of each gap.
+        (k,) indices of the rows at the beginning and at the end of each gap.
     """
 
     rows_before: Indices
@@ -58,7 +58,7 @@ class ReversalGaps:
         Parameters
         ----------
         rows
-            (n,) numbers of the rows, rising.
+            (n,) indices of the rows, rising.
         positions
             (k,) positions, from 0 to n - 2, of the rows at which gaps begin.
         """
@@ -164,7 +164,7 @@ def find_slice_reversals(
 
 
 def _keeps_direction(first: Floats, second: Floats) -> Bools:
-    """Return which of the vectors (..., 3) surely do not reverse from first to second."""
+    """Return a mask of vectors (..., 3) that do not reverse from first to second."""
     squared = np.vecdot(first, first) * np.vecdot(second, second)
     return np.vecdot(first, second) >= MIN_DIRECTION_COSINE * np.sqrt(squared)
 
@@ -172,9 +172,10 @@ def _keeps_direction(first: Floats, second: Floats) -> Bools:
 def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
     """Return the rows after which a pole direction may reverse.
 
-    A pole is the axis about which one link rotates relative to another. Its direction is
-    that of the relative angular velocity. It may reverse between two rows if the scalar
-    product of the velocities in these rows is not clearly positive.
+    A pole is the axis about which one link rotates relative to another. The direction of
+    the pole is the direction of the relative angular velocity. This direction may reverse
+    between two rows if the scalar product of the velocities in these rows is not clearly
+    positive.
 
     In most cases no direction reverses, and a bound for all rows together shows this fast.
     Otherwise each half of the rows is treated in the same way. Small numbers of rows are
@@ -213,13 +214,14 @@ def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
 class VelocityBounds:
     """Bounds of relative angular velocities, valid in several rows (configurations).
 
-    Each pole has two links. It is the axis about which one rotates relative to the other.
+    Each pole has two links. The pole is the axis about which one link rotates relative to
+    the other link.
 
     Attributes
     ----------
     least, greatest
         (poles, 3) lower and upper bound, over all rows, of the x, y and z component of the
-        angular velocity of one link relative to the other.
+        angular velocity of the second link relative to the first.
     """
 
     least: Floats
@@ -232,9 +234,9 @@ def _bound_relative_velocities(
     """Return bounds of the relative angular velocities of the two links of each pole.
 
     A pole is the axis about which one link rotates relative to another. The bounds are
-    valid at all n rows together. The relative velocity is that of the second link minus
-    that of the first. So its lower bound is the least velocity of the second minus the
-    greatest of the first.
+    valid at all n rows together. The relative velocity is the velocity of the second link
+    minus the velocity of the first. So the lower bound is the least velocity of the second
+    link minus the greatest velocity of the first.
 
     Parameters
     ----------
@@ -258,7 +260,7 @@ def _keeps_all_directions(bounds: VelocityBounds) -> bool:
 
     For each pole, the bounds limit the three components of the relative angular velocity of
     its two links at many samples. The pole is the axis of this rotation. If its directions
-    at any two samples are less than a right angle apart, the pole surely does not reverse.
+    at any two samples are less than a right angle apart, the pole is proven not to reverse.
     Because of rounding, the cosine of the angle between them has to be at least
     `MIN_DIRECTION_COSINE`.
 
@@ -326,7 +328,7 @@ def find_compared_rows(
         samples = np.flatnonzero(is_assembled_in_mode)
         if not len(samples):
             continue
-        # The rows of a mode follow each other in the block, one for each sample.
+        # In the block, the rows of one mode are adjacent, one for each sample.
         rows = samples + mode * len(is_assembled_in_mode)
         uncertified_gaps = _gaps_beside(rows, is_uncertified[mode, samples])
         compared_rows[mode] = _compare_at_gaps(
@@ -400,7 +402,7 @@ def _compare_at_gaps(rows: Indices, gap_lists: Sequence[ReversalGaps]) -> Compar
         (n,) the successive rows (samples) of an assembly mode.
     gap_lists
         The gaps. They can overlap: a gap between two rows with small error bounds can
-        contain the gaps beside a row with large ones.
+        contain the gaps beside a row with large bounds.
     """
     gap_starts = np.concatenate([gaps.rows_before for gaps in gap_lists])
     gap_ends = np.concatenate([gaps.rows_after for gaps in gap_lists])
@@ -417,12 +419,12 @@ def _compare_at_gaps(rows: Indices, gap_lists: Sequence[ReversalGaps]) -> Compar
 
 
 def _find_covered_steps(starts: Indices, ends: Indices, point_count: int) -> Bools:
-    """Return which steps between successive points are covered by an interval.
+    """Return a mask of the steps between successive points that an interval covers.
 
     Parameters
     ----------
     starts, ends
-        (k,) numbers of the points (from 0) at which k intervals begin and end. The
+        (k,) indices of the points (from 0) at which k intervals begin and end. The
         intervals can overlap.
     point_count
         Number n of points.

@@ -47,7 +47,7 @@ refuted.
 """
 
 PROVEN_ANALYSIS = "poles"
-"""Name of the analysis whose rows are enclosed."""
+"""Name of the analysis with the rows that are enclosed."""
 
 HOLDS = "holds"
 """Finding: the error is proven to be within its bound."""
@@ -180,7 +180,7 @@ class ProvenPoles:
     data
         Columns of the table, one row for each pole in each proven configuration.
     counts
-        For each kind of bound, by its name in messages: the number of rows with each
+        For each kind of bound, by the name used in messages: the number of rows with each
         finding, such as that the bound is proven to be exceeded.
     """
 
@@ -276,13 +276,13 @@ def prove_poles(
 
     A pole is the axis about which one link rotates relative to another. The run states two
     error bounds for each pole: of its axis, and of its velocity coefficient (the rate of
-    this rotation per unit rate of the input). Here the numbers of the pole are enclosed in
-    balls: numbers of many digits with proven error bounds. The balls show how large the
-    errors of the run are, and whether the bounds of the run are right.
+    this rotation per unit rate of the input). Here the axis and coefficient of the pole are
+    enclosed in balls: numbers of many digits with proven error bounds. The balls show how
+    large the errors of the run are, and whether the bounds of the run are right.
 
     The proof uses the decimal numbers of the mechanism's file, without rounding to float64.
-    Rows of the run that failed, or whose configuration cannot be proven to exist, get no
-    enclosure.
+    Rows of the run that failed get no enclosure. Rows with a configuration that cannot be
+    proven to exist get none either.
 
     Parameters
     ----------
@@ -328,7 +328,7 @@ def prove_poles(
 def _enclose_run_poles(
     mechanism: Mechanism, motion: TableArrays
 ) -> dict[PoleKey, EnclosedPole]:
-    """Return the enclosed poles at all configurations of a run whose existence is proven.
+    """Return the enclosed poles at all configurations of a run that are proven to exist.
 
     A pole is the axis about which one link rotates relative to another. A configuration is
     proven if the closure equations have a root in small balls (numbers with error bounds)
@@ -367,7 +367,7 @@ def _enclose_run_poles(
             ]
             variables = decimal_mechanism.known_angles(exact_inputs)
             if unknown_count:
-                # The equations have complex roots too. Only real ones are configurations.
+                # The equations have complex roots too. Only real roots are configurations.
                 approximation = [*map(complex, run_values[:unknown_count])]
                 root = find_root(equations, variables, approximation)
                 is_proven = bool(root and root.real)
@@ -410,7 +410,7 @@ def check_provable(
     analyses
         Names of the analyses of the run.
     has_all_pairs
-        Whether the run computes all links and pairs, instead of the needed ones only.
+        Whether the run computes all links and pairs, or only those that the analysis reads.
 
     Raises
     ------

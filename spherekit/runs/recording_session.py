@@ -152,7 +152,7 @@ class RecordingSession:
         )
 
     def summary(self) -> dict[str, int]:
-        """Return which samples the recording has, ready for JSON."""
+        """Return which samples the recording (file for the viewer) has, ready for JSON."""
         return {"one_of": self._every, "from_sample": self._first_sample}
 
     def show_simulation_progress(self, sampling: Sampling) -> None:
@@ -165,7 +165,8 @@ class RecordingSession:
         Parameters
         ----------
         sampling
-            All samples, and the part of the simulation that is solved so far.
+            All samples, and the part of the simulation up to the time that is solved so
+            far.
         """
         assert sampling.t is not None and sampling.simulation is not None
         # `end.t` is the time (s) that the simulation has reached so far. Only every
@@ -239,7 +240,7 @@ class RecordingSession:
         return motion, is_recorded
 
     def _is_recorded(self, sample: Integers) -> Bools:
-        """Return (n,) whether the samples with the numbers (n,) are recorded."""
+        """Return a mask (n,): whether the samples with the indices (n,) are recorded."""
         sample_count = len(self._sampling)
         is_last_of_path = (sample == sample_count - 1) & (self._row_length is None)
         index_in_row = sample % (self._row_length or sample_count)
@@ -305,8 +306,8 @@ class RecordingSession:
     def _axes(self, motion: Motion) -> tuple[Axis, ...]:
         """Return the axes over which values at the samples of a block are plotted.
 
-        They are the time if the samples are times, and otherwise each input. The range of
-        an axis is that of the whole run, so that plots of all blocks agree.
+        The axes are the time if the samples are times, and otherwise each input. The range
+        of an axis covers the whole run, so that plots of all blocks agree.
 
         Parameters
         ----------
@@ -322,7 +323,7 @@ class RecordingSession:
         names = motion.mechanism.input_pairs
         has_one_input = len(names) == 1
         # `extents[0]` (2, inputs) are the least and greatest inputs (rad), `extents[1]` are
-        # those of their rates.
+        # the least and greatest rates.
         input_ranges = self._sampling.extents[0].T.tolist()
         return tuple(
             Axis(f"input {name}" if has_one_input else name, "rad", values, input_range)

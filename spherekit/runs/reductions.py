@@ -56,8 +56,8 @@ class Reduction:
     meaning
         Its meaning in a few words.
     reduce
-        Function that returns the number (n,) of each mode. It ignores NaN, and returns NaN
-        if all values are NaN.
+        Function that returns the reduced value (n,) of each mode. It ignores NaN, and
+        returns NaN if all values are NaN.
     weights
         Function that returns the derivatives (k,) of the number with respect to the values
         at the k samples, for a single mode. Its arguments are the values and the number.

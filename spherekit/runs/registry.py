@@ -81,7 +81,7 @@ def list_distributions(name: str) -> str:
 
 
 def analysis_names() -> Names:
-    """Return the names of all installed analyses, broken ones too, sorted."""
+    """Return the names of all installed analyses, including broken analyses, sorted."""
     return tuple(sorted({*_find_entry_points(), *_registered_classes}))
 
 
@@ -185,7 +185,8 @@ def create_analysis(request: str, angle_unit: AngleUnit = "rad") -> AbstractAnal
     request
         The name and the parameters of the analysis.
     angle_unit
-        The unit of an angle that is written without a unit. It is that of the mechanism.
+        The unit of an angle that is written without a unit. It is the angle unit of the
+        mechanism.
 
     Raises
     ------

@@ -96,15 +96,16 @@ def need_disk_for_run(
     """Raise `OutputError` if the disk has no room for the tables of a run.
 
     The rows of a run are first stored in a work folder, block by block. At the end the
-    tables are written from them, and only then the stored rows are removed. So both need
-    space at the same time. The sizes are extrapolated from the rows stored so far.
+    tables are written from them, and only then the stored rows are removed. So the stored
+    rows and the tables need space at the same time. The sizes are extrapolated from the
+    rows stored so far.
 
     Parameters
     ----------
     store
-        The rows that are stored so far.
+        The rows that the run has stored so far.
     samples_done, sample_count
-        Numbers of samples whose rows are stored, and of all samples.
+        How many samples have stored rows, and how many samples there are in all.
     formats
         Formats of the tables. None for the default, which includes CSV only if the tables
         are small enough in this format.

@@ -280,7 +280,7 @@ class RunFolder:
             If a file cannot be moved, or would replace a file that no run has written.
         """
         finished_folder = self.work / FINISHED
-        # The size in bytes of each file of the run, by its name.
+        # The size in bytes of each file of the run, by file name.
         listed_names = _signed_summary(finished_folder / SUMMARY)[FILE_BYTES]
         # For safety, names with a folder are left out. A run writes none.
         names = [*(name for name in listed_names if Path(name).name == name), SUMMARY]
@@ -305,7 +305,8 @@ def has_unfinished_work(path: Path) -> bool:
 
 def sign_summary(summary: Mapping[str, Any]) -> dict[str, Any]:
     """Return a summary with a signature, by which later runs see that a run wrote it."""
-    # The checksum is that of the summary as it is read again: without tuples, for example.
+    # The checksum is computed from the summary as it is read again: without tuples, for
+    # example.
     return {**summary, SIGNATURE: _checksum(json.loads(json.dumps(summary)))}
 
 

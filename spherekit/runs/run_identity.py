@@ -26,7 +26,8 @@ def code_identity() -> dict[str, str]:
     """Return the versions of the software and the kind of machine, by name.
 
     Two runs with the same options and the same identity have the same results, bit for bit.
-    Only such runs may continue the stored work of each other.
+    A run may continue the stored work of another run only if both have the same options and
+    identity.
     """
     # The library heyoka compiles expressions if it is installed. Otherwise NumPy evaluates
     # them.

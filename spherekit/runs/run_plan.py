@@ -67,7 +67,7 @@ class DeclaredNeeds:
     needs
         The needs of each analysis, in the order of the analyses.
     refused
-        Reason why an analysis breaks the contract of plugins and is not run, by its name.
+        For each analysis that breaks the contract of plugins, by name: why it is not run.
     """
 
     needs: Sequence[Needs]
@@ -89,7 +89,7 @@ class RunPlan:
     needs
         The needs of each analysis.
     refused
-        Reason why an analysis is not run, by its name.
+        For each analysis that is not run, by name: the reason.
     requests
         The poles (axes of relative rotation of two links) to evaluate, for each input that
         moves while the others are locked.
@@ -251,8 +251,9 @@ class RunPlan:
         motion
             The configurations of the block.
         pole_fields
-            The poles of the block. With several inputs, poles are those of motions in which
-            one input moves while the others are locked: one field for each moving input.
+            The poles of the block. With several inputs, poles belong to motions in which
+            one input moves while all other inputs are locked: one field for each moving
+            input.
         continued_angles
             Variables (rad) without jumps of whole revolutions, by pair.
         """
@@ -281,7 +282,7 @@ class RunPlan:
         Their columns must be those that the analysis declares. `batch` has the results of
         the run at these samples.
 
-        Errors are those of `compute_checked_tables`.
+        Errors raised by `compute_checked_tables`.
         """
         return compute_checked_tables(analysis, self.tables_of(analysis), batch)
 
@@ -600,9 +601,9 @@ def motion_table(sampling: Sampling) -> Table:
 def motion_rows(sampling: Sampling, motion: Motion, pole_fields: PoleFields) -> TableArrays:
     """Return the columns of the table of configurations for a block of samples.
 
-    `motion_table` declares the columns. The status of a row is that of its configuration.
-    If the configuration is OK, the status is that of the poles. A pole is the axis about
-    which one link rotates relative to another.
+    `motion_table` declares the columns. The status of a row is the status of its
+    configuration. If the configuration is OK, the row has the status of its poles. A pole
+    is the axis about which one link rotates relative to another.
     """
     mechanism = sampling.position_analysis.mechanism
     times = {}
@@ -620,7 +621,7 @@ def motion_rows(sampling: Sampling, motion: Motion, pole_fields: PoleFields) -> 
 
 
 def links_of(mechanism: Mechanism, needs: Needs) -> frozenset[int]:
-    """Return the numbers of the links whose configuration the declared needs depend on."""
+    """Return indices of links with configurations on which the declared needs depend."""
     poles = needs.directions | needs.rates | needs.planes | needs.turns
     pairs = needs.pair_values | needs.continued_values | needs.pair_rates
     link_names = set(needs.rotations | needs.link_rates)

@@ -289,9 +289,9 @@ class RunResult:
             With `y`: the rows to draw, by column and value, such as
             ``{"link": "4", "relative_to": "1"}``. By default all rows are drawn.
         table
-            With `y`: the table that has both columns, by its name or as
-            ``"analysis/table"``. By default it is the first one that has them, where tables
-            with rows of samples come before others.
+            With `y`: the table that has both columns, by table name or as
+            ``"analysis/table"``. By default it is the first table with both columns, and
+            tables with rows of samples come before other tables.
         degrees
             Whether angles are in degrees instead of rad.
         columns
@@ -467,7 +467,7 @@ class RunResult:
 
 
 def _mode_titles(summary: Facts) -> dict[int, str]:
-    """Return the titles of assembly modes by number, from the summary of a run."""
+    """Return the titles of assembly modes by mode index, from the summary of a run."""
     titles: dict[int, str] = {}
     for mode in summary.get("assembly_modes", ()):
         label = mode.get("name") or mode["mode"]
@@ -487,7 +487,7 @@ def _select_rows(
     table
         The declaration of the table, with the names of its columns.
     where
-        The wanted value of each column, by name of the column.
+        The value to look for in each column, by column name.
 
     Raises
     ------
@@ -658,7 +658,7 @@ def write_results(
     memory_bytes = 0
     for stem, (_, table) in tables_by_stem.items():
         for column in table.columns:
-            # Each different text is stored once, and a cell has the number of its text.
+            # Each different text is stored once, and a cell has the index of its text.
             dtype = np.dtype(DTYPE_BY_KIND.get(column.kind, TEXT_CODE_TYPE))
             memory_bytes += dtype.itemsize * cost_by_stem[stem]["rows"]
     csv_bytes = TABLE_FORMATS["csv"].relative_size * memory_bytes

@@ -81,22 +81,22 @@ class RunState:
     sign_continuations
         For each input that moves while the others are locked: the directions of all poles
         (axes of relative rotation) in the last row, that is, at the last sample. Directions
-        in the next rows get the signs that continue them.
+        in the next rows get signs that continue these directions without reversal.
     last_angles
         For each assembly mode (way to assemble the mechanism), the pair variables in the
         last row, without jumps of whole revolutions. The next block continues them.
     samples_done
         Number of samples that are evaluated.
     failures
-        Reason why an analysis failed, by its name.
+        For each failed analysis, by name: why it failed.
     findings
-        Findings of each analysis in all blocks so far, by its name.
+        Findings of each analysis, by name, in all blocks (groups of samples) so far.
     stage_seconds
         Time that each stage has taken, s.
     counts
         Counted rows and poles, by keys that begin with `MODE`, `POLES` and so on.
     error_maxima
-        Largest errors so far, by their key in the summary.
+        Largest errors in all rows so far, by their key in the summary.
     mobility_by_rank
         Mobility by the rank of the closure Jacobian, at the first valid configuration.
     redundant_constraints
@@ -190,7 +190,7 @@ class RunState:
         Parameters
         ----------
         position_analysis
-            The solver, whose closure equations give the mobility.
+            The solver. Its closure equations give the mobility.
         motion
             The configurations of the block.
         pole_fields
@@ -238,8 +238,8 @@ class RunState:
             # Many poles share one array of status codes (n,), which is counted once.
             for codes, pole_count in _count_shared_arrays(pole_field.pole_status.values()):
                 valid_codes = codes[is_valid]
-                # With several inputs, locked inputs can fix two links to each other. These
-                # have no pole in any row, and are not counted.
+                # With several inputs, locked inputs can fix two links to each other. Such
+                # link pairs have no pole in any row, and are not counted.
                 is_rigid = has_several_inputs and np.all(valid_codes == Status.NO_POLE)
                 if not is_rigid:
                     self._count_statuses((POLES,), valid_codes, pole_count)
@@ -342,7 +342,7 @@ class RunState:
 
     @property
     def configurations(self) -> int:
-        """Number of rows so far: samples times assembly modes."""
+        """Number of rows computed so far: samples times assembly modes."""
         return sum(number for key, number in self.counts.items() if key[0] == MODE)
 
     def status_counts(self, *key_start: str) -> StatusCounts:
@@ -442,7 +442,7 @@ def _omit_failed_configurations(
     ----------
     codes
         (n,) status codes of all rows of the table. If its columns are `Interleaved` (one
-        array for each of several poles), the codes are those of one pole.
+        array for each of several poles), the codes belong to one pole.
     data
         Columns of the table.
     column
@@ -479,7 +479,7 @@ def _select_pole_failures(codes: Array, batch: Batch) -> Array:
 
 
 def _select_table_failures(codes: Array, data: TableData, batch: Batch) -> Array:
-    """Return the status codes of failed rows of a table whose configuration did not fail.
+    """Return status codes of table rows that failed although the configuration did not.
 
     Codes that equal the status of the configuration are left out. They are no failures of
     the analysis, because the mechanism has no position at these samples.
@@ -515,7 +515,7 @@ def _find_batch_status(batch: Batch, data: TableData, rows: Indices) -> SmallInt
 
     Returns
     -------
-    Status codes, -1 for rows whose sample or assembly mode is not in the batch.
+    Status codes, -1 for rows with a sample or assembly mode that is not in the batch.
     """
     status = np.full(len(rows), -1, dtype=np.int8)
     if not len(rows) or not len(batch):
@@ -533,7 +533,7 @@ def _find_batch_status(batch: Batch, data: TableData, rows: Indices) -> SmallInt
 
 
 def _find_positions(wanted: Integers, numbers: Integers) -> Indices:
-    """Return the position of each wanted number (k,) among other numbers, -1 if missing.
+    """Return where each number (k,) to find is among other numbers, -1 if it is missing.
 
     The other numbers (n,) are all different, in any order, and there is at least one.
     """

@@ -87,7 +87,7 @@ def run(
     -------
     RunResult
         The tables of all analyses, and a summary. If an analysis fails, its error message
-        is in `failures`, and the other analyses are not affected.
+        is in `failures`, and the remaining analyses are not affected.
 
     Raises
     ------
@@ -168,7 +168,7 @@ def run_study(
         recording_session: RecordingSession | None = None
 
         def show_simulation_progress(partial_sampling: Sampling) -> None:
-            """Show the part of a simulation that is solved so far."""
+            """Show the part of a simulation up to the time that is solved so far."""
             nonlocal recording_session
             if recording_session is None:
                 partial_plan = make_run_plan(partial_sampling, analyses, declared_needs)

@@ -26,12 +26,12 @@ def evaluate_sample(motion: Motion, request: Request, max_poles: int) -> PoleFie
     """Evaluate some of the requested poles, and fill in the others with similar numbers.
 
     The result serves to predict the size of tables with many poles in little time. A pole
-    that is not evaluated gets the numbers of an evaluated pole with other last digits.
-    These numbers take as many bytes as the right ones, but are meaningless.
+    that is not evaluated gets the values of an evaluated pole with other last digits. These
+    values take as many bytes as right values, but are meaningless.
 
     A pole is the axis about which one link rotates relative to another. All poles that are
-    the axis of a pair (joint) are evaluated. Their numbers have fewer digits and so take
-    fewer bytes. About `max_poles` of the other poles are evaluated.
+    the axis of a pair (joint) are evaluated. The values of these poles have fewer digits
+    and so take fewer bytes. About `max_poles` of all other poles are evaluated.
 
     Parameters
     ----------
@@ -42,14 +42,15 @@ def evaluate_sample(motion: Motion, request: Request, max_poles: int) -> PoleFie
     max_poles
         Largest number of evaluated poles. They are spread evenly over all poles that are
         not the axis of a pair. Poles whose great circles are requested are evaluated in
-        addition, unless there are more of them than this number.
+        addition, unless there are more such poles than this number.
 
     Returns
     -------
     PoleField
         With entries for all poles of the request.
     """
-    # Pair axes are evaluated in any case. Of the other poles, every `step`-th one is.
+    # Poles on pair axes are evaluated in any case. Of all other poles, every `step`-th pole
+    # is evaluated.
     pair_poles = axis_pairs(request.plan)
     other_poles = [
         pole for pole in request.poles if request.plan.pole(*pole) not in pair_poles

@@ -33,8 +33,8 @@ from spherekit.tables.table import INPUTS, Column, Table, TableArrays, input_col
 DEFAULT_INPUT_SPEED = 1.0
 """The speed (rad/s) of an input without a law.
 
-Rates are proportional to it, accelerations to its square. The value is that of the source's
-example.
+Rates are proportional to it, accelerations to its square. The value is taken from the
+example in the source.
 """
 
 DURATION_ADVICE = "give one with --duration T or duration = T"
@@ -75,7 +75,7 @@ EVENTS = Table(
 class Sampling:
     """The samples of a run (values of its inputs, or times), and the motion at them.
 
-    The motion is that of the `simulation`, if there is one. Otherwise the position analysis
+    The motion comes from the `simulation`, if there is one. Otherwise the position analysis
     computes it from the inputs.
 
     Attributes
@@ -94,7 +94,7 @@ class Sampling:
         Whether the samples are times, of time laws or of a simulation. Otherwise an input
         moves at `DEFAULT_INPUT_SPEED`.
     laws
-        Time law of each input, by its pair.
+        Time law of each input, by the name of the driven pair.
     duration
         Time of the last sample that was asked for, s.
     simulation
@@ -157,7 +157,7 @@ class Sampling:
         simulation
             The solved simulation, or its part solved so far.
         samples
-            (n,) numbers of the samples.
+            (n,) indices of the samples.
         """
         assert self.timing is not None
         position_analysis = self.position_analysis
@@ -202,7 +202,7 @@ class Sampling:
         motion
             A block of successive samples: n rows.
         names
-            Pairs whose variables are returned, inputs and passive pairs.
+            Pairs for which the variables are returned, inputs and passive pairs.
         last_angles
             The variables at the end of the previous block. They are updated in place.
 
@@ -222,7 +222,7 @@ class Sampling:
         return continue_angles(motion, names, angle_unwrapping, last_angles)
 
     def _add_simulated_revolutions(self, simulation: Simulation, motion: Motion) -> Motion:
-        """Return a motion whose angles contain the revolutions of a simulation.
+        """Return a motion with angles that contain the revolutions of a simulation.
 
         A simulation counts the revolutions of all variables while it is solved. The motion
         that is computed from the simulation has angles in (-pi, pi]. Only the inputs
@@ -238,7 +238,7 @@ class Sampling:
 
     @property
     def mode_titles(self) -> dict[int, str]:
-        """A page title for each assembly mode, by number of the mode.
+        """A page title for each assembly mode, by index of the mode.
 
         An assembly mode is one of the ways to assemble the mechanism. The title has the
         number, the name if there is one, and the signs of its dyads (groups of two links
@@ -454,8 +454,9 @@ def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling
         follow=follow,
         crossings=study.crossings,
     )
-    # `q` has the values of the inputs at all samples, and `shape` the numbers of samples
-    # along the axes of a grid. `is_path` says whether successive samples follow each other.
+    # `q` has the values of the inputs at all samples, and `shape` the sample counts along
+    # the axes of a grid. `is_path` says whether the samples are successive positions along
+    # a path.
     input_grid = position_analysis.input_grid
     is_straight_path = study.path is None and input_grid.is_path
     return Sampling(
@@ -477,8 +478,8 @@ def _time_input_values(q: Floats, is_straight_path: bool) -> Timing | None:
     - or if there is a single input. Its values may be listed in any order, but it moves
       from the least to the greatest one. So the times need not rise from sample to sample.
 
-    Several inputs have no times on a grid, whose samples have no order. They also have none
-    on a listed path, because it may have corners.
+    Several inputs have no times on a grid, since its samples have no order. They have no
+    times on a listed path either, because the path may have corners.
 
     Parameters
     ----------
@@ -558,7 +559,7 @@ def _simulate_study(
         The solver; see `simulate`.
     on_progress
         Called repeatedly while the simulation is solved. The argument has the times of all
-        samples, and the part of the simulation that is solved so far. None if nobody
+        samples, and the part of the simulation that is solved so far. None if no function
         follows the progress.
 
     Returns
@@ -670,7 +671,7 @@ def sample_simulation(
 def check_time(study: Study) -> None:
     """Refuse a study in which time laws, duration, start and samples do not fit together.
 
-    The start is that of a simulation: inputs and rates at time 0.
+    The start is the start of a simulation: inputs and rates at time 0.
 
     Raises
     ------

@@ -200,10 +200,11 @@ def compute_timed_tables(
     setting
         The way to compute the quantities that the analysis reads.
     reference_fields
-        Poles with which the computed ones will be compared, one field for each input that
-        moves while the others are locked. A pole is the axis about which one link rotates
-        relative to another. Both directions along it are equally right, so computed
-        directions get the sense of the reference. Empty if only the time is measured.
+        Reference poles with which the computed poles are compared, one field for each input
+        that moves while all other inputs are locked. A pole is the axis about which one
+        link rotates relative to another. Both directions along it are equally right, so
+        computed directions get the sense of the reference. Empty if only the time is
+        measured.
     """
     start = time.process_time()
     run_plan = make_analysis_plan(sampling, analysis, setting)
@@ -279,7 +280,8 @@ def measure_candidates(
     compare
         Function that returns the deviations of tables from the reference.
     sample_ratio
-        Number of samples of the run that is wanted, over that of the measured runs.
+        Number of samples of the requested run, divided by the number of samples of the
+        measured runs.
     trade_options
         Number of rounds, and the time after which no round begins.
 
@@ -477,7 +479,7 @@ def _simulate_tables(
     Parameters
     ----------
     run_plan
-        A run with one analysis, whose tables are computed.
+        A run with one analysis, for which the tables are computed.
     study
         Start and driving torques of the simulation.
     setting

@@ -23,7 +23,7 @@ DEFAULT_ANALYSIS = "poles"
 
 
 def _array_words(items: Sequence[str]) -> str:
-    """Return words for an array whose items have certain types, for messages.
+    """Return words for an array with items of certain types, for messages.
 
     Examples are ``an array of 2 numbers`` and ``an array of 2 values: a number, text in
     quotes``.
@@ -190,8 +190,8 @@ def _read_parameters(
             expected = describe_type(field_type, _FILE_WORDING)
             raise make_error((key,), mismatch(value, expected)) from None
 
-    # `read_parameter` is called for each parameter that the class has, and `make_error`
-    # for unknown and missing ones.
+    # `read_parameter` is called for each parameter that the class has, and `make_error` for
+    # unknown and missing parameters.
     return read_fields(cls, cls.name, parameters, read_parameter, make_error)
 
 
@@ -201,7 +201,7 @@ def _read_file_value(hint: Any, value: Any, angle_unit: AngleUnit) -> Any:
     Parameters
     ----------
     hint
-        The type, a simple one or composed of simple ones, such as ``tuple[float, ...]``.
+        The type, either simple or composed of simple types, such as ``tuple[float, ...]``.
     value
         The value. An array of the file is a list.
     angle_unit

@@ -49,11 +49,12 @@ def apply_study_options(
     options
         Options by name: fields of `Study`, fields of `options_class`, and two more.
         `input_pair` are the names of the driven pairs. `angle_unit` is the unit of `path`
-        and of the numbers of a mapping `start`. A name that is a field of both classes
+        and of the values in a mapping `start`. A name that is a field of both classes
         belongs to `options_class`.
     options_class
-        Dataclass of the other options. Its attribute `excluded_study_fields` names the
-        fields of `Study` that are no options of the function.
+        Dataclass of the options that are not fields of `Study`. Its attribute
+        `excluded_study_fields` names the fields of `Study` that are no options of the
+        function.
 
     Returns
     -------

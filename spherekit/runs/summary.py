@@ -125,7 +125,7 @@ def summarize_run(run_plan: RunPlan, run_state: RunState) -> Facts:
 
 
 def _mode_names(mode: AssemblyMode) -> Facts:
-    """Return the number of a mode, its signs and, if it has one, its name in the file."""
+    """Return the index of a mode, its signs and, if the file names the mode, its name."""
     names: Facts = {"number": mode.number, "mode": mode.label}
     if mode.name:
         names["name"] = mode.name

@@ -31,7 +31,7 @@ class Deviation:
     missing
         Number of reference values for which the table has no number.
     estimate
-        Largest error as the analysis itself estimates it, divided by the largest number of
+        Largest error that the analysis itself estimates, divided by the largest value in
         the column. NaN without an estimate.
     """
 
@@ -62,7 +62,7 @@ def describe_scale(column: Column) -> str:
 
 
 def _integrated_unit(unit: str) -> str | None:
-    """Return the unit of a quantity from the unit of its derivative by an angle.
+    """Return the unit of a quantity from the unit of its derivative per unit angle.
 
     For example N from N/rad, and no unit from 1/rad. None if the unit does not end with
     /rad.
@@ -150,8 +150,8 @@ def _find_scale(largest_by_unit: Mapping[str, float], unit: str) -> float:
     The scale, 1.0 if all values are 0.
     """
     largest = largest_by_unit[unit]
-    # The unit of the functions, None if the unit is not that of a derivative with respect
-    # to an angle.
+    # The unit of the functions, None if the unit is not the unit of a derivative with
+    # respect to an angle.
     function_unit = _integrated_unit(unit)
     largest_function = 0.0
     if function_unit is not None:
@@ -161,7 +161,7 @@ def _find_scale(largest_by_unit: Mapping[str, float], unit: str) -> float:
 
 
 def _subtract(column: Column, values: Floats, reference: Floats) -> tuple[Floats, int]:
-    """Return the differences between the numbers of a column and reference values.
+    """Return the differences between the values in a column and reference values.
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ def _column_series(
     mode
         Number of the assembly mode (way to assemble the mechanism).
     samples
-        (k,) numbers of the samples in this mode.
+        (k,) indices of the samples (instants of the run) in this mode.
     """
     mode_rows = np.flatnonzero(data[ASSEMBLY_MODE.name] == mode)
     subjects = np.array(_name_subjects(table, data, mode_rows), dtype=str)

@@ -90,7 +90,7 @@ Larger: times that scatter less, in more time.
 
 
 def spread_samples(sampling: Sampling, count: int) -> Indices:
-    """Return the numbers of samples that are spread evenly over a run along a path.
+    """Return indices of samples that are spread evenly over a run along a path.
 
     Settings are tried at these few samples to save time.
 
@@ -117,7 +117,7 @@ def refine_at_error_peaks(
     sampling
         The samples of a run with a single input.
     samples
-        (n,) numbers of the chosen samples, rising.
+        (n,) indices of the chosen samples, rising.
     request
         The poles. Without poles nothing is added.
     """
@@ -173,7 +173,7 @@ def take_samples(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
     sampling
         All samples.
     rows
-        (n,) numbers of the samples that the result has.
+        (n,) indices of the samples that the result has.
     search
         Whether all assembly modes (ways to assemble the mechanism) are searched at these
         samples. Otherwise only the mode of a given reference pose is found.
@@ -226,10 +226,10 @@ def trade(
         `checked`, or by default more than 361 samples or about 1500 configurations, errors
         are measured at fewer samples over the same range.
     analysis
-        The analysis, as an object or by its name with parameters.
+        The analysis, as an object or as a name with parameters.
     options
         - `input_pair`: names of the driven pairs;
-        - `angle_unit`: unit of `path` and of the numbers of a mapping `start`, by default
+        - `angle_unit`: unit of `path` and of the values in a mapping `start`, by default
           ``"rad"``;
         - fields of `spherekit.files.study.Study`, which replace the values in the study;
         - `settings`: the settings to measure, by default all that apply;
@@ -282,8 +282,9 @@ def _choose_sampling(
 ) -> Sampling:
     """Return the samples at which the errors of settings are measured.
 
-    A setting is one way to compute a run, such as an engine. The samples are those of the
-    run, or fewer over the same range, because reference values in many digits take time.
+    A setting is one way to compute a run, such as an engine. The samples are the samples of
+    the run, or fewer over the same range, because reference values in many digits take
+    time.
 
     Parameters
     ----------
@@ -337,7 +338,7 @@ def _make_coarser_grid(study: Study, shape: tuple[int, ...], max_count: int) -> 
 
 
 def _choose_kernel_sampling(run_plan: RunPlan, study: Study) -> Sampling | None:
-    """Return the samples at which the default setting is timed, None for the usual ones.
+    """Return the samples at which the default setting is timed, None for the usual samples.
 
     A setting is one way to compute a run. With the default setting, long runs use a kernel
     (compiled functions for many rows; a row is a sample in one assembly mode). Settings are
@@ -414,7 +415,8 @@ def _trade_samples(run_plan: RunPlan, study: Study, trade_options: TradeOptions)
             return compute_timed_tables(sampling, analysis, setting)
         timed_tables = compute_timed_tables(timed_sampling, analysis, setting)
         # `first_seconds` is the time before the first sample, which does not depend on the
-        # number of samples. The rest is converted to the samples of the other settings.
+        # number of samples. The rest of the time is scaled to the sample counts of the
+        # other settings.
         sample_seconds = timed_tables.seconds - timed_tables.first_seconds
         sample_seconds = sample_seconds * len(sampling) / len(timed_sampling)
         return timed_tables._replace(seconds=timed_tables.first_seconds + sample_seconds)
@@ -607,10 +609,10 @@ def _compare_column(
     """Return the deviation of a column, computed with one value of a parameter.
 
     The reference is the same column, computed with the most accurate value of the
-    parameter. Each number of the column is compared with the nearest number of the
-    reference, among rows with the same texts. Each number of the reference is compared with
-    the nearest number of the column in the same way. Positions are compared as angles
-    (rad). Other numbers are compared relative to the largest number of the reference.
+    parameter. Each value in the column is compared with the nearest value in the reference,
+    among rows with the same texts. Each value in the reference is compared with the nearest
+    value in the column in the same way. Positions are compared as angles (rad). Other
+    values are compared relative to the largest value in the reference.
 
     Parameters
     ----------
@@ -671,7 +673,7 @@ def _compare_column(
 def _group_numbers(
     parameter_trade: ParameterTrade, data: TableArrays
 ) -> dict[Names, Floats]:
-    """Return the finite numbers of a column, grouped by the texts in their rows.
+    """Return the finite values in a column, grouped by the texts in their rows.
 
     Two runs with different accuracy are compared, and may find different numbers of rows. A
     number is therefore only compared with numbers in rows with the same texts, such as the

@@ -13,7 +13,7 @@ FRONT_TONE = 1
 """Tone of settings that no other setting beats."""
 
 SETTING_TONE = 0
-"""Tone of the other settings."""
+"""Tone (index of a colour) of settings that are not emphasised."""
 
 TOLERANCE_TONE = 5
 """Tone of the tolerance and of its setting."""

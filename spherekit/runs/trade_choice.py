@@ -251,14 +251,14 @@ def _choose_from_trades(
     trades
         One trade for each analysis. Only settings that all of them contain are considered.
     tolerance
-        Largest error that is accepted. Errors in the tables of an analysis are absolute
-        (rad) for angles, otherwise relative to the largest number of the same unit.
+        Largest error that is accepted. In the tables of an analysis, errors of angles are
+        absolute (rad). All other errors are relative to the largest value of the same unit.
     kind
         Adjective for the trades in the reason, such as ``"stored"``.
     """
     # For each trade, its usable settings with their times and errors. A setting is usable
-    # (`counts`) if it could be run and has computed all numbers of the reference. Entries
-    # without a setting are values of a parameter of the analysis, and are left out.
+    # (`counts`) if it could be run and has computed all values that the reference has.
+    # Items without a setting are values of a parameter of the analysis, and are left out.
     measured_of_trades: list[dict[Setting, Measured]] = []
     for analysis_trade in trades:
         measured_by_setting = {}

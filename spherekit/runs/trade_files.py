@@ -33,7 +33,7 @@ def describe_run(study: Study, analysis: AbstractAnalysis) -> Facts:
     study
         The study of the run.
     analysis
-        The analysis whose settings are measured.
+        The analysis for which the settings are measured.
     """
     mechanism = driven_at(study.mechanism)  # the mechanism, after a check of its inputs
     path = study.path

@@ -131,7 +131,7 @@ def compute_reference_tables(
     # A pole field has the computed poles of all rows for one request.
     reference = compute_reference(motion, requests, pole_fields, inputs=inputs)
     # `compute_reference` returns a motion in which each row counts as a sample. Here the
-    # rows are those of all assembly modes, so the number of samples of a mode is restored.
+    # rows belong to all assembly modes, so the number of samples of a mode is restored.
     reference_motion = replace(reference.motion, samples=motion.samples)
     # Rows of the run for which no solution in many digits was found. `exact` has an entry
     # for each moving input. The first one suffices, as all have the same configurations.
@@ -162,7 +162,7 @@ def measure_deviations(
 def align_directions(
     pole_fields: PoleFields, reference: Sequence[PoleField], rows: Indices
 ) -> tuple[PoleField, ...]:
-    """Return pole fields whose directions point to the same side as those of a reference.
+    """Return pole fields with directions to the same side as the reference directions.
 
     A pole is the axis about which one link rotates relative to another. A pole field has
     the poles in several rows (configurations), for one input.

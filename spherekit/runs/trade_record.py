@@ -127,7 +127,7 @@ class Trade:
     mechanism, analysis
         Names of the mechanism and of the analysis.
     samples
-        Number of samples of the run that is wanted.
+        Number of samples of the requested run.
     checked
         Number of samples at which errors were measured.
     rows
@@ -189,8 +189,8 @@ class Trade:
         A setting is a way to compute a run. It meets the tolerance if `MARGIN` times its
         error does not exceed the tolerance. The margin is needed because errors were
         measured at some samples only. Measured times scatter, so all settings that are
-        about as fast as the fastest one count as equally fast. Of these the most accurate
-        one is returned.
+        about as fast as the fastest one count as equally fast. The most accurate of these
+        settings is returned.
 
         Raises
         ------

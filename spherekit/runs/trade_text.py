@@ -120,8 +120,8 @@ def advise(trade: Trade, tolerance: float) -> str:
             f"this is within the tolerance), {format_seconds(best.total)} including "
             "compiling"
         )
-    # The front has the settings that no other beats in both time and error, the fastest
-    # first. Settings without all numbers of the reference are left out.
+    # The front has the settings that no other setting beats in both time and error, the
+    # fastest first. Settings that lack values of the reference are left out.
     front = trade.pareto
     if not front:
         return f"For {tolerance:g}: no setting computes all numbers"

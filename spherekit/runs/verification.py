@@ -86,9 +86,9 @@ class _BlockRows(ArrayRows):
         """Return the rows of a run that will be checked by a computation in many digits.
 
         A row is one sample in one assembly mode (way to assemble the mechanism). The worst
-        rows are checked: those with the largest closure residual, error bound of a pole
+        rows are checked: the rows with the largest closure residual, error bound of a pole
         direction (axis of relative rotation), and condition number of the closure Jacobian.
-        The other checked rows are spread evenly over the run.
+        Further checked rows are spread evenly over the run.
 
         A run is computed in blocks. After each block, rows are selected again from the
         earlier selection and the new rows.
@@ -104,7 +104,7 @@ class _BlockRows(ArrayRows):
         -------
         The rows, sorted by assembly mode and sample.
         """
-        # Numbers of the rows in the whole run. The order of the evenly spread rows depends
+        # Indices of the rows in the whole run. The order of the evenly spread rows depends
         # only on these numbers, so later blocks do not change it.
         row_numbers = self.motion.assembly_mode * sample_count + self.motion.sample
         candidates = [*self._find_worst_rows(), *order_evenly(row_numbers)]
@@ -123,7 +123,7 @@ class _BlockRows(ArrayRows):
         Parameters
         ----------
         rows
-            (k,) numbers of the rows to replace.
+            (k,) indices of the rows to replace.
         source
             The object with the new rows.
         source_rows
@@ -138,8 +138,8 @@ class _BlockRows(ArrayRows):
         row_numbers = np.arange(n)
         row_numbers[rows] = n + source_rows
         result = joined.rows(row_numbers)
-        # `rows` returns a motion in which each row counts as a sample. Here the rows are
-        # those of all modes, so the number of samples of a mode is restored.
+        # `rows` returns a motion in which each row counts as a sample. Here the rows belong
+        # to all modes, so the number of samples of a mode is restored.
         return replace(result, motion=replace(result.motion, samples=self.motion.samples))
 
     def _find_worst_rows(self) -> list[np.intp]:
@@ -159,12 +159,12 @@ class _BlockRows(ArrayRows):
 
 
 def order_evenly(numbers: Integers) -> Indices:
-    """Return an order of numbers in which the first ones are spread evenly over all.
+    """Return an order of numbers in which the first numbers are spread evenly over all.
 
     Rows of a run are selected for checks in this order. For a number k, take k + 1 times
     the golden ratio less 1 (`GOLDEN`), and its fractional part. For successive k, these
     parts are spread evenly from 0 to 1. The numbers are sorted by them. So the order of two
-    numbers does not depend on the other numbers, and stays the same if more are added.
+    numbers does not depend on further numbers, and stays the same if numbers are added.
 
     Parameters
     ----------
@@ -481,18 +481,18 @@ class Verifier:
         return self._run_plan.compute_tables(analysis, batch)
 
     def _find_verified_rows(self, assembly_mode: Array, sample: Array) -> Indices:
-        """Return which verified rows have certain assembly modes and samples.
+        """Return, for given assembly modes and samples, which verified row has them.
 
         The verified rows are the rows of the run that are computed again in many digits.
 
         Parameters
         ----------
         assembly_mode, sample
-            (n,) number of the assembly mode and of the sample.
+            (n,) index of the assembly mode, and index of the sample.
 
         Returns
         -------
-        (n,) numbers of verified rows, -1 where there is none.
+        (n,) indices of verified rows, -1 where there is none.
         """
         # NumPy sorts complex numbers by their real part first. So mode + i sample is a key
         # in the order of the verified rows.
@@ -515,7 +515,7 @@ class Verifier:
             The verified rows, computed in many digits.
         """
         motion = whole.motion
-        # The number of the verified row that belongs to each row of the run, else -1.
+        # For each row of the run the index of its verified row, or -1 without such a row.
         verified_rows = self._find_verified_rows(motion.assembly_mode, motion.sample)
         replaced = np.flatnonzero(verified_rows >= 0)
         # In some verified rows, no solution in many digits was found.
@@ -523,16 +523,16 @@ class Verifier:
         return whole.replace_rows(replaced, reference_rows, verified_rows[replaced])
 
     def _compare_table(self, pair: _TablePair) -> Iterator[Facts]:
-        """Yield the largest deviation of each column of numbers of a table.
+        """Yield the largest deviation in each numeric column of a table.
 
-        See `verify` for the entries. A deviation counts in roundings: it is divided by the
-        rounding error of the value and by the condition number of the row.
+        See `verify` for the keys of a result. A deviation counts in roundings: it is
+        divided by the rounding error of the value and by the condition number of the row.
         """
         table = pair.table
         if not table.in_assembly_modes:
             return
         rows = arrays(pair.rows)
-        # The number of the verified row to which each row of the table belongs, else -1.
+        # For each row of the table the index of its verified row, or -1 without such a row.
         row = self._find_verified_rows(rows[ASSEMBLY_MODE.name], rows[SAMPLE.name])
         is_verified = row >= 0
         if not np.any(is_verified):
@@ -686,7 +686,7 @@ def _pole_errors(
     reference_field
         The reference values, rounded to float64.
     pole
-        Numbers of the two links.
+        Indices of the two links.
 
     Returns
     -------
@@ -699,7 +699,7 @@ def _pole_errors(
     with exact.arithmetic.within():
         direction = pole_field.direction[pole]
         direction_error = centre_floats(exact_direction(exact, pole, direction) - direction)
-    # The errors of the other quantities are larger, so the rounded reference is enough.
+    # All other quantities have larger errors, so the rounded reference is enough.
     rate_error = (
         pole_field.velocity_coefficient[pole] - reference_field.velocity_coefficient[pole]
     )

@@ -9,7 +9,7 @@ from spherekit.wording import listing
 
 @dataclass(frozen=True)
 class BoundedQuantity:
-    """A quantity of poles (axes of relative rotation) whose error bound is checked.
+    """A quantity of poles (axes of relative rotation) with an error bound to check.
 
     Attributes
     ----------
@@ -92,8 +92,8 @@ def format_verification(verification: Facts) -> list[str]:
         f"in {verification['digits']} digits {worst['reference']!r}"
     )
     # Two kinds of analyses are not verified. Some have failed. Others find configurations
-    # of their own, such as singular ones, but only configurations of the run are computed
-    # again in many digits.
+    # of their own, such as singular configurations, but only configurations of the run are
+    # computed again in many digits.
     if verification["not_verified"]:
         lines.append(
             "  not verified, because they failed or search for configurations themselves: "

@@ -41,7 +41,7 @@ LINK_COLOURS: tuple[Colour, ...] = (
     (150, 228, 244),
     (188, 132, 92),
 )
-"""Colours of links: the first one is that of the ground, the others repeat."""
+"""Colours of links: the first is for the ground, the remaining colours repeat."""
 
 TONES: tuple[Colour, ...] = (
     PALE,
@@ -99,12 +99,12 @@ def heat_colours(values: Floats, low: float = 0.0, high: float = 1.0) -> NDArray
 
 
 def tone_colour(number: int) -> Colour:
-    """Return the colour of a kind of curve or mark, by the number of its tone."""
+    """Return the colour of a kind of curve or mark, by the index of its tone."""
     return TONES[number % len(TONES)]
 
 
 def link_colour(number: int) -> Colour:
-    """Return the colour of a link, by its number in the mechanism; 0 is the ground."""
+    """Return the colour of a link, by its index in the mechanism; 0 is the ground."""
     return (
         LINK_COLOURS[1 + (number - 1) % (len(LINK_COLOURS) - 1)]
         if number
@@ -118,10 +118,10 @@ def series_colour(link: int | None, used_colours: Sequence[Colour]) -> Colour:
     Parameters
     ----------
     link
-        Number of the link to which the curve belongs. The curve gets the colour of this
+        Index of the link to which the curve belongs. The curve gets the colour of this
         link. With None the curve gets a colour that the plot does not have yet.
     used_colours
-        Colours of the other curves of the plot.
+        Colours of the remaining curves of the plot.
     """
     if link is not None:
         return link_colour(link)

@@ -37,8 +37,8 @@ Larger: more points to store. Smaller: profiles look like polygons.
 SAME_DRAWN_POINT_RAD = 1e-6
 """Arc (rad) below which two points of a link are drawn as one.
 
-Larger: short sides of links are not drawn. Smaller: arcs between coincident axes, whose
-direction is rounding, are drawn.
+Larger: short sides of links are not drawn. Smaller: arcs between coincident axes are drawn,
+with a direction that is only rounding.
 """
 
 MIN_MEAN_LENGTH = 1e-6
@@ -140,7 +140,8 @@ def graph_scene(mechanism: Mechanism) -> Scene:
     Links and pairs (joints) are nodes. Each pair is joined by edges to its two links. The
     layout takes about a second.
     """
-    # For each node: an identifier, a label, and the number of the link (None for a pair).
+    # For each node (link or pair in the diagram): an identifier, a label, and the index of
+    # the link (None for a pair).
     nodes: list[tuple[str, str, int | None]] = [
         (f"link {name}", name if number else f"{name} (ground)", number)
         for number, name in enumerate(mechanism.links)
@@ -276,9 +277,9 @@ def link_curves(joints: Floats) -> list[Floats]:
 def _order_corners(corners: Floats) -> Floats:
     """Return the corners (k, 3) of a spherical polygon in convex order, as unit vectors.
 
-    They are sorted by their azimuth about the middle, the direction of their sum. If the
-    corners cancel each other, there is no middle. The first corner then takes its place, so
-    that the order is at least determined.
+    The corners are sorted by their azimuth about the middle, the direction of their sum. If
+    the corners cancel each other, there is no middle. The first corner then takes the place
+    of the middle, so that the order is at least determined.
     """
     vector_sum = corners.sum(axis=0)
     length = np.linalg.norm(vector_sum)

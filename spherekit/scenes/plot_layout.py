@@ -10,14 +10,14 @@ from spherekit.geometry.vectors import max_abs, nans
 from spherekit.scenes.scene import Range
 
 OUTLIER_RATIOS = {"curves": 16.0, "colours": 5.0}
-"""Extent of all values, over that of the inner ones, from which outliers are cut off.
+"""Ratio of the extent of all values to the inner extent above which outliers are cut off.
 
 A curve that is cut off can still be followed. Of colours, the inner values would keep too
 few. Larger: outliers compress the rest of the plot more. Smaller: more values are cut off.
 """
 
 INNER_QUANTILES = (0.1, 0.9)
-"""Quantiles between which values count as inner ones.
+"""Quantiles between which values count as inner values.
 
 A cut range exceeds these quantiles by as much as they are apart.
 """
@@ -151,9 +151,9 @@ def insert_gaps(line: Floats, gaps: Bools) -> Floats:
 def break_at_jumps(line: Floats, frame: Range, turn: float | None) -> Floats:
     """Return points of a curve with gaps (NaN) where it should not be drawn continuously.
 
-    There are two reasons for a gap between two points. One point is above the frame of the
-    plot and the other below (the curve passes through infinity), or an angle jumps by half
-    a turn or more.
+    There are two reasons for a gap between two points. The first point is above the frame
+    of the plot and the second below, or conversely (the curve passes through infinity), or
+    an angle jumps by half a turn or more.
 
     Parameters
     ----------
@@ -237,8 +237,8 @@ def place_labels(
     letter
         Size of the letters in the unit of `places`.
     curve_points
-        (m, 2) points on curves that labels should not cover, the same in all pictures. They
-        have to be nearer to each other than the size of a letter.
+        (m, 2) points on curves that labels should not cover, the same in all pictures.
+        Neighbouring points have to be closer together than the size of a letter.
     frame
         The lower left and the upper right corner of the picture, each (2,).
 

@@ -83,7 +83,7 @@ class Body:
     joint_labels : sequence of str (j,)
         Names of the joints.
     number : int
-        Number of the link in the mechanism, which determines its colour.
+        Index of the link in the mechanism, which determines its colour.
     quaternions : array (n, 4), or None
         Rotation from link axes to ground axes at each of n samples, as quaternion x, y, z,
         w. None for the ground.
@@ -135,7 +135,8 @@ class Trace:
     """The path of a direction as seen from a link. It is drawn on the link.
 
     An example is an axode, the path of the axis of the relative rotation of two links. In
-    the axes of one link it is the fixed axode, and in those of the other the moving axode.
+    the axes of the first link the path is the fixed axode, in the axes of the second link
+    the moving axode.
 
     Attributes
     ----------
@@ -146,7 +147,7 @@ class Trace:
     directions : array (n, 3)
         Unit vectors in link axes, one for each sample.
     number : int
-        Number of the link in the mechanism, which determines its colour.
+        Index of the link in the mechanism, which determines its colour.
     quaternions : array (n, 4), or None
         Rotation from link axes to ground axes at each of n samples, as quaternion x, y, z,
         w. None for the ground.
@@ -191,7 +192,7 @@ class GreatCircle:
 class Series:
     """A curve in a plot: a number for each sample of a run.
 
-    The horizontal axis of the plot is that of the scene (drawing), such as an input.
+    The horizontal axis of the plot is the axis of the scene (drawing), such as an input.
 
     Attributes
     ----------
@@ -206,7 +207,7 @@ class Series:
     unit : str
         SI unit or rad. Figures and viewers show angles in degrees.
     link : int, or None
-        Number of the link to which the curve belongs, for its colour. None without a link.
+        Index of the link to which the curve belongs, for its colour. None without a link.
     resolution : float
         Smaller changes count as rounding errors, and are not visible in the plot.
     """
@@ -240,8 +241,8 @@ class InputMarks:
     label : str
         Meaning of the marks.
     inputs : array (k, axes)
-        A row for each mark: the values of the inputs (rad), or of the other quantities in
-        their units.
+        A row for each mark: the values of the inputs (rad), or of other quantities on the
+        axes in their units.
     tone : int
         Number of the colour in the list of colours.
     """
@@ -341,8 +342,8 @@ class Portrait:
     def framed(self, points: Floats) -> Floats:
         """Return points (n, 2) of the plane as fractions of the frame's width and height.
 
-        The limits of the frame are at 0 and 1. On logarithmic axes, the fractions are those
-        of the logarithms.
+        The limits of the frame are at 0 and 1. On logarithmic axes, the fractions are
+        fractions of the logarithms.
         """
         low, high = np.array([self.x_range, self.y_range]).T
         # `SMALLEST_POSITIVE` avoids the logarithm of 0 and, below, a division by 0.
@@ -473,7 +474,7 @@ class Diagram:
     places : array (n, k, 2)
         x and y of each of k points at each of n samples, NaN for no point.
     tones : sequence of int (k,)
-        Numbers of the colours of the points.
+        Indices of the colours of the points.
     lines : array (n, m, 3)
         a, b, c of each of m lines a x + b y + c = 0 at each sample.
     words : sequence of str (n,), or empty
@@ -511,7 +512,7 @@ class Graph:
     path : str
         Address of the graph in a recording for the viewer.
     nodes : sequence (k,) of (identifier, label, number)
-        The number is the number of a link, None for a pair.
+        The number is the index of a link, or None for a pair.
     edges : sequence of (identifier, identifier)
         The link and the pair that each edge joins.
     positions : array (k, 2)
@@ -580,7 +581,7 @@ FIELDS_BY_UNIT: Mapping[type, Mapping[str, Names]] = {
 """By class: the fields that state a unit, and for each the fields in this unit."""
 
 Page = int | str | None
-"""The number of a mode, the title of a page of its own, or None for every page."""
+"""The index of a mode, the title of a separate page, or None for every page."""
 
 
 @dataclass(frozen=True)
@@ -639,7 +640,7 @@ def title_with_unit(label: str, unit: str) -> str:
 
 
 def convert_to_degrees(scene: Scene) -> Scene:
-    """Return a scene whose angles, their rates and accelerations are in degrees."""
+    """Return a scene with angles, angular rates and accelerations in degrees."""
     # Marked inputs are in the units of the axes. Without axes they are angles.
     axis_factors = [_degrees_of_unit(axis.unit)[0] for axis in scene.over]
     factors = np.array(axis_factors or [np.degrees(1.0)])

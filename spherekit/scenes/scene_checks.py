@@ -432,14 +432,14 @@ def _check_sequence(where: str, name: str, value: Any, kind: type | None = None)
 
 
 def _check_triangles(where: str, triangles: Array, vertex_count: int) -> None:
-    """Raise `PluginError` if corners of triangles are not numbers of vertices.
+    """Raise `PluginError` if corners of triangles are not indices of vertices.
 
     Parameters
     ----------
     where
         Words for the object that is drawn, with which messages begin.
     triangles
-        (t, 3) numbers of the vertices at the corners.
+        (t, 3) indices of the vertices at the corners of t triangles.
     vertex_count
         Number of vertices.
     """
