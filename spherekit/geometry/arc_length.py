@@ -45,8 +45,8 @@ Larger: fewer cells and a larger error. Smaller: cells are halved for rounding e
 INVERSE_ROUNDING_TOLERANCE = 1e-12
 """Accepted error of the parameter, if halving the cells does not reduce it any further.
 
-It is relative to the largest parameter. Some arc lengths lose digits. Smaller: such curves
-get as many cells as allowed.
+The error is relative to the largest parameter. Some arc lengths lose digits. Smaller: such
+curves get as many cells as allowed.
 """
 
 
@@ -85,7 +85,7 @@ class ArcLength:
         return self.starts[panel] + self._evaluate_in_panels(panel, position)
 
     def evaluate_at_edges(self, u: Floats) -> Floats:
-        """Return the arc lengths (n,) at parameters u (n,) that are edges, exactly."""
+        """Return the exact arc lengths (n,) at parameters u (n,) that are panel edges."""
         return self.starts[np.searchsorted(self.edges, u)]
 
     def invert(self, s: Floats) -> Floats:
@@ -150,7 +150,7 @@ class ArcLength:
         Parameters
         ----------
         panel
-            (n,) numbers of the panels.
+            (n,) indices of the panels.
         length_in_panel
             (n,) arc lengths from the starts of the panels to the positions.
         panel_length
@@ -170,7 +170,7 @@ class ArcLength:
             evaluate_excess,
             low=-ones,
             high=ones,
-            # At the start of a panel the arc length is zero, at its end that of the whole
+            # At the start of a panel the arc length is zero, at its end the length of the
             # panel.
             values_at_low=-length_in_panel,
             values_at_high=panel_length - length_in_panel,
@@ -194,7 +194,7 @@ def measure_arc_length(path: FourierPath | SplinePath, edges: Floats) -> ArcLeng
     Parameters
     ----------
     path
-        A path that is smooth between the edges.
+        A curve on the unit sphere that is smooth between the edges.
     edges
         (panels + 1,) parameters that divide the path into panels. In each panel a series
         approximates the speed. Panels are halved until the series is accurate enough.
@@ -249,7 +249,8 @@ def integrate_rate(
     final_series: list[Floats] = []
     scale = 0.0  # size of the whole integral, set in the first round
     for halvings in range(MAX_PIECE_HALVINGS + 1):
-        # (panels, order) series of the rate by the position x from -1 to 1 in each panel.
+        # (panels, order) series of the rate as a function of the position x from -1 to 1 in
+        # each panel.
         half = 0.5 * (high - low)[:, None]
         series = half * (rate(low[:, None] + half * (1.0 + nodes)) @ to_coefficients)
         largest = max_abs(series, axis=1)

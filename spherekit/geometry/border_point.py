@@ -25,8 +25,8 @@ STEP_BEYOND_BORDER = 1e-7
 looked up this much farther along the edge, as a part of the edge."""
 
 MAX_CORNER_DISTANCE = 4.0
-"""A corner that is farther from its chord than this times the chord's arc is rejected: it
-belongs to another part of the border."""
+"""A corner that is farther from its chord than this times the chord's arc is rejected: the
+corner belongs to another part of the border."""
 
 BORDER_TOLERANCE_FACTOR = 1e4
 """A point is on the border, or in the region, if no margin is negative by more than this
@@ -101,7 +101,7 @@ def find_crossings(
     points
         (n, 3) unit vectors on the border.
     margins
-        (n,) numbers of the margins; `UNDEFINED_MARGIN` if the region ends because a margin
+        (n,) indices of the margins; `UNDEFINED_MARGIN` if the region ends because a margin
         is NaN.
     """
     arc_margins = ArcMargins(evaluate, inside, outside)
@@ -171,7 +171,7 @@ def find_corners(
         (n, 3) unit vectors, the ends of the chords. The first margin is zero at the start,
         the second at the end.
     margins
-        (n, 2) numbers of these margins.
+        (n, 2) indices of these margins.
 
     Returns
     -------

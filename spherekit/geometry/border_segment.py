@@ -32,7 +32,7 @@ ORDERS = (1, 4, 8, 16)
 known well enough. Order 1 is the chord itself. It is used for a segment whose border was
 not found.
 
-The nodes of each order are among those of the next one, so that heights are used again.
+The nodes of each order are among the nodes of the next order, so heights are reused.
 """
 
 MAX_HEIGHT_RATIO = 0.4
@@ -232,7 +232,7 @@ class BorderNodes:
     segment
         (m,) index of the segment of each point, ascending from 0.
     node
-        (m,) number of the point on its segment, from 0 at the start of the segment.
+        (m,) index of the point within its segment, from 0 at the start of the segment.
     """
 
     points: Floats
@@ -263,11 +263,11 @@ class BorderSegments(ArrayRows):
     length
         (n,) arcs of the chords (rad).
     margin
-        (n,) number of the margin that is zero on the segment.
+        (n,) index of the margin that is zero on the segment.
     triangle
-        (n,) number of the triangle of the mesh that contains the chord.
+        (n,) index of the triangle of the mesh that contains the chord.
     start, stop
-        (n,) numbers of the crossings between which the border runs in the triangle.
+        (n,) indices of the crossings between which the border runs in the triangle.
     is_leading
         (n,) False for a segment that begins at a corner of the border in the triangle. The
         leading segment of the same triangle ends at this corner.
@@ -354,11 +354,11 @@ class BorderSegments(ArrayRows):
         ends
             Two arrays (n, 3) of unit vectors, the starts and the ends of the chords.
         margin
-            (n,) number of the margin that is zero on each segment.
+            (n,) index of the margin that is zero on each segment.
         triangle
-            (n,) number of the triangle that contains the segment.
+            (n,) index of the triangle that contains the segment.
         crossings
-            Two arrays (n,) of numbers of crossings. A crossing is a point at which the
+            Two arrays (n,) of indices of crossings. A crossing is a point at which the
             border crosses an edge of the mesh. The border enters the triangle of a segment
             at the first crossing, and leaves it at the second.
         is_leading
@@ -423,7 +423,7 @@ class BorderSegments(ArrayRows):
             The margins: functions of the direction that are at least 0 in the region. One
             of them is zero on the border.
         selected
-            (k,) numbers of the segments.
+            (k,) indices of the segments.
         order
             Their new order.
         known_height
@@ -451,7 +451,7 @@ class BorderSegments(ArrayRows):
         evaluate
             The margins: functions of the direction that are at least 0 in the region.
         selected
-            (k,) numbers of the segments (pieces of the border).
+            (k,) indices of the segments (pieces of the border).
         known_height
             (k, order + 1) heights (rad) at the nodes of this order, NaN if not known.
 
@@ -467,7 +467,7 @@ class BorderSegments(ArrayRows):
         is_short = ~(self.length[selected] > MIN_BORDER_CHORD_RAD)
         height[is_short] = 0.0
 
-        # Each unknown height has a position in `selected` and the number of a node.
+        # Each unknown height has a position in `selected` and the index of a node.
         position, node = np.nonzero(np.isnan(height))
         u = chebyshev_nodes(height.shape[1] - 1)[node]
         searched_height, is_found_at_node = self._find_heights(
@@ -504,7 +504,7 @@ class BorderSegments(ArrayRows):
         evaluate
             The margins.
         segment
-            (m,) number of the segment of each point.
+            (m,) index of the segment of each point.
         u
             (m,) parameter of each point on the chord, -1 < u < 1. At both ends of the chord
             the height is 0 and is not searched.
@@ -516,7 +516,7 @@ class BorderSegments(ArrayRows):
         is_sound
             (m,) whether a height was found and no other margin is negative there.
         """
-        # The number of the margin that is zero on the border of each segment.
+        # The index of the margin that is zero on the border of each segment.
         border_margin = self.margin[segment]
         # The parabola, which is zero at both ends of the chord, bounds the search at each
         # of the m points of chords. Heights are searched as fractions of it, so that the
@@ -528,14 +528,14 @@ class BorderSegments(ArrayRows):
 
             A margin is a function that is at least 0 inside the region.
 
-            `points` (k,) are numbers of the m points. The height over each of them is
+            `points` (k,) are indices of the m points. The height over each of them is
             `fraction` (k,) of its largest searched height, negative right of the chord.
             """
             height = fraction * max_height[points]
             return evaluate(self._points_at(segment[points], u[points], height))
 
         def evaluate_border_margin(fraction: Floats, points: Indices) -> Floats:
-            """Return (k,) only the margin that is zero on the border, at these heights."""
+            """Return only the margin (k,) that is zero on the border, at these heights."""
             margins = evaluate_margins(fraction, points)
             return select_margins(margins, border_margin[points])
 
@@ -577,7 +577,7 @@ class BorderSegments(ArrayRows):
         evaluate
             The margins.
         selected
-            (k,) numbers of the segments, whose polynomials have degree 4.
+            (k,) indices of the segments, whose polynomials have degree 4.
         """
         # (k, samples, margins) each margin minus the border margin, at equally spaced
         # points of each segment. The computed border has small errors, so the border margin
@@ -589,7 +589,7 @@ class BorderSegments(ArrayRows):
         self._replace_by_chords(selected[has_excluded_part])
 
     def _sample_excess(self, evaluate: MarginEvaluator, selected: Indices) -> Floats:
-        """Return by how much the margins exceed the border margin along new segments.
+        """Return the differences of all margins from the border margin along new segments.
 
         A segment is a piece of the border of a region, on which one margin (the border
         margin) is zero. Where another margin is negative, the segment is outside the
@@ -601,7 +601,7 @@ class BorderSegments(ArrayRows):
         evaluate
             The margins: functions of the direction that are at least 0 in the region.
         selected
-            (k,) numbers of the segments, whose polynomials have degree 4.
+            (k,) indices of the segments, whose polynomials have degree 4.
 
         Returns
         -------
@@ -616,7 +616,7 @@ class BorderSegments(ArrayRows):
         points = self._points_at(selected, u, height)  # (k, samples, 3)
         margins = evaluate(points.reshape(-1, 3))
         margins = margins.reshape(len(selected), len(u), margins.shape[1])
-        # (k, 1, 1) number of the border margin of each segment.
+        # (k, 1, 1) index of the border margin of each segment.
         border_number = self.margin[selected, None, None]
         border_margin = np.take_along_axis(margins, border_number, axis=2)
         return margins - border_margin
@@ -640,8 +640,8 @@ class BorderSegments(ArrayRows):
         the segment is the degree of this polynomial. It has order + 1 Chebyshev nodes,
         which include both ends.
         """
-        # Each node has an index in `selected` and a number on its segment, from 0 to the
-        # order of the segment.
+        # Each node belongs to a segment (an index in `selected`) and has an index within
+        # this segment, from 0 to the order of the segment.
         orders = self.order[selected]
         has_node = np.arange(ORDERS[-1] + 1) <= orders[:, None]
         index, node = np.nonzero(has_node)
@@ -675,7 +675,7 @@ class BorderSegments(ArrayRows):
         Parameters
         ----------
         number
-            Number of a segment (piece of the border) that has the highest order and is
+            Index of a segment (piece of the border) that has the highest order and is
             sound: the border was found on all of it.
         direction
             (3,) unit vector.
@@ -738,10 +738,10 @@ def _select_nearby_segments(segments: BorderSegments, direction: Floats) -> Bord
 
     A segment is a piece of the border, its chord the great-circle arc between its ends. Its
     height over the chord is at most `MAX_HEIGHT_RATIO` (0.4) times the length of the chord.
-    Each point of the segment is therefore nearer than this length to one end. So its
-    distance from the direction is at least that of the nearer end minus the length. A
-    segment is selected if this limit does not exceed the distance of the nearest end of all
-    segments.
+    Each point of the segment is therefore nearer than this length to one end. So the
+    distance of the point from the direction is at least the distance of the nearer end
+    minus the length. A segment is selected if this limit does not exceed the distance of
+    the nearest end of all segments.
 
     Parameters
     ----------

@@ -148,7 +148,7 @@ def _frame_cosines(first_frames: Floats, second_frames: Floats) -> Floats:
 
 
 def _find_row_maxima(values: Floats, closed: bool) -> Bools:
-    """Return which values (n, m) are local maxima of their row.
+    """Return a mask (n, m) of the values that are local maxima of their row.
 
     Parameters
     ----------
@@ -203,7 +203,8 @@ def _frame_differences(
     vectors
         (m, 3) rotation vectors (rad) from the second frame to the first.
     derivatives
-        (m, 3, 2) their derivatives by both arc lengths, exact where the frames are equal.
+        (m, 3, 2) their derivatives with respect to both arc lengths, exact where the frames
+        are equal.
     """
     first = curves[0].evaluate(arc_lengths[:, 0])
     second = curves[1].evaluate(arc_lengths[:, 1])

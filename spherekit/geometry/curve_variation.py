@@ -1,9 +1,9 @@
-"""Derivatives of curves on the sphere by the quantities that define them.
+"""Derivatives of curves on the sphere with respect to the quantities that define them.
 
 A design variable moves the centre, the coefficients or the points of a profile. This module
-differentiates the curve by that variable at a fixed arc length. A derivative is carried as
-a complex step (`spherekit.numerics.complex_step`): a quantity and its derivative are the
-real and the scaled imaginary part of one number.
+differentiates the curve with respect to that variable at a fixed arc length. A derivative
+is carried as a complex step (`spherekit.numerics.complex_step`): a quantity and its
+derivative are the real and the scaled imaginary part of one number.
 
 The knots of a spline through points are lengths along the curve, so they move with it. The
 spline of SciPy takes real knots only. The same spline is therefore constructed here for
@@ -41,11 +41,11 @@ def quintic_panels(
 ) -> Callable[[Floats, int], Floats]:
     """Return the quintic spline through points as a function; points may be complex.
 
-    Complex points carry a derivative by a design variable (complex step), which SciPy's
-    splines cannot. The spline is that of `spherekit.geometry.parametric_curve.quintic`: a
-    polynomial of degree 5 on each panel between two knots. Derivatives up to order 4 agree
-    at the knots. An open spline has no knot at the points next to both ends, so there the
-    order 5 agrees too.
+    Complex points carry a derivative with respect to a design variable (complex step),
+    which SciPy's splines cannot. The spline is the same as in
+    `spherekit.geometry.parametric_curve.quintic`: a polynomial of degree 5 on each panel
+    between two knots. Derivatives up to order 4 agree at the knots. An open spline has no
+    knot at the points next to both ends, so there the order 5 agrees too.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def quintic_panels(
     Returns
     -------
     A function of parameters (...) and an order. It returns the derivative (..., 3) of this
-    order by the parameter; order 0 is the point itself.
+    order with respect to the parameter; order 0 is the point itself.
     """
     from scipy.sparse import block_diag, vstack
     from scipy.sparse.linalg import splu
@@ -67,8 +67,8 @@ def quintic_panels(
     h = np.diff(knots)
     panels = len(h)
     # The unknowns are coefficients for the powers of (u - knot) / h. A derivative of order
-    # k by u then has the factor 1 / h^k. It is multiplied by the k-th power of the mean h,
-    # so that all equations have coefficients of similar size.
+    # k with respect to u then has the factor 1 / h^k. It is multiplied by the k-th power of
+    # the mean h, so that all equations have coefficients of similar size.
     h_powers = h[:, None] ** np.arange(6.0)
     scale = (np.real(np.mean(h)) ** np.arange(6.0) / h_powers)[..., None]
     at_starts = scale * np.diag(np.diag(_POWER_DERIVATIVES))
@@ -96,7 +96,7 @@ def quintic_panels(
     coefficients = solution.reshape(panels, 6, 3) / h_powers[..., None]
 
     def spline(u: Floats, order: int) -> Floats:
-        """Return a derivative (..., 3) of the spline by its parameter u.
+        """Return a derivative (..., 3) of the spline with respect to its parameter u.
 
         `order` is the order of the derivative: 0 returns the points of the spline. The
         parameters u have any shape (...).
@@ -114,12 +114,12 @@ def quintic_panels(
 
 @dataclass(frozen=True)
 class PathVariation:
-    """A path that carries its derivative by a design variable as a complex step.
+    """A path with its derivative with respect to a design variable, as a complex step.
 
-    A path is a curve on the unit sphere by a parameter u. A design variable is a quantity
-    that changes the curve. Complex step: a quantity a and its derivative da are one complex
-    number a + i h da. The step h is so tiny that the real part does not change. Any
-    function of such numbers has its own derivative, times h, as imaginary part.
+    A path is a curve on the unit sphere as a function of a parameter u. A design variable
+    is a quantity that changes the curve. Complex step: a quantity a and its derivative da
+    are one complex number a + i h da. The step h is so tiny that the real part does not
+    change. Any function of such numbers has its own derivative, times h, as imaginary part.
 
     Attributes
     ----------
@@ -128,8 +128,8 @@ class PathVariation:
     arc_length
         The arc length of the path as a function of its parameter, real numbers only.
     arc_length_rate
-        Derivative of the arc length by the design variable, at a fixed parameter. It is a
-        function of the parameter, like the arc length itself.
+        Derivative of the arc length with respect to the design variable, at a fixed
+        parameter. It is a function of the parameter, like the arc length itself.
     length_rate
         Derivative of the whole length (rad).
     closed
@@ -147,7 +147,7 @@ class PathVariation:
         return self.arc_length.invert(lengths)
 
     def find_parameter_rates(self, u: Floats, length_rates: Floats) -> Floats:
-        """Return the derivatives of parameters u by the design variable x.
+        """Return the derivatives of parameters u with respect to the design variable x.
 
         If x changes the path, the point at an arc length gets another parameter. The
         derivative u' follows from the chain rule for the arc length s(u, x): ds/du u' +
@@ -158,7 +158,8 @@ class PathVariation:
         u
             (n,) parameters of points of the path.
         length_rates
-            (n,) s', the derivatives of the arc lengths (rad) of these points by x.
+            (n,) s', the derivatives of the arc lengths (rad) of these points with respect
+            to x.
 
         Returns
         -------
@@ -169,7 +170,7 @@ class PathVariation:
     def _speeds(self, u: Floats) -> Floats:
         """Return the speeds ds/du (n,) of the path at parameters u (n,), real numbers."""
         # `path` takes complex numbers, in which u has the derivative 0 here. The result is
-        # complex too. Only the speed itself, its real part, is needed.
+        # complex too. Its real part is the speed.
         complex_speeds = self.path.speed(add_complex_step(u, 0.0))
         return np.real(complex_speeds)
 
@@ -181,13 +182,14 @@ class MovingFit:
     Attributes
     ----------
     path
-        The spline. Its numbers carry derivatives by the design variable as complex steps:
-        the imaginary part of a number is its derivative times a tiny number.
+        The spline. Its numbers carry derivatives with respect to the design variable as
+        complex steps: the imaginary part of a number is its derivative times a tiny number.
     arc_length_rate
-        Derivative of the arc length by the design variable, at a fixed parameter.
+        Derivative of the arc length with respect to the design variable, at a fixed
+        parameter.
     piece_length_rates
-        (panels,) derivatives by the design variable of the lengths of the pieces of the
-        curve between successive points.
+        (panels,) derivatives with respect to the design variable of the lengths of the
+        pieces of the curve between successive points.
     """
 
     path: SplinePath
@@ -209,7 +211,7 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
     points
         (m, 3) unit vectors.
     change
-        (m, 3) derivatives of these vectors by the design variable.
+        (m, 3) derivatives of these vectors with respect to the design variable.
     closed
         Whether the curve is closed.
     """
@@ -219,7 +221,8 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
     knot_step_rates = _differentiate_arcs(moving_points)
     fits = list(spline_fits(points, closed))
     for spline, _arc_length in fits:
-        # `moving_fit` is the same spline, with derivatives by the design variable.
+        # `moving_fit` is the same spline, with derivatives with respect to the design
+        # variable.
         moving_fit = _differentiate_fit(spline, moving_points, knot_step_rates)
         knot_step_rates = moving_fit.piece_length_rates
     # The last fit is the curve.
@@ -241,7 +244,7 @@ def _make_moving_points(points: Floats, change: Floats, closed: bool) -> Floats:
     Parameters
     ----------
     points, change
-        (m, 3) unit vectors, and their derivatives by the design variable.
+        (m, 3) unit vectors, and their derivatives with respect to the design variable.
     closed
         Whether the curve is closed. The first point is then repeated at the end.
     """
@@ -255,7 +258,7 @@ def _make_moving_points(points: Floats, change: Floats, closed: bool) -> Floats:
 def _differentiate_fit(
     path: SplinePath, moving_points: Floats, knot_step_rates: Floats
 ) -> MovingFit:
-    """Return a spline through moving points, with its derivative by the design variable.
+    """Return a spline through points that a design variable moves, with its derivative.
 
     Parameters
     ----------
@@ -290,7 +293,7 @@ def _differentiate_fit(
 
 
 def _integrate_speed_rate(path: Path, edges: Floats) -> ArcLength:
-    """Return the derivative of the arc length of a path by a design variable.
+    """Return the derivative of the arc length of a path with respect to a design variable.
 
     The arc length is the integral of the speed |dp/du| over the parameter u. Its derivative
     is therefore the integral of the derivative of the speed.
@@ -298,8 +301,8 @@ def _integrate_speed_rate(path: Path, edges: Floats) -> ArcLength:
     Parameters
     ----------
     path
-        The path as a complex step: the imaginary part of each number is its derivative by
-        the design variable, times a tiny number.
+        The path as a complex step: the imaginary part of each number is its derivative with
+        respect to the design variable, times a tiny number.
     edges
         (m,) parameters u. The path is smooth between them.
 
@@ -320,7 +323,8 @@ def _integrate_speed_rate(path: Path, edges: Floats) -> ArcLength:
 def _differentiate_arcs(points: Floats) -> Floats:
     """Return the derivatives of the arcs (rad) between successive points.
 
-    The points depend on a design variable, by which the arcs are differentiated.
+    The points depend on a design variable, with respect to which the arcs are
+    differentiated.
 
     Parameters
     ----------
@@ -345,7 +349,7 @@ def _differentiate_arcs(points: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class CurveDerivative:
-    """The derivative of a curve by a design variable, as a function of the arc length.
+    """The derivative of a curve with respect to a design variable, along its arc length.
 
     The curve is a path on the unit sphere, run forwards or backwards. A design variable,
     such as a radius, changes it. The derivative is the rate at which the point of the
@@ -354,7 +358,8 @@ class CurveDerivative:
     Attributes
     ----------
     variation
-        The path by a parameter of its own, with its derivative by the design variable.
+        The path as a function of its own parameter, with its derivative with respect to the
+        design variable.
     backwards
         Whether the curve runs against the path.
     """
@@ -363,9 +368,9 @@ class CurveDerivative:
     backwards: bool
 
     def __call__(self, s: Floats) -> Floats:
-        """Return the derivatives by the design variable at fixed arc lengths s (n,), rad.
+        """Return derivatives with respect to the design variable at arc lengths s (n,).
 
-        The derivatives follow step by step:
+        The arc lengths (rad) are fixed. The derivatives follow step by step:
 
         1. The arc length on the path is +s or -s plus a number of laps, each of the length
            of the path. Only this length depends on the design variable.
@@ -415,14 +420,14 @@ class CurveDerivative:
         return np.full_like(signed_lengths, lap)
 
     def _differentiate_points(self, frames: PathFrames) -> Floats:
-        """Return the derivatives of points and curvatures by the design variable.
+        """Return derivatives of points and curvatures with respect to the design variable.
 
         Parameters
         ----------
         frames
             Tangents, points and curvatures of the path at n points. Their numbers are
-            complex, with the derivatives by the design variable as scaled imaginary parts
-            (complex step).
+            complex, with the derivatives with respect to the design variable as scaled
+            imaginary parts (complex step).
 
         Returns
         -------
@@ -459,7 +464,7 @@ def differentiate_fourier(
     Parameters
     ----------
     centre
-        Unit vector (3,), and its derivative by the design variable.
+        Unit vector (3,), and its derivative with respect to the design variable.
     cosines, sines
         Coefficients (rad) of the colatitude, and their derivatives.
     backwards
@@ -476,7 +481,7 @@ def differentiate_fourier(
         axes_about(np.asarray(centre_value, dtype=float)), cosine_values, sine_values
     )
     # The moving path has complex numbers. Their real parts are the values, their scaled
-    # imaginary parts the derivatives by the design variable (complex step).
+    # imaginary parts the derivatives with respect to the design variable (complex step).
     moving_path = FourierPath(
         axes_about(add_complex_step(centre_value, centre_rate)),
         add_complex_step(cosine_values, cosine_rates),
@@ -507,17 +512,17 @@ def _append_zeros(coefficients: ArrayLike, count: int) -> Floats:
 def differentiate_spline(
     points: ArrayLike, change: ArrayLike, closed: bool, backwards: bool = False
 ) -> CurveDerivative:
-    """Return the derivative of the smooth spline curve through points by a design variable.
+    """Return the derivative of a spline curve with respect to a design variable.
 
-    The points depend on this variable. `spherekit.geometry.profile_curve.through` computes
-    the curve itself.
+    The curve runs smoothly through points that depend on this variable.
+    `spherekit.geometry.profile_curve.through` computes the curve itself.
 
     Parameters
     ----------
     points
         (m, 3) unit vectors in the order of the curve.
     change
-        (m, 3) derivatives of these vectors by the design variable.
+        (m, 3) derivatives of these vectors with respect to the design variable.
     closed
         Whether the curve is closed.
     backwards

@@ -39,7 +39,7 @@ class BorderArc:
     Attributes
     ----------
     margin
-        Number of the margin that is 0 on the arc. It is -1 if the arc is the border of the
+        Index of the margin that is 0 on the arc. It is -1 if the arc is the border of the
         directions in which a margin is defined.
     points
         (m, 3) unit vectors along the arc, with the region to their left.
@@ -62,9 +62,9 @@ class Boundary:
     arcs
         Smooth arcs of the curve, in order. One margin is 0 along each arc.
     component
-        Number of the component on the left of the curve.
+        Index of the component on the left of the curve.
     gap
-        Number of the gap on the right of the curve.
+        Index of the gap on the right of the curve.
     """
 
     arcs: tuple[BorderArc, ...]
@@ -99,7 +99,7 @@ class Part:
     area
         Area (sr).
     boundaries
-        Numbers of the closed boundary curves around the part.
+        Indices of the closed boundary curves around the part.
     place
         (3,) unit vector: of the vertices of the mesh in this part, the one that is farthest
         inside the part. Its depth has the largest absolute value.
@@ -139,19 +139,19 @@ class Region:
         Closed curves between a component and a gap.
     excluding
         For an empty region, the smallest sets of margins that no direction satisfies
-        together, as numbers of margins.
+        together, as indices of margins.
     points
         (V, 3) vertices of the mesh.
     triangles
-        (T, 3) numbers of the vertices of each triangle, counter-clockwise seen from
+        (T, 3) indices of the vertices of each triangle, counter-clockwise seen from
         outside.
     values
         (V, k) margins at the vertices, NaN where a margin is undefined.
     surface_points
         (P, 3) points, first the vertices of the mesh, then points of the border.
     surface_triangles
-        (F, 3) triangles between these points. They cover the region alone, up to its
-        border. Maps are drawn on them.
+        (F, 3) triangles between these points. They cover only the region, up to its border.
+        Maps are drawn on them.
     evaluations
         Number of directions at which the margins were evaluated.
     calls
@@ -243,7 +243,7 @@ def find_region(
         evaluations. A margin may be NaN. The direction then counts as outside: because
         another margin is negative there, or else because it cannot be reached.
     tolerance
-        Wanted error of the area (sr). `Region.error` is the error that was reached.
+        Required error of the area (sr). `Region.error` is the error that was reached.
     spacing
         Longest edge (rad) of the first triangles, which are sampled at half of it. Between
         samples the margins are interpolated by polynomials of degree 2, and the error of
@@ -362,7 +362,7 @@ def _find_parts(
         )
 
     def make_part(part: int) -> Part:
-        """Return a part of the region or of the outside, given by its number."""
+        """Return a part of the region or of the outside, given by its index."""
         vertices = np.flatnonzero(part_of_vertex == part)
         deepest = vertices[np.argmax(np.abs(depth[vertices]))]
         return Part(
@@ -401,9 +401,9 @@ def _find_excluding_sets(
 ) -> tuple[tuple[int, ...], ...]:
     """Return the smallest sets of margins that no direction satisfies together.
 
-    They explain to the user why a region is empty. A direction satisfies a margin (function
-    of the direction) that is at least 0 there. The search uses a mesh of triangles, so it
-    can miss narrow regions.
+    These sets explain to the user why a region is empty. A direction satisfies a margin
+    (function of the direction) that is at least 0 there. The search uses a mesh of
+    triangles, so it can miss narrow regions.
 
     Parameters
     ----------
@@ -419,14 +419,14 @@ def _find_excluding_sets(
 
     Returns
     -------
-    Sets of numbers of margins. No set contains another one.
+    Sets of indices of margins. No set contains another one.
     """
 
     def excludes_all(margins: tuple[int, ...]) -> bool:
         """Return whether no direction satisfies the margins with these numbers."""
         if np.any(smallest_margins(values[:, margins]) >= 0.0):
             return False
-        # Search the region of these margins alone.
+        # Search the region in which only these margins count.
         selected = MarginEvaluator(lambda points: evaluate(points)[:, margins])
         refinement = RegionRefinement(selected, spacing)
         # Only the existence of a region matters, so the tolerance of its area is infinite.

@@ -7,9 +7,9 @@ c. It is a sum of three vectors that are perpendicular to each other:
         + t (a x c) / |a x c|^2,
     t^2 = (cos(A - C) - a . c) (a . c - cos(A + C)).
 
-The two signs of the triple product t are the two assembly modes of the dyad. The formula is
-that of two intersecting cones. All factors are written in half angles, so small arcs lose
-no digits.
+The two signs of the triple product t are the two assembly modes of the dyad. It is the
+formula for the intersection of two cones. All factors are written in half angles, so small
+arcs lose no digits.
 
 The numbers may be of any type with operators: floats, real or complex arrays, symbolic
 expressions. The orientations of bodies with short arcs follow from the angles of a
@@ -95,8 +95,8 @@ def middle_axis(
 
     A dyad is a chain of two bodies between the outer axes a and c, both unit vectors. The
     axis b of the pair (joint) between its bodies is a sum of a + c, a - c and a x c, times
-    the factors. Two axes b are possible, at mirror images about the plane of a and c. They
-    differ in the sign of the triple product t = b . (a x c).
+    the factors. There are two possible axes b, mirror images of each other in the plane of
+    a and c. They differ in the sign of the triple product t = b . (a x c).
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ from spherekit.geometry.border_point import find_crossings
 from spherekit.geometry.region_margins import MarginEvaluator
 
 KEY_BITS = 32
-"""Number of bits for the number of a vertex in the key of an edge, a 64-bit integer."""
+"""Number of bits for the index of a vertex in the key of an edge, a 64-bit integer."""
 
 
 class EdgeCrossings:
@@ -23,7 +23,7 @@ class EdgeCrossings:
     points
         (c, 3) unit vectors.
     margins
-        (c,) number of the margin that is zero at each of the c crossings.
+        (c,) index of the margin that is zero at each of the c crossings.
     """
 
     def __init__(self) -> None:
@@ -39,7 +39,7 @@ class EdgeCrossings:
         inside: Indices,
         outside: Indices,
     ) -> Indices:
-        """Return the numbers of the crossings of some edges, and compute the new ones.
+        """Return the indices of the crossings of some edges, and compute the new ones.
 
         Parameters
         ----------
@@ -48,18 +48,18 @@ class EdgeCrossings:
         vertices
             (V, 3) unit vectors, the vertices of the mesh.
         inside, outside
-            (n,) numbers of the vertices of each edge inside and outside the region.
+            (n,) indices of the vertices of each edge inside and outside the region.
 
         Returns
         -------
-        (n,) numbers of crossings.
+        (n,) indices of crossings.
         """
-        # The key of an edge is an integer that contains the numbers of both vertices.
+        # The key of an edge is an integer that contains the indices of both vertices.
         keys = _edge_keys(inside, outside)
         new_keys = np.setdiff1d(keys, self._keys)
         new_inside = _inside_vertices(new_keys)
         new_outside = _outside_vertices(new_keys)
-        # Of each new crossing, the point and the number of the margin that is zero there.
+        # Of each new crossing, the point and the index of the margin that is zero there.
         points, zero_margins = find_crossings(
             evaluate, vertices[new_inside], vertices[new_outside]
         )
@@ -75,19 +75,19 @@ class EdgeCrossings:
 
 
 def _edge_keys(inside: Indices, outside: Indices) -> Indices:
-    """Return one integer for each mesh edge, by which a stored edge is found again.
+    """Return one integer for each mesh edge, the key by which it is found again.
 
-    The vertex inside the region is in its upper 32 bits, the vertex outside in its lower
-    ones.
+    The index of the vertex inside the region is in the upper 32 bits of the integer, the
+    index of the vertex outside in the lower ones.
     """
     return (inside << KEY_BITS) | outside
 
 
 def _inside_vertices(keys: Indices) -> Indices:
-    """Return the number of the vertex inside the region of each edge, from its key."""
+    """Return, for each edge, the index of its vertex inside the region, from the key."""
     return keys >> KEY_BITS
 
 
 def _outside_vertices(keys: Indices) -> Indices:
-    """Return the number of the vertex outside the region of each edge, from its key."""
+    """Return, for each edge, the index of its vertex outside the region, from the key."""
     return keys & (2**KEY_BITS - 1)

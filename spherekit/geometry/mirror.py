@@ -46,12 +46,12 @@ def mirror_angles(normals: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def normals_of(phi: ArrayLike, gamma: ArrayLike) -> Floats:
-    """Return the unit normals of mirrors through the centre, from two angles of each.
+    """Return the unit normals of mirrors through the centre, from the two angles of each.
 
     The angles tell how far a mirror moves two points of the unit sphere:
 
-    - phi is the arc from (1, 0, 0) to its mirror image, positive if n_x is negative. The
-      half of it is the arc from the point to the mirror plane, so n_x = -sin(phi / 2).
+    - phi is the arc from (1, 0, 0) to its mirror image, positive if n_x is negative. Half
+      of it is the arc from the point to the mirror plane, so n_x = -sin(phi / 2).
     - gamma is the arc from (0, 1, 0) to its mirror image, positive if n_y is positive. In
       the same way n_y = sin(gamma / 2).
 

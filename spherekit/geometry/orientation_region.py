@@ -113,7 +113,7 @@ class Orientations:
 
     @property
     def fraction(self) -> float:
-        """Volume of these orientations as a part of that of all orientations."""
+        """Volume of these orientations, as a part of the volume of all orientations."""
         return self.volume / ALL_ORIENTATIONS
 
 
@@ -182,7 +182,7 @@ def find_orientations(
         (n, k), the same for q and -q. A margin may be NaN. Such an orientation counts as
         outside of the set.
     tolerance
-        Wanted error, relative to the volume.
+        Required error, relative to the volume.
     most
         Evaluations after which the search ends, even if the error is larger.
 
@@ -210,7 +210,7 @@ def find_orientations(
         if error <= wanted_error:
             break
         # Cells with smaller errors than the limit are not halved. All of these together
-        # have at most half of the wanted error. With a larger part, fewer cells would be
+        # have at most half of the required error. With a larger part, fewer cells would be
         # halved at once, in more rounds.
         limit = 0.5 * wanted_error / np.count_nonzero(cells.error)
         can_halve = cells.boxes.width > MIN_CELL_WIDTH
@@ -242,7 +242,7 @@ class _Boxes(ArrayRows):
     Attributes
     ----------
     cube
-        (n,) number of the cube: the position of the largest component, from 0 to 3.
+        (n,) index of the cube: the position of the largest component, from 0 to 3.
     corner
         (n, 3) coordinates of the lowest corner of each cell, in units.
     width
@@ -258,7 +258,7 @@ class _Boxes(ArrayRows):
 class _MarginRange:
     """Bounds of k margins in n cells of the space of orientations.
 
-    A margin is a function of the orientation that is at least 0 in the wanted set.
+    A margin is a function of the orientation that is at least 0 in the set to be measured.
 
     Attributes
     ----------
@@ -469,7 +469,7 @@ class _OrientationCells:
         points = _sample_points(boxes).reshape(-1, 3)
         cube_of_point = np.tile(boxes.cube, point_count)
         # Equal keys mean equal points. `first` has the number of one point for each key,
-        # and `key_of_point` the number of the key for each point.
+        # and `key_of_point` the index of the key for each point.
         point_keys = _point_keys(cube_of_point, points)
         _, first, key_of_point = np.unique(
             point_keys, return_index=True, return_inverse=True
@@ -516,7 +516,7 @@ def _point_keys(cubes: Indices, points: Indices) -> Indices:
     Parameters
     ----------
     cubes
-        (m,) numbers of the cubes that contain the points. There are four cubes, one for
+        (m,) indices of the cubes that contain the points. There are four cubes, one for
         each component of a quaternion that can be the largest.
     points
         (m, 3) integer coordinates in the cube.
@@ -588,7 +588,7 @@ def _bound_margins(samples: Floats, checks: Floats) -> _MarginRange:
 
 
 def _filled_parts(samples: Floats) -> Floats:
-    """Return which part of each subcell of n cells belongs to the set of orientations.
+    """Return, for each subcell of n cells, the part that belongs to the orientation set.
 
     Where several margins exclude parts of a subcell, only the largest excluded part counts.
     Overlaps are not examined, so volumes near edges of the set are approximate.
@@ -680,8 +680,9 @@ def _curvature_correction(
 
     Notes
     -----
-    V(t) is the volume in which f > t. V(0) is wanted. The border f = t has the area A.
-    Primes are derivatives by t. L is the Laplacian of f. The subcell is a unit cube.
+    V(t) is the volume in which f > t. V(0) is to be computed. The border f = t has the area
+    A. Primes denote derivatives with respect to t. L is the Laplacian of f. The subcell is
+    a unit cube.
 
     1. Let t take all values from -S/2 to S/2. A subcell with the value f at its centre is
        counted, f > t, for the fraction 1/2 + f / S of these values. So the sum of all
@@ -703,13 +704,13 @@ def _curvature_correction(
 def _quaternions(cube: Indices, points: Array) -> Floats:
     """Return the unit quaternions (n, 4) xyzw at points in the four cubes.
 
-    A quaternion divided by its largest component has a 1 in its place. The other three
-    components, from -1 to 1, are the coordinates in the cube of this component.
+    A quaternion divided by its largest component has a 1 in place of that component. The
+    other three components, from -1 to 1, are the coordinates in the cube of this component.
 
     Parameters
     ----------
     cube
-        (n,) numbers of the cubes: the position of the largest component, from 0 to 3.
+        (n,) indices of the cubes: the position of the largest component, from 0 to 3.
     points
         (n, 3) integer coordinates from 0 to 2**CUBE_BITS, which stand for -1 to 1.
     """

@@ -1,8 +1,8 @@
-"""Curves on the unit sphere by a parameter u of their own: circle, Fourier series, spline.
+"""Curves on the unit sphere as functions of a parameter u: circle, Fourier series, spline.
 
 Each path computes its speed |dp/du| and its frame from formulas. A frame (3, 3) has the
 columns t, n = p x t and p, where p is the point and t the unit tangent. The arc length s of
-a path is in `spherekit.geometry.arc_length`, curves by arc length are in
+a path is in `spherekit.geometry.arc_length`, curves as functions of arc length are in
 `spherekit.geometry.profile_curve`.
 """
 
@@ -118,9 +118,10 @@ class FourierPath:
     sines: Floats
 
     def colatitude(self, azimuth: Floats, derivatives: int) -> list[Floats]:
-        """Return the colatitude (rad from the centre) and derivatives by the azimuth.
+        """Return the colatitude (rad) and its derivatives with respect to the azimuth.
 
-        The curve is described by its colatitude, a Fourier series of the azimuth.
+        The curve is described by its colatitude (angle from the centre), a Fourier series
+        of the azimuth.
 
         Parameters
         ----------
@@ -166,8 +167,8 @@ class FourierPath:
         about this centre. The derivative of the curvature with respect to arc length is
         returned too.
         """
-        # d1, d2 and d3 are derivatives of the colatitude by the azimuth; s and c are the
-        # sine and the cosine of the colatitude.
+        # d1, d2 and d3 are derivatives of the colatitude with respect to the azimuth; s and
+        # c are the sine and the cosine of the colatitude.
         colatitude, d1, d2, d3 = self.colatitude(u, 3)
         s = np.sin(colatitude)
         c = np.cos(colatitude)
@@ -201,12 +202,12 @@ class FourierPath:
         s, c
             (n,) sine and cosine of the colatitude.
         derivatives
-            d1, d2, d3 (n,): derivatives of the colatitude by the azimuth.
+            d1, d2, d3 (n,): derivatives of the colatitude with respect to the azimuth.
 
         Notes
         -----
-        Primes are derivatives by the azimuth. The point is p, and v = |p'| is the speed,
-        the derivative of the arc length. With D = det(p, p', p''),
+        Primes denote derivatives with respect to the azimuth. The point is p, and v = |p'|
+        is the speed, the derivative of the arc length. With D = det(p, p', p''),
 
             k = D / v^3,    k' / v = D' / v^4 - 3 k v' / v^2.
 
@@ -242,7 +243,7 @@ class SplinePath:
     ----------
     spline
         A function of parameters u and an order, such as SciPy's `BSpline`. It returns the
-        derivative (..., 3) of x by u of this order.
+        derivative (..., 3) of x of this order with respect to u.
     knots
         (m,) parameters of the interpolated points. The last one of a closed path belongs to
         the first point.
@@ -300,7 +301,8 @@ class SplinePath:
         Parameters
         ----------
         x, x1, x2, x3
-            (n, 3) the spline x and its derivatives x', x'' and x''' by its parameter.
+            (n, 3) the spline x and its derivatives x', x'' and x''' with respect to its
+            parameter.
 
         Notes
         -----
@@ -309,7 +311,7 @@ class SplinePath:
 
             k = q^3 D,  q = |x| / |x cross x'|,  D = det(x, x', x'') = (x cross x') . x''.
 
-        The derivatives by the parameter are
+        The derivatives with respect to the parameter are
 
             k' = q^3 D' + 3 q^2 q' D,
             D' = (x cross x') . x''', as two determinants of the product rule have equal
@@ -340,7 +342,7 @@ class SplinePath:
 
 
 Path = CirclePath | FourierPath | SplinePath
-"""A curve on the unit sphere by a parameter u of its own."""
+"""A curve on the unit sphere as a function of its own parameter u."""
 
 
 def quintic(knots: Floats, points: Floats, closed: bool) -> Any:
@@ -355,7 +357,7 @@ def axes_about(centre: ArrayLike) -> Floats:
 
     The columns are unit vectors to azimuth 0, to azimuth 90 degrees and to the centre.
     Azimuth 0 is the direction of the x axis, projected perpendicular to the centre. If the
-    centre is close to the x axis, the y axis takes its place.
+    centre is close to the x axis, the y axis takes the place of the x axis.
 
     Parameters
     ----------
@@ -412,7 +414,8 @@ def radial_directions(axes: Floats, azimuth: Floats) -> tuple[Floats, Floats]:
     outward
         (n, 3) vectors at the azimuth.
     tangential
-        (n, 3) derivatives of these vectors by the azimuth, which are 90 degrees ahead.
+        (n, 3) derivatives of these vectors with respect to the azimuth, which are 90
+        degrees ahead.
     """
     c = np.cos(azimuth)
     s = np.sin(azimuth)

@@ -179,7 +179,7 @@ def check_no_self_intersection(path: SplinePath) -> None:
     arcs_per_panel = max(MIN_ARCS_PER_PANEL, ceil(MIN_CHECKED_ARCS / panel_count))
     starts = _sample_panels(path, arcs_per_panel)
     ends = np.roll(starts, -1, axis=0)
-    # Numbers of the arcs in each pair. Successive arcs share an end and are no pair.
+    # Indices of the arcs in each pair. Successive arcs share an end and are no pair.
     i, j = _find_close_arcs(starts, ends)
     # Arcs meet if each has its ends on both sides of the great circle of the other.
     meets = _lie_on_both_sides(a=starts[i], b=ends[i], c=starts[j], d=ends[j])
@@ -242,9 +242,9 @@ def _find_close_arcs(starts: Floats, ends: Floats) -> tuple[Indices, Indices]:
 
 
 def _lie_on_both_sides(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
-    """Return (n,) whether c and d are on different sides of a great circle, or on it.
+    """Return a mask (n,) of the pairs c, d on both sides of a great circle, or on it.
 
-    Then an arc from c to d meets the circle. A vector within `ON_CIRCLE_TOLERANCE` of the
+    An arc from such a c to d meets the circle. A vector within `ON_CIRCLE_TOLERANCE` of the
     circle counts as on it. Otherwise rounding errors would hide arcs that touch.
 
     Parameters

@@ -1,8 +1,9 @@
-"""Smooth curves on the unit sphere by their arc length: the profiles of contact pairs.
+"""Smooth curves on the unit sphere: the profiles of contact pairs.
 
-The frame of a curve has the columns t, n = p x t and p, where p is the point and t the
-tangent. Its derivatives by the arc length s are dp/ds = t, dt/ds = k n - p and
-dn/ds = -k t. The geodesic curvature k is positive where the curve turns left.
+A curve is a function of its arc length. The frame of a curve has the columns t, n = p x t
+and p, where p is the point and t the tangent. Its derivatives with respect to the arc
+length s are dp/ds = t, dt/ds = k n - p and dn/ds = -k t. The geodesic curvature k is
+positive where the curve turns left.
 """
 
 from collections.abc import Iterator
@@ -67,12 +68,12 @@ class CurvePoint:
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve on the unit sphere by its arc length.
+    """A curve on the unit sphere as a function of its arc length.
 
     Attributes
     ----------
     path
-        The same curve by a parameter of its own.
+        The same curve as a function of another parameter.
     table
         Arc length of the path as a function of its parameter; None if they are the same.
     length
@@ -141,7 +142,7 @@ class Curve:
         return CurvePoint(frame, curvature, frames.curvature_rate, inside)
 
     def curvature_second(self, s: ArrayLike) -> Floats:
-        """Return the second derivatives (n,) of the curvature by arc length at s (n,)."""
+        """Return the second derivatives (n,) d2k/ds2 of the curvature k at s (n,)."""
         u, _ = self._find_parameters(s)
         frames = self.path.frames(add_complex_step(u, 1.0 / self.path.speed(u)))
         derivative = extract_derivative(frames.curvature_rate)
@@ -178,8 +179,8 @@ def circle(centre: ArrayLike, radius: float) -> Curve:
         )
     sine = float(np.sin(radius))
     path = CirclePath(axes_about(centre), sine, float(np.cos(radius)))
-    # Other curves have a table of the arc length by the parameter of their path. The
-    # parameter of a circle is the arc length itself.
+    # Other curves have a table of the arc length as a function of the parameter of their
+    # path. The parameter of a circle is the arc length itself.
     return Curve(path, table=None, length=2.0 * np.pi * sine, closed=True)
 
 
@@ -196,11 +197,12 @@ def great_circle(centre: ArrayLike) -> Curve:
 
 
 def fourier(centre: ArrayLike, cosines: ArrayLike, sines: ArrayLike = ()) -> Curve:
-    """Return a closed curve by a Fourier series of its colatitude (angle from a centre).
+    """Return a closed curve from the Fourier series of its colatitude.
 
-    The colatitude at the azimuth a is the sum of cosines[k] cos(k a) + sines[k] sin(k a).
-    The azimuth runs counter-clockwise about the centre, as `axes_about` defines it. The arc
-    length s is 0 at azimuth 0. Such a curve never meets itself.
+    The colatitude (angle from the centre) at the azimuth a is the sum of cosines[k] cos(k
+    a) + sines[k] sin(k a). The azimuth runs counter-clockwise about the centre, as
+    `axes_about` defines it. The arc length s is 0 at azimuth 0. Such a curve never meets
+    itself.
 
     Parameters
     ----------
@@ -247,8 +249,8 @@ def through(points: ArrayLike, closed: bool = True) -> Curve:
 
     The curve is the radial projection of a quintic spline through the points. The parameter
     of the spline is nearly the arc length s. The geodesic curvature has two continuous
-    derivatives by s, also at the first point of a closed curve. Open curves may meet
-    themselves.
+    derivatives with respect to s, also at the first point of a closed curve. Open curves
+    may meet themselves.
 
     Parameters
     ----------
@@ -285,8 +287,8 @@ def spline_fits(points: ArrayLike, closed: bool) -> Iterator[tuple[SplinePath, A
     """Yield splines through the same points, each with its arc length.
 
     The last spline is the smooth curve through the points (`spline_through`). Its knots
-    depend on the splines before, so derivatives of the curve by the points need all
-    splines.
+    depend on the splines before, so derivatives of the curve with respect to the points
+    need all splines.
 
     Knots are the parameters of a spline at the points. For the first spline they are the
     sums of the great-circle arcs between the points. For every later spline they are the

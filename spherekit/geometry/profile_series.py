@@ -117,10 +117,10 @@ class ProfileSeries:
         return np.ascontiguousarray(values.T)
 
     def evaluate_derivative(self, s: Floats) -> Floats:
-        """Return the derivatives (8, n) of the profile by the arc length, at s (n,).
+        """Return the derivatives (8, n) of the columns with respect to arc length s (n,).
 
-        The rows are the derivatives of the tangent (3), of the point (3), of the geodesic
-        curvature k and of dk/ds.
+        The rows of the result are the derivatives of the tangent (3), of the point (3), of
+        the geodesic curvature k and of dk/ds.
         """
         # The arc length of a closed profile is reduced to one turn.
         return self.series.derivative.evaluate(

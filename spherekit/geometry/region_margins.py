@@ -21,7 +21,7 @@ RELATIVE_ROUNDING = 1e-13
 border count as inside. Smaller: rounding errors count as negative margins."""
 
 UNDEFINED_MARGIN = -1
-"""Number that stands for all margins together, where the region ends because a margin
+"""Index that stands for all margins together, where the region ends because a margin
 becomes NaN, so that no margin is 0 at the border."""
 
 
@@ -140,7 +140,7 @@ def select_margins(values: Floats, numbers: Indices) -> Floats:
     values
         (n, k) margins.
     numbers
-        (n,) number of the margin for each point, or `UNDEFINED_MARGIN` if the region ends
+        (n,) index of the margin for each point, or `UNDEFINED_MARGIN` if the region ends
         because a margin becomes NaN. The smallest margin is then selected.
 
     Returns
@@ -154,7 +154,7 @@ def select_margins(values: Floats, numbers: Indices) -> Floats:
 
 
 def find_active_margins(values: Floats, rounding_errors: Floats) -> Indices:
-    """Return for each point the number of the margin that excludes it from a region.
+    """Return, for each point, the index of the margin that excludes it from a region.
 
     A margin is a function that is at least 0 inside the region. NaN also excludes a point.
 
@@ -167,7 +167,7 @@ def find_active_margins(values: Floats, rounding_errors: Floats) -> Indices:
 
     Returns
     -------
-    (n,) number of the smallest margin, the first of those that are equal up to rounding.
+    (n,) index of the smallest margin, the first of those that are equal up to rounding.
     `UNDEFINED_MARGIN` if only NaN excludes the point.
     """
     smallest = np.fmin.reduce(values, axis=1)  # ignores NaN

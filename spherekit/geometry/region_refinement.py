@@ -97,9 +97,9 @@ class TriangleDivision:
         Parameters
         ----------
         node
-            (m,) numbers of the nodes of all segments, in the order of the segments.
+            (m,) indices of the nodes of all segments, in the order of the segments.
         segment
-            (m,) number of the segment of each node.
+            (m,) index of the segment of each node.
         """
         # A triangle joins the apex to a node and to the next node of the same segment.
         has_next_node = segment[:-1] == segment[1:]
@@ -116,7 +116,7 @@ class TriangleDivision:
         Parameters
         ----------
         start_node
-            (n,) number of the first node of each segment.
+            (n,) index of the first node of each segment.
         """
         corners = [self.apex, self.other_inside, start_node]
         return np.stack(corners, axis=1)[self.has_extra_triangle]
@@ -144,7 +144,7 @@ class RegionRefinement:
     classes
         (T,) `TriangleClass`, or `UNCLASSIFIED`.
     longest_edges
-        (T,) longest edge (rad) of each classified triangle.
+        (T,) length (rad) of the longest edge of each classified triangle.
     has_several_uncertain
         (T,) whether several margins may change their sign in a triangle. The border of one
         margin may then not be the border of the region.
@@ -210,7 +210,7 @@ class RegionRefinement:
         self._find_border()
 
     def _choose_triangles(self, tolerance: float, feature: float) -> Bools:
-        """Return which triangles (T,) have to be cut next.
+        """Return a mask (T,) of the triangles that have to be cut next.
 
         Margins are the functions that are at least 0 in the region. A triangle is *open* if
         a part of the region, or a hole, may be hidden in it. It is *broken* if the margins
@@ -297,7 +297,7 @@ class RegionRefinement:
         return whole + crossed
 
     def surface(self) -> tuple[Floats, Indices]:
-        r"""Return a triangulation of the region alone, up to its border.
+        r"""Return a triangulation of only the region, up to its border.
 
         Triangles of the mesh with all vertices inside the region stay whole. Triangles that
         the border crosses are divided, and only their part inside the region is used. The
@@ -319,7 +319,7 @@ class RegionRefinement:
         points
             (P, 3) unit vectors: the vertices of the mesh, then the nodes of the border.
         triangles
-            (F, 3) numbers of points.
+            (F, 3) indices of points.
         """
         division = self._divide_triangles()
         all_segments = np.arange(len(self.segments.start))
@@ -348,7 +348,7 @@ class RegionRefinement:
         return order_chains(segment_count, links, directed=True)
 
     def _find_next_segments(self) -> Indices:
-        """Return the number of the segment (n,) after each one along the border, or -1.
+        """Return, for each segment (n,), the index of the next one along the border, or -1.
 
         The border curves are assembled from segments (pieces of the border) in this order.
         A crossing is a point at which the border crosses an edge of the mesh. The border
@@ -384,7 +384,7 @@ class RegionRefinement:
         A segment is a smooth piece of the border in one triangle, with the region on its
         left. A triangle has one segment, or two that meet at a corner of the border. Its
         vertices follow counter-clockwise: the odd one, then the second and the third one.
-        The odd one alone is inside, or it alone is outside::
+        The odd one is the only vertex inside, or the only one outside::
 
             one vertex inside               two vertices inside
 
@@ -520,7 +520,7 @@ class RegionRefinement:
         margins = self.crossings.margins[start_stop]
         starts, stops = self.crossings.points[start_stop]
 
-        # `margins` (2, n) are the numbers of the margins that are 0 at start and stop. If
+        # `margins` (2, n) are the indices of the margins that are 0 at start and stop. If
         # they differ, the border has a corner between them.
         with_corner = np.flatnonzero(margins[0] != margins[1])
         corner, is_corner = find_corners(
@@ -563,7 +563,7 @@ class RegionRefinement:
         Parameters
         ----------
         first, second
-            (n,) numbers of both vertices of each edge. One of them is inside the region.
+            (n,) indices of both vertices of each edge. One of them is inside the region.
         """
         first_is_inside = self.is_inside[first]
         return self.crossings.find(
@@ -574,7 +574,7 @@ class RegionRefinement:
         )
 
     def _reduce_error(self, tolerance: float) -> Bools:
-        """Reduce the error of the area, and return which triangles (T,) have to be cut.
+        """Reduce the error of the area, and return a mask (T,) of the triangles to be cut.
 
         Two causes contribute to the error, each up to half of the tolerance (sr). The
         border is approximated by polynomials, and open triangles may hide parts of the
@@ -613,7 +613,7 @@ class RegionRefinement:
             self.classes[segments.triangle[~segments.is_sound]] = TriangleClass.OPEN
 
     def _find_poor_segments(self, max_error: float) -> Bools:
-        """Return the segments (n,) of the border that are to be approximated better.
+        """Return a mask (n,) of the border segments that need a better approximation.
 
         A segment is the border in one triangle, with an error of the area. If the sum of
         all errors is small enough, no segment is returned.
@@ -640,7 +640,7 @@ class RegionRefinement:
         return error > 0.5 * equal_share
 
     def _choose_open_triangles(self, max_area: float) -> Bools:
-        """Return the open triangles (T,) that have to be cut.
+        """Return a mask (T,) of the open triangles that have to be cut.
 
         An open triangle may hide a part of the region, so its whole area counts as an error
         of the area of the region.
@@ -671,7 +671,7 @@ class RegionRefinement:
         self.points = mesh.points
         self.triangles = mesh.triangles
 
-        # `mesh.origin` (new T,) is the old number of each triangle, -1 for new ones. The
+        # `mesh.origin` (new T,) is the old index of each triangle, -1 for new ones. The
         # properties of new triangles are placeholders until `_classify` computes them.
         self.classes = _carry_over(self.classes, mesh.origin, UNCLASSIFIED)
         self.longest_edges = _carry_over(self.longest_edges, mesh.origin, 0.0)
@@ -681,18 +681,18 @@ class RegionRefinement:
         self._renumber_segments(mesh.origin, old_count=len(is_cut))
 
     def _renumber_segments(self, origin: Indices, old_count: int) -> None:
-        """Adapt the segments to new numbers of triangles; drop those in cut triangles.
+        """Adapt the segments to new indices of triangles; drop those in cut triangles.
 
         A segment is the piece of the border in one triangle.
 
         Parameters
         ----------
         origin
-            (T,) old number of each triangle, -1 for new ones.
+            (T,) old index of each triangle, -1 for new ones.
         old_count
             Number of triangles before the cut.
         """
-        # The new number of each old triangle, -1 if it was cut.
+        # The new index of each old triangle, -1 if it was cut.
         is_kept = origin >= 0
         new_number = np.full(old_count, -1)
         new_number[origin[is_kept]] = np.flatnonzero(is_kept)
@@ -709,7 +709,7 @@ def _carry_over(values: Array, origin: Indices, placeholder: float) -> Array:
     values
         (old T,) one value for each triangle, in the old numbering.
     origin
-        (T,) old number of each triangle, -1 for new ones.
+        (T,) old index of each triangle, -1 for new ones.
     placeholder
         Value of the new triangles.
     """

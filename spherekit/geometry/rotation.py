@@ -193,7 +193,7 @@ def rotation_between_pairs(
 
 
 def log_rate(vector: Floats, w: Floats) -> Floats:
-    """Return the derivatives by time of rotation vectors of rotating bodies.
+    """Return the time derivatives of the rotation vectors of rotating bodies.
 
     A rotation vector d is the axis times the angle. Its derivative is d' = w - d x w / 2 +
     c d x (d x w), where c = (1 - (a / 2) cot(a / 2)) / a^2 and a is the length of d.
@@ -223,7 +223,7 @@ def log_rate(vector: Floats, w: Floats) -> Floats:
 
 
 def log_rate_change(vector: Floats, rate: Floats, w: Floats) -> Floats:
-    """Return second derivatives of rotation vectors by time at constant angular velocity.
+    """Return second time derivatives of rotation vectors at constant angular velocity.
 
     A rotation vector d is the axis times the angle. Its first derivative (`log_rate`) at
     the angular velocity w is
@@ -239,7 +239,7 @@ def log_rate_change(vector: Floats, rate: Floats, w: Floats) -> Floats:
     Parameters
     ----------
     vector, rate
-        (n, 3) rotation vectors d, rad, and their derivatives d' by time, rad/s.
+        (n, 3) rotation vectors d, rad, and their time derivatives d', rad/s.
     w
         (n, 3) angular velocities, rad/s, which are constant here.
 
@@ -280,7 +280,8 @@ def _second_order_coefficients() -> list[float]:
 
 
 _SECOND_ORDER_FACTOR = np.polynomial.Polynomial(_second_order_coefficients())
-"""The factor c of `log_rate` by the square of the angle, exact to rounding up to pi."""
+"""The factor c of `log_rate` as a function of the square of the angle, exact to rounding up
+to pi."""
 
 _SECOND_ORDER_SLOPE = _SECOND_ORDER_FACTOR.deriv()
-"""The derivative of the factor c by the square of the angle."""
+"""The derivative of the factor c with respect to the square of the angle."""

@@ -108,7 +108,7 @@ def sphere_mesh(columns: int = 96, rows: int = 48) -> tuple[Floats, Indices]:
     Returns
     -------
     points, triangles
-        (V, 3) vertices and (T, 3) numbers of the vertices of each triangle. Each parallel
+        (V, 3) vertices and (T, 3) indices of the vertices of each triangle. Each parallel
         has columns + 1 vertices, so the meridian at longitude 0 and the poles are repeated.
     """
     longitude, colatitude = np.meshgrid(
@@ -136,7 +136,7 @@ def quarter_until_short(
     Parameters
     ----------
     points, triangles
-        (V, 3) vertices, which are unit vectors, and (T, 3) numbers of the vertices of each
+        (V, 3) vertices, which are unit vectors, and (T, 3) indices of the vertices of each
         triangle.
     spacing
         Longest edge (rad).
@@ -147,7 +147,7 @@ def quarter_until_short(
         The new mesh. Old vertices come first.
     """
     while np.max(measure_edges(points, triangles)) > spacing:
-        # `sides` (T, 3) are the numbers of the edges ab, bc and ca of each triangle.
+        # `sides` (T, 3) are the indices of the edges ab, bc and ca of each triangle.
         edges, sides = list_edges(triangles)
         a, b, c = triangles.T
         # Each edge gets a new vertex at its middle. New vertices follow the old ones.
@@ -178,7 +178,7 @@ def list_edges(triangles: Indices) -> tuple[Indices, Indices]:
     edges
         (E, 2) vertices of each edge, the lower number first.
     sides
-        (T, 3) for each triangle the numbers of its edges, between the vertices 1 and 2, 2
+        (T, 3) for each triangle the indices of its edges, between the vertices 1 and 2, 2
         and 3, 3 and 1.
     """
     ends = triangles[:, TRIANGLE_EDGES]  # (T, 3, 2) vertices of the three edges
@@ -220,10 +220,10 @@ class BisectedMesh:
     Attributes
     ----------
     points, triangles
-        (V, 3) vertices and (T, 3) numbers of the vertices of each triangle. Old vertices
+        (V, 3) vertices and (T, 3) indices of the vertices of each triangle. Old vertices
         come first, with unchanged numbers.
     origin
-        (T,) number that each triangle had before, or -1 for the parts of cut triangles.
+        (T,) index that each triangle had before, or -1 for the parts of cut triangles.
     """
 
     points: Floats
@@ -246,7 +246,7 @@ def bisect_triangles(points: Floats, triangles: Indices, is_marked: Bools) -> Bi
     is_marked
         (T,) triangles to cut.
     """
-    # (E, 2) vertices of each edge, and (T, 3) numbers of the edges of each triangle.
+    # (E, 2) vertices of each edge, and (T, 3) indices of the edges of each triangle.
     edges, sides = list_edges(triangles)
     is_cut = np.zeros(len(edges), dtype=bool)
     is_cut[sides[is_marked]] = True
@@ -254,8 +254,8 @@ def bisect_triangles(points: Floats, triangles: Indices, is_marked: Bools) -> Bi
     # neighbours until nothing changes.
     while np.any(must_cut := is_cut[sides].any(axis=1) & ~is_cut[sides[:, 0]]):
         is_cut[sides[must_cut, 0]] = True
-    # Numbers (E,) of the new vertices. Those of edges that are not cut have no meaning, and
-    # are not used.
+    # Indices (E,) of the new vertices. The indices for edges that are not cut have no
+    # meaning, and are not used.
     midpoint_of_edge = len(points) - 1 + np.cumsum(is_cut)
     # The middles of the arcs over the edges.
     midpoints = unit_rows(points[edges[is_cut]].sum(axis=1))
@@ -290,7 +290,7 @@ def bisect_triangles(points: Floats, triangles: Indices, is_marked: Bools) -> Bi
         child(second_cut, n3, m1, m2),
     ]
     triangles = np.concatenate(parts)
-    # The number of the old triangle, or -1 for the parts of triangles that were cut.
+    # The index of the old triangle, or -1 for the parts of triangles that were cut.
     origin = np.full(len(triangles), -1)
     origin[: len(uncut)] = uncut
     return BisectedMesh(points, triangles, origin)

@@ -112,7 +112,7 @@ def vertex_angles(
     closes = np.all(differences >= -slack, axis=0)
 
     # Sines of half the perimeter minus each side. Negative differences within the slack
-    # count as zero. The sine of the supplement is that of half the perimeter.
+    # count as zero. The sine of the supplement equals the sine of half the perimeter.
     sines = np.sin(np.clip(differences, 0.0, np.pi))
     sine_less_base, sine_less_first, sine_less_second, sine_half_perimeter = sines
     # The angle at the first end is between the first side and the base, and opposite to the
@@ -212,7 +212,7 @@ def close_dyad(
         the assembly mode.
     slack
         Accepted error (rad) of the outer axes, (n,) or one number for all. A triangle that
-        misses closing by less counts as closed.
+        fails to close by less than this counts as closed.
     """
     # This equals first x second, but its rounding error is small compared with itself even
     # if the axes nearly coincide.

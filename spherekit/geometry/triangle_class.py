@@ -48,7 +48,7 @@ class TriangleClass(IntEnum):
     direction, or there is no border."""
     BROKEN = 3
     """The margins are defined in a part of the triangle only. The border is the border of
-    that part, which is known from samples alone."""
+    that part, which is known only from samples."""
     OPEN = 4
     """A part of the region, or a hole of it, may be hidden in the triangle."""
 

@@ -135,7 +135,8 @@ class EliminantRoots:
         (n,) rounding error of the coefficients of each eliminant, relative to its largest
         coefficient.
     problems
-        For each system the reason why the roots do not give its solutions, or "".
+        For each system the reason why the roots do not give the solutions of the system, or
+        "".
     """
 
     roots: Complexes
@@ -363,7 +364,7 @@ def _resultant_degree(incidence: Bools, angle: int) -> int:
     incidence
         (t, t) whether an equation (row) contains an angle (column), for t = 2 or 3.
     angle
-        Number of the angle, counted from 0. It is not the last one.
+        Index of the angle, counted from 0. It is not the last one.
     """
     return 2 * int(np.sum(incidence[-2:, angle]))
 
@@ -856,7 +857,8 @@ def _sample_eliminants(
         samples = _sample_eliminants_of_two(equations, all_first_angles)
     else:
         # When the third angle is eliminated from the last two equations, their resultant
-        # remains. Its degree in the second angle is needed to eliminate that angle, too.
+        # remains. To eliminate the second angle too, the degree of the resultant in this
+        # angle is needed.
         resultant_degree = _resultant_degree(incidence, angle=1)
         samples = _sample_eliminants_of_three(equations, all_first_angles, resultant_degree)
     if np.isrealobj(equations):
@@ -931,11 +933,12 @@ def _sample_eliminants_of_three(
 
 
 def _determines_second_angle(equations: Numbers, denominators: Complexes) -> Bools:
-    """Return (n,) whether the first of three equations determines the second angle y.
+    """Return a mask (n,) of the systems whose first equation determines the angle y.
 
-    The first equation, with a value of the first angle inserted, is the form c0 + c1 cos(y)
-    + c2 sin(y) = 0. If the part with y is too small at all values of the first angle, its
-    zeros have no meaning.
+    A system has three equations, and y is the second angle. The first equation, with a
+    value of the first angle inserted, is the form c0 + c1 cos(y) + c2 sin(y) = 0. If the
+    part with y is too small at all values of the first angle, the zeros of the form have no
+    meaning.
 
     Parameters
     ----------
@@ -1032,7 +1035,7 @@ def _fourier_coefficients(samples: Complexes, degree: int) -> FourierCoefficient
 
 
 def _find_problems(equations: Numbers, samples: EliminantSamples) -> list[str]:
-    """Return for each system why its solutions cannot be found by elimination, or "".
+    """Return, for each system, why its solutions cannot be found by elimination, or "".
 
     The eliminant is the polynomial in the first angle that remains when the other angles
     are eliminated. There are two reasons:
@@ -1303,16 +1306,17 @@ def _relative_residual(equations: Numbers, angles: Complexes) -> Floats:
 
 
 def _are_distinct(angles: Complexes) -> Bools:
-    """Return (n,) which of n solutions (n, t) are not copies of earlier ones."""
+    """Return a mask (n,) of the solutions (n, t) that are not copies of earlier ones."""
     roots = np.exp(1j * angles)
     is_same = np.all(np.abs(roots[:, None] / roots - 1.0) < SAME_SOLUTION_RAD, axis=2)
     return ~np.any(np.tril(is_same, -1), axis=1)
 
 
 def jacobian_determinants(equations: Numbers, angles: Complexes) -> Complexes:
-    """Return the determinants of the derivatives of n systems of equations by their angles.
+    """Return the determinants of the Jacobians of n systems of equations.
 
-    A determinant is zero where two solutions coincide.
+    A Jacobian has the derivatives of the equations with respect to the angles. Its
+    determinant is zero where two solutions coincide.
 
     Parameters
     ----------
@@ -1331,11 +1335,12 @@ def jacobian_determinants(equations: Numbers, angles: Complexes) -> Complexes:
 
 
 def _evaluate(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complexes]:
-    """Return the values of n systems of equations and their derivatives by the angles.
+    """Return the values of n systems of equations and their derivatives.
 
-    An equation is a sum of coefficients, each multiplied by one factor (1, cosine or sine)
-    of every angle. Its derivative by an angle is the same sum with 0, -sine and cosine in
-    place of the factors of that angle.
+    The derivatives are with respect to the angles. An equation is a sum of coefficients,
+    each multiplied by one factor (1, cosine or sine) of every angle. Its derivative with
+    respect to an angle is the same sum with 0, -sine and cosine in place of the factors of
+    that angle.
 
     Parameters
     ----------

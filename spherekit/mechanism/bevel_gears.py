@@ -103,7 +103,7 @@ def check_half_angles(
     Parameters
     ----------
     half_angles
-        Half angles of both cones (rad), between 0 and pi, or of the first cone alone. If
+        Half angles of both cones (rad), between 0 and pi, or of only the first cone. If
         both are stated and miss contact by at most `PROFILE_GAP_RAD`, the second is
         replaced by the half angle that fits.
     shaft_angle

@@ -92,8 +92,9 @@ def find_coaxial_links(
             # 1 if the axis of the pair points along the line, -1 if it points against it.
             direction_sign = float(np.sign(axes[near_side] @ coaxial_link.line))
             # The pair variable is the angle of the second link relative to the first. The
-            # wanted angle is that of the near link, with the wheel, relative to the far
-            # link. It is the opposite angle if the near link is the first one.
+            # required angle is the angle of the near link, with the wheel, relative to the
+            # far link. This is the opposite of the pair variable if the near link is the
+            # first one.
             if near_side == 1:
                 sign = direction_sign
             else:

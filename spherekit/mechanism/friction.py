@@ -200,7 +200,8 @@ class Bearings(BearingFriction):
 
         Here v is the rate of the pair. The friction moment (N m) is this magnitude times
         the coefficient, the radius and the sum of the forces on the bearings. Other code
-        multiplies, because the forces are known only when the reactions are.
+        multiplies, because the forces are known only after the reactions have been
+        computed.
         """
         magnitude = f"-tanh(dtheta_{self.pair}/{format_number(self.speed)})"
         if not self.friction_coefficient > 0.0:
@@ -257,7 +258,7 @@ class ContactFriction(BearingFriction):
         moments
             (..., 3) moment about the centre (N m) that the contact transmits, in pair axes.
         forces
-            Not used: the push follows from the moment alone.
+            Not used: the push follows from the moment only.
 
         Returns
         -------
@@ -272,7 +273,8 @@ class ContactFriction(BearingFriction):
 
         Here v is the sliding rate. The friction moment is this magnitude times the
         coefficient times the push, the moment (N m) of the normal force about the centre.
-        Other code multiplies, because the push is known only when the reactions are.
+        Other code multiplies, because the push is known only after the reactions have been
+        computed.
         """
         if not self.friction_coefficient > 0.0:
             return (LoadComponent(parse("0", [])),)
@@ -301,8 +303,8 @@ def check_no_reaction_friction(mechanism: LoadedMechanism, what: str) -> None:
         The mechanism.
     what
         Words of the message after "its friction depends on the reaction of pair 41, which",
-        such as "a page does not solve for". They can end with an advice. The message adds
-        further advice after "or".
+        such as "a page does not solve for" (an HTML page with results). They can end with
+        advice. The message adds further advice after "or".
 
     Raises
     ------

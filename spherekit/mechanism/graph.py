@@ -18,7 +18,7 @@ Larger: nodes are pushed farther apart. Smaller: nodes cover each other's names.
 """
 
 MAX_NODE_SHIFTS = 100
-"""Number of times that nodes are pushed apart at most.
+"""Largest number of times that nodes are pushed apart.
 
 Larger: crowded drawings take longer. Smaller: some nodes may stay too close to each other.
 """
@@ -34,16 +34,16 @@ def find_spanning_tree(
     Parameters
     ----------
     ends
-        Numbers of the two bodies of every pair.
+        Indices of the two bodies of every pair.
     start
-        Numbers of the bodies from which the search starts, breadth first. Each of them is
+        Indices of the bodies from which the search starts, breadth first. Each of them is
         the root of its own tree.
     pairs
-        Numbers of the pairs that may be used. By default all.
+        Indices of the pairs that may be used. By default all.
 
     Returns
     -------
-    The branches in the order in which they are found: the number of the pair, the body from
+    The branches in the order in which they are found: the index of the pair, the body from
     which it leads, and the body that it reaches. Bodies that no pair reaches are missing.
     """
     usable_pairs = range(len(ends)) if pairs is None else sorted(pairs)
@@ -60,7 +60,7 @@ def find_spanning_tree(
 
 
 def component_labels(count: int, couples: Iterable[tuple[int, int]]) -> list[int]:
-    """Return for each node of a graph the connected component that contains it.
+    """Return, for each node of a graph, the connected component that contains it.
 
     Parameters
     ----------
@@ -73,8 +73,8 @@ def component_labels(count: int, couples: Iterable[tuple[int, int]]) -> list[int
     -------
     (count,) label for each node: the smallest node of its component.
     """
-    # At first each node is a component of its own. An edge joins two components under the
-    # smaller label.
+    # In the beginning, each node is a component of its own. An edge joins two components
+    # under the smaller label.
     labels = list(range(count))
     for couple in couples:
         low, high = sorted(labels[node] for node in couple)

@@ -4,7 +4,8 @@ An R pair has one variable, the angle about its axis. A rolling contact has one,
 length along both profiles. A sliding contact has two, the arc length along each profile.
 
 A profile is a curve on the unit sphere. Its moving frame has the columns tangent t, normal
-n and point p. With the geodesic curvature k, the derivatives by the arc length s are
+n and point p. With the geodesic curvature k, the derivatives with respect to the arc length
+s are
 
     dp/ds = t,    dt/ds = k n - p,    dn/ds = -k t.
 """
@@ -56,7 +57,8 @@ class PairStates(NamedTuple):
         (n, pairs, 2) geodesic curvatures of the profiles (contact curves) of both links at
         the contact. Zero for R pairs (hinges).
     curvature_rates
-        (n, pairs, 2) derivatives of the curvatures by the arc length of their profile.
+        (n, pairs, 2) derivatives of the curvatures with respect to the arc length of their
+        profile.
     inside
         (n, pairs) whether the contact point is on both profiles, not beyond their ends.
     """
@@ -249,7 +251,7 @@ class Joint(ABC):
             derivatives are in the same axes.
         states
             States of the pairs, with the geodesic curvatures of both profiles and their
-            derivatives by the arc length.
+            derivatives with respect to the arc length.
         first_w, second_w
             (n, m, 3) angular velocities (rad/s) of the first and the second links, in the
             same axes.
@@ -330,7 +332,7 @@ class Revolute(Joint):
         """Return the time derivative (n, m, 1, 3) of the axis of m R pairs at n samples.
 
         The axis is the velocity vector of an R pair (hinge): the relative angular velocity
-        per unit rate. It turns with the first link, which has the angular velocity
+        per unit rate. The axis turns with the first link, which has the angular velocity
         `first_w` (n, m, 3).
         """
         return cross(first_w, frames[..., 2])[:, :, None]
@@ -418,7 +420,8 @@ class Sliding(Joint):
             (samples, pairs, 3, 3) frames of the contacts, with the columns tangent, normal
             and contact point.
         states
-            The geodesic curvatures of both profiles, and their derivatives by arc length.
+            The geodesic curvatures of both profiles, and their derivatives with respect to
+            arc length.
         first_w, second_w
             (samples, pairs, 3) angular velocities (rad/s) of the first and second links.
 
@@ -528,7 +531,8 @@ class Rolling(Joint):
         return np.sum(sliding_rates, axis=2, keepdims=True)
 
 
-# The joints of a mechanism are evaluated again for every block of samples.
+# The joints of a mechanism are evaluated again for every block of samples (samples that are
+# computed together).
 @lru_cache(maxsize=512)
 def _stacked_frames(joints: tuple[Revolute, ...]) -> tuple[Floats, Floats]:
     """Return the constant frames of m R pairs as arrays.

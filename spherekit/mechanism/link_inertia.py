@@ -1,4 +1,4 @@
-"""Inertia tensors of a mechanism as arrays, by link number."""
+"""Inertia tensors of a mechanism as arrays, by the index of the link."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from spherekit.mechanism.mechanism import Mechanism
 
 
 def link_inertia_tensors(mechanism: Mechanism) -> dict[int, Floats]:
-    """Return the inertia tensor (3, 3) of every link that has one, by link number.
+    """Return the inertia tensor (3, 3) of every link that has one, by link index.
 
     The tensors (kg m2) are about the centre of the sphere, in link axes.
     """

@@ -196,7 +196,7 @@ class LoadedMechanism(Protocol):
 
     @property
     def angles(self) -> Mapping[str, int]:
-        """Numbers of the variables that are angles, by R pair."""
+        """Indices of the variables that are angles, by R pair."""
 
     def pair(self, name: str) -> Pair:
         """Return the pair with this name; `ModelError` if there is none."""
@@ -235,7 +235,7 @@ class Load(ABC):
     velocity_unit: ClassVar[str] = ""
     """Unit of the velocity at which the load works; empty if it has no unit.
 
-    The velocity is that per unit rate of a coordinate. The generalised force of the load is
+    It is the velocity per unit rate of a coordinate. The generalised force of the load is
     its magnitude times this velocity.
     """
 
@@ -306,7 +306,8 @@ class BearingFriction(Load):
         """Whether the friction depends on the transmitted force as well as on the moment.
 
         The transmitted force acts through the centre of the sphere and has no moment about
-        it. It takes extra work, so it is computed only if needed.
+        it. Computing this force takes extra work, so it is computed only if the friction
+        depends on it.
         """
         return False
 

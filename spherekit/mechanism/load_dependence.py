@@ -25,7 +25,7 @@ def used_pairs(mechanism: Mechanism) -> frozenset[str]:
 
 
 def acting_links(mechanism: Mechanism) -> frozenset[int]:
-    """Return the numbers of the links that matter to the dynamics.
+    """Return the indices of the links that matter to the dynamics.
 
     These links have mass, or loads depend on their orientation or angular velocity. Links
     of the `used_pairs` (joints whose variables or rates loads contain) matter too.

@@ -55,9 +55,9 @@ class PairTorque(Load):
         Name of the R pair.
     torque
         The torque (N m): an expression in pair variables ``theta_PAIR`` (rad), their rates
-        ``dtheta_PAIR`` (rad/s) and the time ``t`` (s). It may also be a function f(t, q,
-        dq) of the time and of the variable and the rate of this pair. Only simulations by
-        NumPy can use a function, and they call it at any times in any order.
+        ``dtheta_PAIR`` (rad/s) and the time ``t`` (s). The torque may also be a function
+        f(t, q, dq) of the time and of the variable and the rate of this pair. Only
+        simulations by NumPy can use a function, and they call it at any times in any order.
     """
 
     kind = "torque"
@@ -243,8 +243,9 @@ class Spring(Load):
     # The expression of the torque (N m). `components` of the base class inserts the values
     # of the fields; theta_21 is the variable of a pair named 21.
     torque_template = "-{stiffness}*(theta_{pair} - {rest})"
-    # The entries of a spring in a mechanism file: the name of a pair, a number of the unit
-    # N m/rad that is not negative, and an angle. They are read and checked accordingly.
+    # The values that state a spring in a mechanism file: the name of a pair, a number of
+    # the unit N m/rad that is not negative, and an angle. They are read and checked
+    # accordingly.
     field_kinds = MappingProxyType(
         {"pair": "pair", "stiffness": "N m/rad", "rest": "angle"}
     )

@@ -168,7 +168,7 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
 def _relative_rotation(
     mechanism: Mechanism, pair: Pair, value: float, kept_link: str
 ) -> Floats:
-    """Return the rotation (3, 3) to the axes of one link of a pair from those of the other.
+    """Return the rotation (3, 3) from the axes of one link of a pair to those of the other.
 
     Parameters
     ----------
@@ -480,7 +480,7 @@ def _without_pair(values_by_pair: Mapping[str, Any], pair: Pair) -> dict[str, An
 
 
 def _merge_masses(masses: Iterable[Mass]) -> tuple[Mass, ...]:
-    """Return masses with one entry for each link. Entries of one link are joined."""
+    """Return masses with one entry for each link. Several masses of one link are joined."""
     mass_by_link: dict[str, Mass] = {}
     for item in masses:
         if item.link in mass_by_link:

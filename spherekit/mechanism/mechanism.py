@@ -76,8 +76,9 @@ def field_kinds(part: Any) -> Mapping[str, str]:
 class Mechanism:
     """A spherical mechanism as a graph of links and pairs with its geometry.
 
-    The object is immutable and complete: everything else is computed from it. Numbers of
-    links and pairs are positions in `links` and `pairs`, from 0.
+    The object is immutable and complete: everything else is computed from it. The index of
+    a link or pair is its position in `links` or `pairs`, from 0. It is also called its
+    number.
 
     Attributes
     ----------
@@ -176,12 +177,12 @@ class Mechanism:
         return tuple(item.pair for item in self.inputs)
 
     def names_of(self, pairs: Iterable[int]) -> list[str]:
-        """Return the names of pairs by their numbers."""
+        """Return the names of pairs by their indices."""
         return [self.pairs[pair].name for pair in pairs]
 
     @cached_property
     def ends(self) -> tuple[tuple[int, int], ...]:
-        """The two link numbers of every pair, in the order of `pairs`."""
+        """The two link indices of every pair, in the order of `pairs`."""
         return tuple(
             (self.link_number[first_link], self.link_number[second_link])
             for first_link, second_link in (pair.links for pair in self.pairs)
@@ -189,7 +190,7 @@ class Mechanism:
 
     @cached_property
     def variable_owners(self) -> tuple[int, ...]:
-        """The pair number of every variable: R and Cr pairs have one, Cs pairs two."""
+        """The pair index of every variable; R and Cr pairs have one variable, Cs two."""
         return tuple(
             number
             for number, pair in enumerate(self.pairs)
@@ -207,7 +208,7 @@ class Mechanism:
 
     @cached_property
     def angles(self) -> Mapping[str, int]:
-        """The numbers of the variables that are angles about fixed axes, by R pair."""
+        """The indices of the variables that are angles about fixed axes, by R pair."""
         return {
             self.pairs[owner].name: variable
             for variable, owner in enumerate(self.variable_owners)
@@ -221,10 +222,10 @@ class Mechanism:
 
     @cached_property
     def pole_pairs(self) -> Mapping[tuple[int, int], int]:
-        """Numbers of the pairs (joints) whose axis or contact line is a pole axis.
+        """Indices of the pairs (joints) whose axis or contact line is a pole axis.
 
         A pole axis is the axis of the relative rotation of two links, which such a pair
-        shows directly. The keys are the numbers of its two links, the smaller one first.
+        shows directly. The keys are the indices of its two links, the smaller one first.
         """
         return {
             (min(ends), max(ends)): number
@@ -233,7 +234,7 @@ class Mechanism:
         }
 
     def angle_between(self, first_link: int, second_link: int) -> int | None:
-        """Return the number of the variable for the angle between two links, or None.
+        """Return the index of the variable for the angle between two links, or None.
 
         It is the variable of the first R pair (revolute joint) that joins both links.
         """
@@ -243,7 +244,7 @@ class Mechanism:
         return None
 
     def variables_of(self, pair: int) -> tuple[int, ...]:
-        """Return the numbers of a pair's variables."""
+        """Return the indices of a pair's variables."""
         return tuple(n for n, owner in enumerate(self.variable_owners) if owner == pair)
 
     def pair(self, name: str) -> Pair:
@@ -259,7 +260,7 @@ class Mechanism:
         return self.pairs[self.pair_number[name]]
 
     def link(self, name: str) -> int:
-        """Return the number of the link with this name.
+        """Return the index of the link with this name.
 
         Raises
         ------

@@ -31,7 +31,7 @@ class AngleSwings:
 
 
 def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
-    """Find how far angles swing over successive samples, with full revolutions counted.
+    """Find the widest swing of angles over successive samples, counting full revolutions.
 
     Where a mode cannot be assembled, the path of samples is divided into pieces. Within a
     piece, the change of the angle from sample to sample is taken in (-pi, pi] and added up.
@@ -72,7 +72,7 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
         path_swing = _find_widest_swing(growth[:, mode], begins_piece[:, mode])
         if has_angles[mode]:
             swings[mode] = path_swing.swing
-        # The modulo (%) turns the number of a path sample into that of the sample.
+        # The modulo (%) turns the index of a path sample into the index of the sample.
         sample_count = len(angles)
         low_samples[mode] = path_swing.low_sample % sample_count
         high_samples[mode] = path_swing.high_sample % sample_count

@@ -19,7 +19,7 @@ class ArrayRows:
     """
 
     def rows(self, chosen: slice | Array) -> Self:
-        """Return a record with some of the rows, chosen by a mask, a slice or indices."""
+        """Return an object with some of the rows, chosen by a mask, a slice or indices."""
         selected = _transform_fields(
             [_field_values(self)],
             combine_arrays=lambda arrays: arrays[0][chosen],
@@ -28,17 +28,17 @@ class ArrayRows:
         return type(self)(**selected)
 
     def assign_rows(self, rows: Indices, new: Self) -> None:
-        """Replace some rows of the arrays in place by the rows of another record.
+        """Replace some rows of the arrays in place by the rows of another such object.
 
-        Nested records and arrays in dictionaries are changed too. Arrays in tuples are not,
-        so classes with such a field must not use this method.
+        Nested `ArrayRows` and arrays in dictionaries are changed too. Arrays in tuples are
+        not, so classes with such a field must not use this method.
 
         Parameters
         ----------
         rows
             (k,) indices of the rows to replace.
         new
-            A record of the same type with k rows.
+            An object of the same type with k rows.
         """
         new_values = _field_values(new)
         for name, value in _field_values(self).items():
@@ -52,10 +52,9 @@ class ArrayRows:
 
     @classmethod
     def concatenate(cls, parts: Sequence[Self]) -> Self:
-        """Return a record with the rows of all parts in their order.
+        """Return an object with the rows of all parts (other objects) in their order.
 
-        A record has arrays with one row for each item. Fields that are not arrays are taken
-        from the first part.
+        Fields that are not arrays are taken from the first part.
         """
         joined = _transform_fields(
             [_field_values(part) for part in parts],
@@ -66,7 +65,7 @@ class ArrayRows:
 
 
 def _field_values(record: Any) -> dict[str, Any]:
-    """Return the values of the fields of a dataclass by name, without copying them."""
+    """Return the field values of a dataclass by name, without copying the values."""
     return {item.name: getattr(record, item.name) for item in fields(record)}
 
 

@@ -15,9 +15,10 @@ The second argument is the indices (m,) of these functions.
 """
 
 MAX_ITERATIONS = 80
-"""Function values per bracket at most.
+"""Largest number of function values per bracket.
 
-Halving alone takes about 53 to reach the rounding error of a bracket that does not contain
+Halving without interpolation takes about 53 to reach the rounding error of a bracket that
+does not contain
 0. Smaller: brackets of discontinuous functions may not become narrow.
 """
 
@@ -41,8 +42,8 @@ def find_bracketed_zeros(
     Parameters
     ----------
     function
-        Function of positions (k,) and the numbers (k,) of the functions to evaluate there.
-        It returns the values (k,). The functions may jump.
+        A callable that takes positions (k,) and the indices (k,) of the functions to
+        evaluate there, and returns the values (k,). The functions may jump.
     low, high
         (n,) ends of the brackets.
     values_at_low, values_at_high

@@ -186,7 +186,7 @@ class PiecewiseChebyshev:
 
     @cached_property
     def derivative(self) -> "PiecewiseChebyshev":
-        """The derivatives of the interpolant by the variable."""
+        """The derivatives of the interpolant with respect to the variable."""
         reduced_per_position = 2.0 / np.diff(self.edges)
         slopes = chebyshev.chebder(self.coefficients, axis=1)
         return PiecewiseChebyshev(self.edges, slopes * reduced_per_position[:, None, None])
@@ -294,7 +294,7 @@ def _transform_grid_samples(grid_samples: Floats, degree: int, variables: int) -
     -------
     (cells, degree + 1, ..., F) coefficients, with one axis of orders per variable.
     """
-    # At first each variable has an axis of its nodes.
+    # Before the transform, each variable has an axis of its nodes.
     cell_count = len(grid_samples)
     tensor = grid_samples.reshape(cell_count, *[degree + 1] * variables, -1)
     for axis in range(1, variables + 1):

@@ -10,7 +10,7 @@ from spherekit.arrays import Indices
 
 
 def label_components(count: int, links: Indices) -> Indices:
-    """Return for each item of a graph the number of its connected component.
+    """Return, for each item of a graph, the number of its connected component.
 
     Parameters
     ----------

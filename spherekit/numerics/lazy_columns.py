@@ -167,7 +167,7 @@ def read_columns(columns: Iterable[Column]) -> list[Array]:
 
 
 class _PartCopy(NamedTuple):
-    """A part of a table column, and where its rows are written in the output array.
+    """A part of a table column, and the output rows to which the part is written.
 
     A table can have the rows of several subjects, such as poles (axes of relative rotation
     of two links). The rows of the subjects alternate. A part of a column has the rows of
@@ -181,7 +181,7 @@ class _PartCopy(NamedTuple):
         View of the rows of the output array that belong to this part.
     subject_count
         Number of parts of the column, one for each subject. A row number of the column,
-        divided by it, is the row number in the part.
+        divided by this count, is the row number in the part.
     """
 
     part: Array | LazyColumn
@@ -216,7 +216,7 @@ def copy_columns(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span])
                 part_spans = _count_in_part(spans, part_copy.subject_count)
                 _copy_spans(part, part_copy.output, part_spans)
     for lazy_copies in lazy_copies_by_source.values():
-        # This function also changes the spans to row numbers of the parts.
+        # This function also converts the spans to row numbers within the parts.
         _compute_and_copy(lazy_copies, spans)
 
 
@@ -241,9 +241,9 @@ def _compute_and_copy(part_copies: Sequence[_PartCopy], spans: Sequence[Span]) -
 
     The source computes the rows slice by slice, and calls a function with the values of
     each slice. Several subjects (such as poles) can share a column, and their rows
-    alternate. The part of a column has the rows of one subject. The numbers of rows are
-    those in the column at first (`spans`). They become those in a part, and then those in
-    one slice, counted from its first row.
+    alternate. The part of a column has the rows of one subject. Rows are first counted in
+    the column (`spans`), then in a part, and then in one slice (range of successive rows),
+    from the first row of the slice.
 
     Parameters
     ----------
@@ -299,7 +299,7 @@ def _count_in_part(spans: Sequence[Span], subject_count: int) -> list[Span]:
 
 
 def _spans_of_values(spans: Sequence[Span], computed_rows: slice) -> list[Span]:
-    """Return which computed rows are copied, with rows counted from the first computed one.
+    """Return the spans of computed rows to copy, counted from the first computed row.
 
     A span is a range of rows to be copied, with its place in the output. A source has
     computed only some rows. If these are rows 20 to 29, row 0 of the result is row 20.

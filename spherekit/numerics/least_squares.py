@@ -13,7 +13,8 @@ Returns the residuals (k, m) and their derivatives (k, m, variables).
 """
 
 MAX_LEAST_SQUARES_STEPS = 60
-"""Steps per start at most. Smaller: slow starts end before they reach a minimum."""
+"""Largest number of steps per start. Smaller: slow starts end before they reach a
+minimum."""
 
 FIRST_DAMPING = 0.1
 """Damping of the first step. Larger: shorter first steps, closer to steepest descent."""

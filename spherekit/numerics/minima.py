@@ -1,4 +1,4 @@
-"""Local minima of functions of one variable that are given by their values alone."""
+"""Local minima of functions of one variable of which only values are known."""
 
 from collections.abc import Callable
 
@@ -41,7 +41,7 @@ Smaller: rounding errors of a constant function become minima.
 def find_local_minima(
     function: Function, grid: Floats, limit: float = np.inf
 ) -> tuple[Floats, Floats]:
-    """Return the local minima of a function inside a range, from its values alone.
+    """Return the local minima of a function inside a range, from its values only.
 
     The function is sampled finely. Each sample that is smaller than both neighbours
     brackets a minimum, which is then refined.

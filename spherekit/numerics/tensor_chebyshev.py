@@ -45,7 +45,7 @@ class TensorChebyshev:
     low, high
         (m,) lower and upper corner of the box.
     splits
-        (splits, 4) halvings of cells, that of the whole box first. A row has the number of
+        (splits, 4) halvings of cells, that of the whole box first. A row has the index of
         the halved axis, the position of the cut, and the links to the lower and the upper
         half. A positive link is the row of another halving. A link of -1 - k is the
         finished cell k. A link of 0 leads outside the domain.
@@ -205,8 +205,8 @@ class _PendingCell:
     """A part of a box that still has to be approximated or halved.
 
     A box is halved again and again into cells. The halvings form a binary tree of splits.
-    Each split refers to its two halves by numbers ("links", see `set_link`). The number
-    that refers to this cell is set when it is known whether the cell is halved again.
+    Each split refers to its two halves by numbers ("links", see `set_link`). The link to
+    this cell is set when it is known whether the cell is halved again.
 
     Attributes
     ----------
@@ -229,9 +229,9 @@ class _PendingCell:
     def set_link(self, link: int) -> None:
         """Set the link (a number) that leads from the halved larger cell to this cell.
 
-        Cells form a binary tree of halvings ("splits"). The link is the number of a split
-        if this cell is halved, -1 - k if it is the finished cell k, and 0 if it is not part
-        of the domain.
+        Cells form a binary tree of halvings ("splits"). The link is the index of a split if
+        this cell is halved, -1 - k if it is the finished cell k, and 0 if it is not part of
+        the domain.
         """
         self.parent_split[self.link_index] = link
 
@@ -282,7 +282,7 @@ class CellSums:
         Parameters
         ----------
         cell
-            Number of the cell, as `TensorChebyshev.find_cell` returns it.
+            Index of the cell, as `TensorChebyshev.find_cell` returns it.
         x
             (m,) position. If a coordinate is outside the cell, or NaN, the nearest edge of
             the cell is taken (for NaN the upper or the lower edge).
@@ -341,10 +341,10 @@ def _spread_positions(count: int, variables: int) -> Floats:
 
 
 def _worst_direction(series: Floats, width_fractions: Floats) -> int:
-    """Return the variable in which a Chebyshev series converges worst, by its number.
+    """Return the index of the variable in which a Chebyshev series converges worst.
 
-    The cell of the series is then halved across this direction. Slow convergence in a
-    variable is seen by large coefficients of its two highest orders.
+    The cell of the series is then halved across this direction. Large coefficients of the
+    two highest orders of a variable show slow convergence.
 
     Parameters
     ----------

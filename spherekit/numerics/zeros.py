@@ -196,7 +196,7 @@ def find_zeros(function: DifferentiableFunction, grid: Floats) -> Zeros:
 
 
 def _classify_cells(cells: Floats, margin: Floats) -> tuple[Bools, Bools]:
-    """Return which of n cells contain no zero, and in which ones the function is monotone.
+    """Find the cells that contain no zero, and the cells in which the function is monotone.
 
     Both cases end the subdivision of a cell: there is no zero, or at most one. In each cell
     the function is approximated by a cubic polynomial in Bernstein form, with four

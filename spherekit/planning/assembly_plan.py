@@ -27,7 +27,7 @@ from spherekit.wording import listing
 
 
 def driven_pairs(mechanism: Mechanism) -> tuple[int, ...]:
-    """Return the numbers of the driven pairs, which are the inputs of a mechanism.
+    """Return the indices of the driven pairs, which are the inputs of a mechanism.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def driven_at(mechanism: Mechanism, names: str | Sequence[str] | None = None) ->
     Parameters
     ----------
     mechanism
-        The mechanism. It is returned itself if no names are stated.
+        The mechanism. If no names are stated, the same mechanism is returned.
     names
         Name of the driven pair, or names of several. Without names, the inputs that the
         mechanism has are checked.
@@ -83,16 +83,16 @@ def driven_at(mechanism: Mechanism, names: str | Sequence[str] | None = None) ->
 class Group(NamedTuple):
     """Bodies that become one body when all their pairs are closed together.
 
-    Links and pairs (joints) have numbers in the mechanism. A body (links that are rigid
-    with each other) has a position in `bodies`, and a pair a position in `pairs`.
+    Links and pairs (joints) have indices in the mechanism. In the group, a body (links that
+    are rigid with each other) has a position in `bodies`, and a pair a position in `pairs`.
 
     Attributes
     ----------
     bodies
-        For each body the numbers of its links, which are already rigid relative to each
+        For each body the indices of its links, which are already rigid relative to each
         other. Positions of the other bodies are computed relative to the first body.
     pairs
-        Numbers of the pairs between these bodies.
+        Indices of the pairs between these bodies.
     ends
         For each pair the positions in `bodies` of the two bodies that it joins. The body of
         its first link comes first.
@@ -132,7 +132,7 @@ class Group(NamedTuple):
     def dyad_parity(self) -> int:
         """1 or -1, a factor that converts the sign of a dyad to another order of its axes.
 
-        The sign of a dyad, one of two ways to assemble it, is that of u_1 . (u_2 x u_3).
+        A dyad can be assembled in two ways, told apart by the sign of u_1 . (u_2 x u_3).
         The axes u are in the order of `pairs`. In the order middle, first outer, second
         outer, the triple product has this factor times the sign. The factor is 1 if this
         order is an even permutation of `pairs`.
@@ -142,13 +142,13 @@ class Group(NamedTuple):
 
     @property
     def middle(self) -> int:
-        """The number of the middle pair of a dyad."""
+        """The index of the middle pair of a dyad."""
         _, middle, _ = self.dyad_positions
         return self.pairs[middle]
 
     @property
     def dyad_pairs(self) -> tuple[int, int, int]:
-        """Numbers of the three pairs of a dyad, in the order of its links.
+        """Indices of the three pairs of a dyad, in the order of its links.
 
         They are the first outer pair, the middle pair and the other outer pair.
         """
@@ -184,10 +184,10 @@ class Assembly(NamedTuple):
     Attributes
     ----------
     inputs
-        Numbers of the input pairs.
+        Indices of the input pairs.
     body_of_link
         For each link the number of the body that it belongs to before any group is placed.
-        The number of a body is the smallest of the numbers of its links.
+        The number of a body is the smallest of the indices of its links.
     groups
         The groups. Each one uses the bodies that earlier groups have formed.
     """
@@ -198,7 +198,7 @@ class Assembly(NamedTuple):
 
     @property
     def input(self) -> int:
-        """The number of the only input pair; `PlanError` if there are several."""
+        """The index of the only input pair; `PlanError` if there are several."""
         if len(self.inputs) != 1:
             raise PlanError(
                 "this is possible only for mechanisms with one input, but there are "
@@ -216,13 +216,13 @@ class Assembly(NamedTuple):
         """Return the group that determines the motion of a link relative to another one.
 
         A group is a set of bodies that become one rigid body when all its pairs are closed.
-        A body is a set of rigidly joined links. Group after group is placed. The wanted
+        A body is a set of rigidly joined links. Group after group is placed. The returned
         group is the one that joins the bodies of the two links.
 
         Parameters
         ----------
         link, reference
-            Numbers of the two links.
+            Indices of the two links.
 
         Returns
         -------
@@ -244,8 +244,9 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     """Return the groups in which the links of a mechanism are placed, in order.
 
     With all inputs locked, the mechanism is a rigid structure. A group is a smallest part
-    of it that is rigid by itself, such as a dyad (two links and three R pairs). Its
-    positions can be solved alone. It is one body in the groups after it.
+    of it that is rigid by itself, such as a dyad (two links and three R pairs). The
+    positions of a group can be solved without the groups after it. In these, the group is
+    one body.
 
     Parameters
     ----------
@@ -288,7 +289,7 @@ def _split_with_redundancy(
 ) -> tuple[Group, ...]:
     """Return the groups of a rigid structure in which some constraints repeat others.
 
-    A group is a smallest rigid part, which can be placed alone. An example of repeated
+    A group is a smallest rigid part, which can be placed by itself. An example of repeated
     constraints is two wheels on a common carrier that roll on each other: the carrier
     already keeps them in touch. If all repeated constraints are of this kind, they are left
     out of the count of constraints, and the groups can be found. In all other cases, all
@@ -300,9 +301,9 @@ def _split_with_redundancy(
         The mechanism.
     body_of_link
         For each link the number of its body, a set of rigidly joined links: the smallest
-        number of a link in it.
+        index of a link in it.
     pairs
-        Numbers of the pairs that join the bodies.
+        Indices of the pairs that join the bodies.
     """
     carried_contacts = find_carried_contacts(mechanism)
     try:
@@ -335,12 +336,12 @@ def split_into_groups(
     mechanism
         The mechanism.
     body_of_link
-        For each link the smallest number of a link of its body.
+        For each link the smallest index of a link of its body.
     pairs
-        Numbers of the pairs that join the bodies. Links without any of these pairs are left
+        Indices of the pairs that join the bodies. Links without any of these pairs are left
         out.
     carried_contacts
-        Numbers of rolling contacts of two wheels on one link, the carrier. The carrier
+        Indices of rolling contacts of two wheels on one link, the carrier. The carrier
         already keeps the wheels in touch. Only one of the two constraints of such a contact
         is therefore counted.
 
@@ -400,7 +401,7 @@ def _make_group(
 
     A group is a set of bodies that become one rigid body when all its pairs are closed. A
     body is a set of links that are rigid already. The number of a body is the smallest of
-    the numbers of its links.
+    the indices of its links.
 
     Parameters
     ----------
@@ -411,7 +412,7 @@ def _make_group(
     base_body
         The body that comes first in the group. The others are placed relative to it.
     pairs
-        Numbers of the pairs of the group.
+        Indices of the pairs of the group.
     redundant
         Whether the group has more equations than unknowns.
     """
@@ -449,17 +450,17 @@ def _find_smallest_part(
 
     A part is a set of bodies, which are placed together next. A pair is open if it has not
     been placed yet. Of parts of equal size the first one is returned, in the order of the
-    numbers of the two bodies.
+    indices of the two bodies.
 
     Parameters
     ----------
     pebble_game
         Counts the degrees of freedom of sets of bodies.
     open_pairs
-        The two links of each open pair, by number of the pair.
+        The two links of each open pair, by index of the pair.
     body_of_link
         For each link the number of its body, a set of rigidly joined links: the smallest
-        number of a link in it.
+        index of a link in it.
     """
     parts = []
     for body_a, body_b in _list_couples(open_pairs, body_of_link):
@@ -497,15 +498,15 @@ def _find_smallest_part_with(pebble_game: PebbleGame, body_a: int, body_b: int) 
     this body to the other one. The free pebbles are those that no constraint has taken. A
     rigid structure has three of them, for its motion as a whole (`BODY_FREEDOMS`).
 
-    They are gathered on body a. The part is then all bodies that can be reached from a and
-    b along constraints, in the direction in which these point.
+    The free pebbles are gathered on body a. The part is then all bodies that can be reached
+    from a and b along constraints, in the direction in which these point.
 
     Parameters
     ----------
     pebble_game
         The game with all constraints of the structure.
     body_a, body_b
-        Numbers of the two bodies.
+        Indices of the two bodies.
 
     Notes
     -----

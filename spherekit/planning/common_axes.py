@@ -22,9 +22,9 @@ class CommonAxis(NamedTuple):
     Attributes
     ----------
     links
-        Numbers of these links.
+        Indices of these links.
     pair
-        Lowest number of an R pair about this axis.
+        Lowest index of an R pair about this axis.
     is_exact
         Whether the axes of any two such pairs in one link are exactly equal or opposite
         vectors. Otherwise they agree up to rounding.
@@ -42,7 +42,7 @@ def find_common_axes(mechanism: Mechanism) -> tuple[CommonAxis, ...]:
     about this axis relative to each other.
     """
     number = mechanism.pair_number
-    # Numbers of two R pairs with the same axis in a common link, and of those pairs for
+    # Indices of two R pairs with the same axis in a common link, and of those pairs for
     # which this is true only up to rounding.
     coaxial_couples: list[tuple[int, int]] = []
     rounded_pairs: set[int] = set()

@@ -26,8 +26,8 @@ from spherekit.mechanism.wheel_phase import Wheel
 PairPath = tuple[tuple[int, int], ...]
 """R pairs that lead from one link to another.
 
-Each entry has the number of the pair, and which of its two links (0 or 1) comes first on
-the way.
+Each entry has the index of the pair, and which of its two links (0 or 1) comes first on the
+way.
 """
 
 
@@ -46,14 +46,14 @@ class GearMesh(NamedTuple):
     Attributes
     ----------
     contact
-        Number of the rolling contact among the pairs of the mechanism.
+        Index of the rolling contact among the pairs of the mechanism.
     angle_signs
         For the first and the second wheel: the R pairs from the wheel to the carrier with
         their signs, 1 or -1. The angle of the wheel relative to the carrier is the sum of
         the pair variables times these signs.
     paths
         The same pairs in their order from each wheel to the carrier. Each item has the
-        number of the pair, and which of its two links (0 or 1) is nearer to the wheel.
+        index of the pair, and which of its two links (0 or 1) is nearer to the wheel.
         Rotations from the wheel to the carrier are multiplied in this order.
     """
 
@@ -63,7 +63,7 @@ class GearMesh(NamedTuple):
 
     @property
     def pairs(self) -> set[int]:
-        """Numbers of the R pairs whose variables the rolling contact relates."""
+        """Indices of the R pairs whose variables the rolling contact relates."""
         return {*self.angle_signs[0], *self.angle_signs[1]}
 
     def angle_factors(self, first_sine: Any, second_sine: Any) -> dict[int, Any]:
@@ -72,7 +72,7 @@ class GearMesh(NamedTuple):
         This difference is constant while the two wheels roll. The first wheel has the pitch
         radius r (rad on the unit sphere), and the second one s. They rotate by f and g
         relative to their carrier. Each angle is a sum of variables of R pairs, each times a
-        sign, 1 or -1. `angle_signs` has these signs by the number of the pair.
+        sign, 1 or -1. `angle_signs` has these signs by the index of the pair.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class CarriedContact(NamedTuple):
 
 
 def find_carried_contacts(mechanism: Mechanism) -> frozenset[int]:
-    """Return the numbers of the rolling contacts whose wheels have a carrier."""
+    """Return the indices of the rolling contacts whose wheels have a carrier."""
     joints = make_joints(mechanism)
     return frozenset(
         number
@@ -150,7 +150,7 @@ def find_carried_contacts(mechanism: Mechanism) -> frozenset[int]:
 
 
 def rolling_contacts(joints: Sequence[Joint]) -> list[int]:
-    """Return the numbers of the rolling contacts among joints."""
+    """Return the indices of the rolling contacts among joints."""
     return [number for number, joint in enumerate(joints) if joint.rolling_variables]
 
 
@@ -173,12 +173,12 @@ def find_carried_contact(
     joints
         The joints of all its pairs.
     number
-        Number of the contact.
+        Index of the contact.
     cosine_tolerance
         Largest error of the arc between the centres of the two circles on the carrier,
         measured by its cosine. An arc without an error lets the circles touch exactly.
     pairs
-        Numbers of the pairs that may lead to the carrier; by default all.
+        Indices of the pairs that may lead to the carrier; by default all.
 
     Returns
     -------
@@ -194,7 +194,7 @@ def find_carried_contact(
         for track in joints[number].contact_profiles
     )
     allowed_pairs = range(len(joints)) if pairs is None else pairs
-    # The axes of all R pairs in both of their links, by the number of the pair.
+    # The axes of all R pairs in both of their links, by the index of the pair.
     axes: dict[int, tuple[Floats, Floats]] = {}
     for pair in allowed_pairs:
         if joints[pair].has_axis:

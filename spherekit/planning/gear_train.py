@@ -53,18 +53,19 @@ class GearTrain(NamedTuple):
     Attributes
     ----------
     followers
-        Numbers of the R pairs whose angles follow from the inputs, without the inputs
+        Indices of the R pairs whose angles follow from the inputs, without the inputs
         themselves.
     ratios
-        (followers, inputs) derivatives of their angles by the inputs.
+        (followers, inputs) derivatives of the follower angles with respect to the inputs.
     offsets
-        (followers,) their angles (rad) at inputs of zero.
+        (followers,) angles (rad) of the followers at inputs of zero.
     contacts
-        Numbers of the rolling contacts.
+        Indices of the rolling contacts.
     length_ratios
-        (contacts, inputs) derivatives of their rolled lengths by the inputs.
+        (contacts, inputs) derivatives of the rolled lengths of the contacts with respect to
+        the inputs.
     lengths
-        (contacts,) their rolled lengths (rad) at inputs of zero.
+        (contacts,) rolled lengths (rad) of the contacts at inputs of zero.
     wheel_lengths
         (contacts, 2) arc lengths (rad) along the circles of both wheels to the point where
         they touch if the variables of all R pairs are zero. The arc lengths are measured
@@ -100,24 +101,24 @@ def find_gear_train(
     """Return the gear train by which wheels follow the inputs.
 
     A mechanism with wheels can be assembled in many ways, with different teeth in contact.
-    The train has the assembly of the reference pose. Without a reference pose, it has that
-    in which the sum of the absolute rolled lengths of all contacts is smallest at inputs of
-    zero.
+    The train has the assembly of the reference pose. Without a reference pose, it has the
+    assembly in which the sum of the absolute rolled lengths of all contacts is smallest at
+    inputs of zero.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     driven
-        Numbers of the driven pairs.
+        Indices of the driven pairs.
     max_gap
         Largest error of the arc between the centres of two wheels, measured by its cosine.
         An arc without an error lets the circles touch exactly. Wheels with a gap roll at
         their nearest points, as gears do.
     whole
         Whether all rolling contacts have to belong to the train, with independent
-        relations. If not, contacts with angles that inputs alone do not determine are left
-        out, and relations may be redundant.
+        relations. If not, contacts with angles that the inputs do not determine by
+        themselves are left out, and relations may be redundant.
 
     Returns
     -------
@@ -193,10 +194,10 @@ class _Relations(NamedTuple):
     factors
         (contacts, pairs) factors of the pair variables in sin(r) f - sin(s) g.
     first_factors
-        (contacts, pairs) factors of the pair variables in sin(r) f alone. The rolled length
-        of a contact is a constant minus sin(r) f.
+        (contacts, pairs) factors of the pair variables in the term sin(r) f. The rolled
+        length of a contact is a constant minus sin(r) f.
     followers
-        Numbers of the related pairs that are not driven.
+        Indices of the related pairs that are not driven.
     """
 
     factors: Floats
@@ -223,12 +224,12 @@ class _Relations(NamedTuple):
         pair_count
             Number of all pairs of the mechanism.
         driven
-            Numbers of the driven pairs.
+            Indices of the driven pairs.
         """
         factors, first_factors = np.zeros((2, len(contacts), pair_count))
         for k, contact in enumerate(contacts):
-            # `angle_factors` returns the factor of each pair variable in sin(r) f -
-            # sin(s) g. The factors in sin(r) f are also stored alone, because they give the
+            # `angle_factors` returns the factor of each pair variable in sin(r) f - sin(s)
+            # g. The factors in sin(r) f are also stored separately, because they give the
             # length that the wheels have rolled.
             pairs_of_first_wheel, _ = contact.mesh.angle_signs
             for pair, factor in contact.angle_factors().items():
@@ -253,7 +254,7 @@ def _solve_train(
     The relation of a contact is a sum of pair variables with constant factors, which keeps
     its value while the wheels roll. Followers are the pairs in these sums that are not
     driven. With the factors F of the followers and G of the inputs, the derivatives of the
-    follower angles by the inputs are -F^-1 G.
+    follower angles with respect to the inputs are -F^-1 G.
 
     F is formed from contacts with independent relations. These already give the angles of
     the wheels of all other contacts. The meshing teeth of the other contacts are chosen to
@@ -264,7 +265,7 @@ def _solve_train(
     mechanism
         The mechanism.
     inputs
-        Numbers of the driven pairs.
+        Indices of the driven pairs.
     contacts
         The contacts of the train.
     relations
@@ -320,7 +321,7 @@ def _solve_train(
 
 
 def _list_first_variables(mechanism: Mechanism, pairs: Sequence[int]) -> list[int]:
-    """Return the number of the first variable of each pair (joint).
+    """Return the index of the first variable of each pair (joint).
 
     For an R pair (revolute joint) this is its angle. For a rolling contact it is the rolled
     length.
@@ -417,10 +418,10 @@ def _solve_angles_of_equal_lengths(
 ) -> Floats:
     """Return the follower angles at which both wheels of contacts have rolled equally.
 
-    Followers are pairs that turn with the wheels. Let their angles be zero at first. The
-    point of contact is then at different lengths along both wheels, so the wheels do not
-    fit. At the angles a, the difference of both lengths is smaller by F a, with constant
-    factors F. It is zero if F a is equal to the difference at angles of zero.
+    Followers are pairs that turn with the wheels. First consider follower angles of zero.
+    The point of contact is then at different lengths along both wheels, so the wheels do
+    not fit. At the angles a, the difference of both lengths is smaller by F a, with
+    constant factors F. It is zero if F a is equal to the difference at angles of zero.
 
     Parameters
     ----------

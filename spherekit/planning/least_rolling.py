@@ -1,8 +1,7 @@
 """Chooses the assembly of a gear train in which the wheels have rolled least.
 
-Arcs and angles of links do not state which teeth of two wheels touch. An assembly differs
-from another one by whole turns of wheels. The one with the smallest rolled lengths is
-chosen.
+Arcs and angles of links do not state which teeth of two wheels touch. Assemblies differ by
+whole turns of wheels. The assembly with the smallest rolled lengths is chosen.
 """
 
 import numpy as np
@@ -44,8 +43,8 @@ def find_least_rolled_turns(
     Arc lengths along both circles of a contact are measured from the points that touch if
     the wheels have not rolled. The arc length to the point of contact is therefore the
     length that the wheels have rolled, and must be equal along both circles. It depends on
-    the angles a of the pairs that follow from the inputs. If they grow, the point of
-    contact moves back along both circles:
+    the angles a of the pairs that follow from the inputs. If these angles grow, the point
+    of contact moves back along both circles:
 
         lengths[:, 0] - first_slopes @ a = lengths[:, 1] - second_slopes @ a.
 
@@ -63,13 +62,13 @@ def find_least_rolled_turns(
         (m, m) by how much the point of contact moves back along the first circle of each
         contact, per radian of each angle.
     matrix
-        (m, m) the same numbers, less those for the second circles.
+        (m, m) the same numbers, less the numbers for the second circles.
 
     Returns
     -------
-    (m, 2) numbers of turns to add along both circles. A circle has 0 turns if its turns
-    change no rolled length, or have the same effect as those of another circle. None if
-    there are too many circles to try all combinations.
+    (m, 2) numbers of turns to add along both circles. A circle has 0 turns if turns along
+    it change no rolled length, or have the same effect as turns along another circle. None
+    if there are too many circles to try all combinations.
     """
     inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
     differences = lengths[:, 0] - lengths[:, 1]
@@ -97,8 +96,8 @@ def _find_changes_by_turns(
     """Return how one turn along each circle changes the rolled lengths of all m contacts.
 
     Two wheels touch at a contact. The array `lengths` (m, 2) has the arc lengths of the
-    contact along both circles if all wheels have the angle 0. Wheels have unknown angles a.
-    By them, the length along the first circle changes to
+    contact along both circles if all wheels have the angle 0. At the unknown angles a of
+    the wheels, the length along the first circle becomes
 
         rolled lengths = lengths[:, 0] - first_slopes @ a.
 
@@ -108,7 +107,7 @@ def _find_changes_by_turns(
 
     Circles whose turns change nothing are left out. A circle is also left out if a turn has
     the same or the opposite effect as a turn of an earlier circle. The earlier circle is
-    enough, since its turns are tried in both senses.
+    enough, since turns along it are tried in both senses.
 
     Parameters
     ----------
@@ -168,7 +167,7 @@ def _list_turn_counts(circle_count: int) -> Integers | None:
     Parameters
     ----------
     circle_count
-        Number of the wheels. Each one is represented by its circle.
+        Number of wheels. Each wheel is represented by its circle.
 
     Returns
     -------

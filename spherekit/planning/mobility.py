@@ -20,17 +20,17 @@ DYAD_BODIES = 3
 
 
 def merge_locked_links(mechanism: Mechanism, locked: Iterable[int]) -> tuple[int, ...]:
-    """Return the number of the body of each link, if some pairs (joints) are locked.
+    """Return, for each link, the number of its body, if some pairs (joints) are locked.
 
     A body consists of all links that locked pairs join to each other. The number of a body
-    is the smallest number of its links.
+    is the smallest index of its links.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     locked
-        Numbers of the locked pairs.
+        Indices of the locked pairs.
     """
     locked_ends = (mechanism.ends[pair] for pair in locked)
     return tuple(component_labels(len(mechanism.links), locked_ends))
@@ -206,7 +206,7 @@ class PebbleGame:
         Parameters
         ----------
         part
-            Numbers of the bodies of the part.
+            Indices of the bodies of the part.
         into
             The body that remains.
         """
@@ -233,9 +233,9 @@ class PebbleGame:
 def graph_mobility(mechanism: Mechanism) -> int:
     """Return the number of degrees of freedom, 3 (m - 1) - 2 n_R - 2 n_Cr - n_Cs.
 
-    It is counted from the graph alone: each link has three degrees of freedom on the
-    sphere, and each pair (joint) removes one or two. m is the number of links, n_R that of
-    revolute joints, n_Cr that of rolling contacts and n_Cs that of sliding contacts.
+    It is counted only from the graph: each link has three degrees of freedom on the sphere,
+    and each pair (joint) removes one or two. m, n_R, n_Cr and n_Cs are the numbers of
+    links, revolute joints, rolling contacts and sliding contacts.
     """
     constraint_count = sum(pair.constraints for pair in mechanism.pairs)
     return BODY_FREEDOMS * (len(mechanism.links) - 1) - constraint_count
@@ -254,9 +254,9 @@ def check_mobility(
     mechanism
         Any chain of R, Cr and Cs pairs.
     driven
-        Numbers of all driven pairs.
+        Indices of all driven pairs.
     locked
-        Numbers of the driven pairs that are locked. Each part of the mechanism that only
+        Indices of the driven pairs that are locked. Each part of the mechanism that only
         the locked inputs could move becomes one body.
     by_rank
         Whether the rank of the velocity equations at a configuration is known to leave
@@ -381,11 +381,11 @@ def play_on_bodies(
     mechanism
         The mechanism.
     body_of_link
-        For each link the number of its body: the smallest number of a link in the body.
+        For each link the number of its body: the smallest index of a link in the body.
     pairs
-        Numbers of the pairs whose constraints are added.
+        Indices of the pairs whose constraints are added.
     carried_contacts
-        Numbers of rolling contacts of two wheels with a common carrier. The carrier keeps
+        Indices of rolling contacts of two wheels with a common carrier. The carrier keeps
         the distance of the wheels, so the contact has one further constraint and not two.
 
     Returns
@@ -416,15 +416,15 @@ def _play_with_locked_inputs(
 
     A body is a set of links that are rigid with each other. First, locked pairs (joints)
     join links to bodies. The pebble game (`PebbleGame`) counts degrees of freedom of any
-    set of bodies, from the graph alone. It finds further sets of bodies that are rigid.
-    Each of these sets becomes one body.
+    set of bodies, only from the graph. It finds further sets of bodies that are rigid. Each
+    of these sets becomes one body.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     driven, locked
-        Numbers of all driven pairs, and numbers of the driven pairs that are locked.
+        Indices of all driven pairs, and indices of the driven pairs that are locked.
 
     Returns
     -------

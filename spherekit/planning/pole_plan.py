@@ -15,13 +15,13 @@ from spherekit.planning.common_axes import find_common_axes
 from spherekit.wording import counted, nearest
 
 PRIMARY_MARK = "x"
-"""Entry of the pole table for a primary pole, the axis or contact line of a pair."""
+"""Mark in the pole table for a primary pole, the axis or contact line of a pair."""
 
 SELF_MARK = "■"
-"""Entry of the pole table on the diagonal, where a link meets itself."""
+"""Mark in the pole table on the diagonal, where a link meets itself."""
 
 Pole = tuple[int, int]
-"""Numbers of two links, the smaller one first. They stand for the pole of these links."""
+"""Indices of two links, the smaller one first. They stand for the pole of these links."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class PrimaryPole:
     pole
         The two bodies.
     pair
-        Number of the pair, or of an R pair on the common axis.
+        Index of the pair, or of an R pair on the common axis.
     pass_number
         0 if the pair joins the two bodies. Otherwise the pole is found later, in the pass
         (round of the search for poles) of this number.
@@ -82,7 +82,7 @@ class LinePole:
         Third bodies k. The poles P_ik and P_jk are known and span a great circle through
         P_ij.
     contacts
-        Numbers of sliding pairs between i and j. The pole lies in their contact planes.
+        Indices of sliding pairs between i and j. The pole lies in their contact planes.
     """
 
     pole: Pole
@@ -143,7 +143,7 @@ class BlockPoles:
     Attributes
     ----------
     links, pairs
-        Numbers of the bodies and the pairs of the part.
+        Indices of the bodies and the pairs of the part.
     poles
         Its poles that were unknown before.
     pass_number
@@ -198,16 +198,16 @@ class Plan:
 
     A pole is the axis of the relative rotation of two bodies. If there are several inputs,
     the others are locked. Links that cannot move relative to each other then form one body.
-    The number of a body is the smallest number of its links.
+    The number of a body is the smallest index of its links.
 
     Attributes
     ----------
     mechanism
         The mechanism.
     input
-        Number of the pair that moves.
+        Index of the pair that moves.
     locked
-        Numbers of the pairs of the other inputs.
+        Indices of the pairs of the other inputs.
     body
         For each link the number of its body.
     requested
@@ -259,7 +259,7 @@ class Plan:
 
     @cached_property
     def bodies(self) -> tuple[int, ...]:
-        """The numbers of the bodies, rising."""
+        """The indices of the bodies, rising."""
         return tuple(sorted(set(self.body)))
 
     @cached_property
@@ -291,7 +291,7 @@ class Plan:
         A pole is the axis of the relative rotation of two bodies. Here several pairs in
         series join the bodies. Their axes should be one line, but the numbers of the
         mechanism file are rounded, so the axes differ a little. `rounded_axes` has the
-        number of one pair of each such line. The step of a pole names the same pair.
+        index of one pair of each such line. The step of a pole names the same pair.
         """
         return frozenset(
             step.pole
@@ -386,7 +386,7 @@ def parse_pole(mechanism: Mechanism, text: str) -> Pole:
 def ordered_pole(
     mechanism: Mechanism, pole: str | tuple[int | str, int | str]
 ) -> tuple[int, int]:
-    """Return the numbers of two links, of which the first moves relative to the second.
+    """Return the indices of two links, of which the first moves relative to the second.
 
     A pole is the axis of the relative rotation of two links. A `Pole` has the smaller
     number first. Here the order of the argument is returned, because it decides about the

@@ -99,7 +99,7 @@ def _pole_of_bodies(whole_plan: Plan, pole: Pole | str) -> Pole:
     whole_plan
         The plan of all poles.
     pole
-        Numbers of two links, or a text such as ``3/1``.
+        Indices of two links, or a text such as ``3/1``.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def _pole_of_bodies(whole_plan: Plan, pole: Pole | str) -> Pole:
     """
     mechanism = whole_plan.mechanism
     names = mechanism.links
-    # The numbers of the two links.
+    # The indices of the two links.
     if isinstance(pole, str):
         i, j = parse_pole(mechanism, pole)
     else:
@@ -251,8 +251,8 @@ def _choose_cheapest_lines(
     curves).
 
     The cost of a circle is the number of poles that have to be computed for it. Each circle
-    is rated alone, even if two circles share such poles. Several third bodies give the same
-    circle if they turn about one axis with i or j. Only the cheapest of them counts.
+    is rated by itself, even if two circles share such poles. Several third bodies give the
+    same circle if they turn about one axis with i or j. Only the cheapest of them counts.
 
     Parameters
     ----------
@@ -268,7 +268,8 @@ def _choose_cheapest_lines(
     Returns
     -------
     third_bodies
-        One for each great circle that is needed: two, or fewer if there are contact planes.
+        One for each great circle by which the pole is found: two, or fewer if there are
+        contact planes.
     needed_poles
         All poles to be computed for these great circles.
     """

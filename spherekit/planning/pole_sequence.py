@@ -69,7 +69,7 @@ class KnownPoles:
             self.partners[j].add(i)
 
     def unknown_of(self, poles: Iterable[Pole]) -> list[Pole]:
-        """Return which of some poles are not known."""
+        """Return those of some poles that are not known."""
         return [(i, j) for i, j in poles if j not in self.partners[i]]
 
     def third_bodies(self, pole: Pole) -> set[int]:
@@ -96,7 +96,7 @@ def find_all_steps(empty_plan: Plan, pebble_game: PebbleGame | None) -> list[Ste
         make the count useless.
     """
     steps: list[Step] = []
-    # For each body the bodies with which it has a known pole: none at first.
+    # For each body, the bodies with which it has a known pole: none in the beginning.
     known_poles = KnownPoles([] for _ in empty_plan.mechanism.links)
     # The sliding contacts of two bodies, and the primary poles. `ends` has the two bodies
     # of each pair, which are the same if a locked input makes them one body.
@@ -133,7 +133,7 @@ def find_all_steps(empty_plan: Plan, pebble_game: PebbleGame | None) -> list[Ste
         if not new_steps:
             # The pass finds nothing. Each pole has a part of the mechanism from which it
             # can be computed. The smallest of these parts is solved from its velocity
-            # equations, as a block.
+            # equations, as a block (irreducible part).
             part = min(map(mobile_parts.find_part, unknown_poles), key=len)
             block = _make_block(empty_plan, part, unknown_poles, pass_number)
             # For display, plan in which order the poles of the block would follow.
@@ -176,7 +176,7 @@ def _find_line_poles(
     empty_plan
         The mechanism with its bodies and the moving input, as a plan without steps.
     contacts_by_pole
-        Numbers of the sliding pairs that join the bodies of a pole.
+        Indices of the sliding pairs that join the bodies of a pole.
     known_poles
         The poles of earlier passes (rounds of the search).
     poles
@@ -326,7 +326,7 @@ def _choose_opening(
     empty_plan
         The mechanism with its bodies and the moving input, as a plan without steps.
     contacts_by_pole
-        Numbers of the sliding pairs that join the bodies of a pole.
+        Indices of the sliding pairs that join the bodies of a pole.
     known_poles
         The poles that are known before the part is solved.
     block
@@ -384,7 +384,7 @@ def _open_block(
     empty_plan
         The mechanism with its bodies and the moving input, as a plan without steps.
     contacts_by_pole
-        Numbers of the sliding pairs that join the bodies of a pole.
+        Indices of the sliding pairs that join the bodies of a pole.
     known_poles
         The poles that are known before the part is solved. They are not changed.
     block

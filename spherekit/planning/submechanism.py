@@ -35,7 +35,7 @@ def moving_pairs(
     assembly
         Its groups in the order in which they are placed.
     links
-        Numbers of the links.
+        Indices of the links.
     """
     requested_links = frozenset(links)
     needed_groups = placing_groups(mechanism, assembly, requested_links)
@@ -70,7 +70,7 @@ def placing_groups(
     assembly
         Its groups in the order in which they are placed.
     links
-        Numbers of the links.
+        Indices of the links.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def _are_one_body(
     groups: Iterable[Group],
     links: frozenset[int],
 ) -> bool:
-    """Return whether some links are rigidly joined by some of the inputs and groups alone.
+    """Return whether some of the inputs and groups are enough to join some links rigidly.
 
     Some inputs are locked, and some groups are closed. The caller leaves out an input or a
     group. If the links still are one rigid body, they do not need it.
@@ -102,19 +102,19 @@ def _are_one_body(
     mechanism
         The whole mechanism.
     inputs
-        Numbers of the driven pairs that are locked.
+        Indices of the driven pairs that are locked.
     groups
         The groups that are closed, in the order in which they are placed. A group consists
         of bodies, each a set of rigidly joined links. When all its pairs are closed, the
         bodies become one rigid body.
     links
-        Numbers of the links that have to end in one body.
+        Indices of the links that have to end in one body.
 
     Returns
     -------
     Whether they do. False also if a group needs an input or a group that is left out.
     """
-    # For each link the label of its rigid body, at first of those that inputs join.
+    # For each link the label of its rigid body. In the beginning only inputs join links.
     label_of_link = list(merge_locked_links(mechanism, inputs))
     for group in groups:
         # The pairs of the group end at some links of its bodies. If those of one body have
@@ -149,7 +149,7 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
     mechanism
         The mechanism.
     links
-        Numbers of the links that have to move as before.
+        Indices of the links that have to move as before.
 
     Raises
     ------
@@ -186,7 +186,7 @@ def of_pairs(mechanism: Mechanism, numbers: Iterable[int]) -> Mechanism:
     mechanism
         The whole mechanism.
     numbers
-        Numbers of the pairs that stay.
+        Indices of the pairs that stay.
     """
     # The pairs that stay, their names, and the names of the ground and of their links.
     pairs = tuple(mechanism.pairs[number] for number in sorted(numbers))

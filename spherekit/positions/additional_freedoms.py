@@ -1,11 +1,11 @@
 """Recognises configurations from which a mechanism can move in more than one way at once.
 
-A mechanism with one degree of freedom can have configurations in which it has several, and
-keeps them while it moves. An example is a sheet of paper whose straight creases are folded
-by 180 deg: the zigzag creases then turn independently of each other. Such configurations
-form surfaces, or sets of more dimensions, and not curves. In such a configuration some
-links can move although the input is locked. These configurations are therefore no assembly
-modes of the motion.
+A mechanism with one degree of freedom can have configurations with several degrees of
+freedom, and keep these while it moves. An example is a sheet of paper whose straight
+creases are folded by 180 deg: the zigzag creases then turn independently of each other.
+Such configurations form surfaces, or sets of more dimensions, and not curves. In such a
+configuration some links can move although the input is locked. These configurations are
+therefore no assembly modes of the motion.
 """
 
 import numpy as np
@@ -40,7 +40,7 @@ MAX_CLOSING_STEPS = 12
 def has_additional_freedoms(closure: Closure, values: Floats) -> bool:
     """Return whether a mechanism can move in several independent ways at a configuration.
 
-    Velocity equations alone cannot tell. They allow several motions in two cases: the
+    Velocity equations cannot decide this. They allow several motions in two cases: the
     configurations form a surface, or two curves of configurations cross. The mechanism is
     therefore moved by small finite steps in several directions that these equations allow,
     and its loops are closed again. On a surface this succeeds after every step. At a
@@ -66,8 +66,8 @@ def has_additional_freedoms(closure: Closure, values: Floats) -> bool:
     rank = len(values) - len(motions)
     points = _close_loops(closure, starts, rank)
     is_closed = closure.linearise(points).closure_residual < CLOSURE_TOLERANCE
-    # Newton's method may have led back to the first configuration. Such a point does not
-    # count.
+    # Newton's method may have led back to the first configuration. Such an end point does
+    # not count.
     has_moved = np.linalg.norm(points - values, axis=1) > 0.5 * TRIED_STEP_RAD
     return bool(np.all(is_closed & has_moved))
 

@@ -1,8 +1,8 @@
 """Angles of passive pairs, counted over full revolutions.
 
-A motion reduces the angles of passive R pairs to (-pi, pi]. Along an assembly mode these
-angles are continuous functions of the inputs, and loads such as wound springs depend on
-how many revolutions a pair has made. The revolutions are counted from the anchor: the
+A computed motion has the angles of passive R pairs in (-pi, pi]. Along an assembly mode
+these angles are continuous functions of the inputs, and loads such as wound springs depend
+on how many revolutions a pair has made. The revolutions are counted from the anchor: the
 inputs of the reference pose, or zero. At the anchor every passive angle is in (-pi, pi].
 
 Angles that gear ratios fix are linear functions of the inputs. All others are followed by
@@ -52,7 +52,7 @@ LastAngles = dict[str, list[float]]
 """The last configuration of each mode, with its revolutions, by the number of the mode.
 
 The next block of samples continues from these configurations. The mapping is empty for
-mechanisms with one input: the value of this input alone determines all revolutions.
+mechanisms with one input: the value of the only input determines all revolutions.
 """
 
 
@@ -130,9 +130,9 @@ class UnwrappedStretch:
     curve
         The followed configurations.
     input_variable
-        Number of the variable of the input.
+        Index of the variable of the input.
     angles
-        Numbers of the variables that are passive angles (angles of pairs without an input).
+        Indices of the variables that are passive angles (angles of pairs without an input).
     period
         Growth of the input (rad) after which the configurations repeat, or infinite.
     winding
@@ -283,7 +283,7 @@ class AngleUnwrapping:
             (n, inputs) inputs (rad) over full revolutions. They may differ from the inputs
             in `values` by whole periods, after which configurations repeat.
         requested
-            Numbers of the variables for which revolutions are needed. Those of other
+            Indices of the variables for which revolutions are needed. Those of other
             variables may be returned as zero, which saves time.
         last
             (variables,) the configuration before `values[0]`, such as the last one of the
@@ -307,7 +307,8 @@ class AngleUnwrapping:
             difference = counted_angle - values[:, variable]
             revolutions[:, variable] = np.round(difference / TURN)
             linear_variables.add(variable)
-        # The other passive angles are followed, all together, if any of them is needed.
+        # The other passive angles are followed, all together, if revolutions of any of them
+        # are requested.
         followed_variables = [v for v in self._angles if v not in linear_variables]
         if not set(followed_variables) & set(requested) or not len(values):
             return revolutions
@@ -328,8 +329,9 @@ class AngleUnwrapping:
 
         At a crossing, two curves of configurations intersect. The mode consists of pieces:
         from each crossing on, it is another assembly mode of the mechanism, which lies on
-        the same smooth curve. Angles are counted on each piece alone. They are then shifted
-        so that they continue the angles of the piece before.
+        the same smooth curve. The revolutions of the angles are first counted on each piece
+        separately. The angles are then shifted so that they continue the angles of the
+        piece before.
 
         Parameters
         ----------
@@ -341,7 +343,7 @@ class AngleUnwrapping:
         q
             (n, 1) inputs (rad) over full revolutions.
         requested
-            Numbers of the variables whose revolutions are needed.
+            Indices of the variables whose revolutions are needed.
 
         Returns
         -------
@@ -401,7 +403,7 @@ class AngleUnwrapping:
         q
             Value of the only input (rad).
         requested
-            Numbers of the variables whose revolutions are needed.
+            Indices of the variables whose revolutions are needed.
 
         Returns
         -------
@@ -479,10 +481,10 @@ class AngleUnwrapping:
 
         Returns
         -------
-        The followed curve, with the revolutions that its angles gain in a period. It also
-        has their revolutions at the reference input: the anchor, or one period above the
-        anchor. If the curve reaches neither, the reference input is the end nearest to the
-        anchor.
+        The followed curve, with the revolutions that its angles gain in a period. The
+        result also has the revolutions of the angles at the reference input: the anchor, or
+        one period above the anchor. If the curve reaches neither, the reference input is
+        the end nearest to the anchor.
         """
         (driven,) = self._driven
         (anchor,) = self.solver.anchor_inputs
@@ -510,7 +512,8 @@ class AngleUnwrapping:
             # After one period the curve is in another mode: it does not repeat.
             return self._follow_stretch(start, inputs, np.inf)
         # The curve may begin above the anchor, but reach the input one period above the
-        # anchor. The configuration there is that of the anchor, so it is the reference.
+        # anchor. The configuration there is the same as at the anchor, so this input is the
+        # reference.
         reference_input = np.clip(anchor, low, high)
         begins_above_anchor = low > anchor + DEAD_CENTRE_SLACK_RAD
         ends_one_period_on = high > anchor + period - DEAD_CENTRE_SLACK_RAD
@@ -698,7 +701,7 @@ def continue_angles(
     inputs = motion.assembly.inputs
     names = list(names)
     revolutions = np.zeros_like(motion.values)
-    # `mechanism.angles` maps the name of each R pair to the number of its variable.
+    # `mechanism.angles` maps the name of each R pair to the index of its variable.
     requested = [mechanism.angles[name] for name in names if name in mechanism.angles]
     if requested and motion.sense is None:
         for index, mode in enumerate(motion.assembly_modes):

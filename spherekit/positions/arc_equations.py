@@ -130,8 +130,8 @@ class GroupGeometry:
             (samples, order.root_count, t) angles of `order.tree_pairs` (rad). NaN if not
             all solutions of a sample were found.
         determinants
-            (samples, order.root_count) determinants of the derivatives of the equations by
-            the angles. A determinant is zero if two solutions coincide.
+            (samples, order.root_count) determinants of the derivatives of the equations
+            with respect to the angles. A determinant is zero if two solutions coincide.
         """
         equations = self.form_equations(order)
         tree_angles = find_all_angles(equations, order.incidence)
@@ -160,8 +160,8 @@ class GroupGeometry:
         ends = self.group.ends
         shape = (*tree_angles.shape[:2], len(self.group.bodies), 3, 3)
         orientations = np.empty(shape, tree_angles.dtype)
-        # At first relative to the base body of the tree. Each branch of the tree is a pair,
-        # a body that is placed, and the next body.
+        # First, orientations relative to the base body of the tree. Each branch of the tree
+        # is a pair, a body that is placed, and the next body.
         orientations[:, :, order.base_body] = np.eye(3)
         branches = find_spanning_tree(ends, start=[order.base_body], pairs=order.tree_pairs)
         for pair, body, next_body in branches:
@@ -196,7 +196,7 @@ class GroupGeometry:
             # part is stored.
             is_complex = np.iscomplexobj(orientations)
             orientations[:, :, binary_link.body] = rotation if is_complex else rotation.real
-        # Relative to the first body of the group.
+        # Now relative to the first body of the group.
         return transpose(orientations[:, :, :1]) @ orientations
 
     def measure_pair_angles(self, orientations: Floats) -> Floats:

@@ -178,8 +178,8 @@ def _find_phases_of_common_search(solver: PositionSolver) -> GearPhases | None:
     Returns
     -------
     The rolled lengths as functions of the inputs. None if the mechanism is placed group by
-    group: if gear ratios alone place all groups with contacts, or if the inputs do not
-    determine all rolled lengths.
+    group: if gear ratios are enough to place all groups with contacts, or if the inputs do
+    not determine all rolled lengths.
     """
     # A group that is not `revolute` has contacts. Gear ratios place a train of wheels.
     has_general_contacts = any(
@@ -198,7 +198,8 @@ def _combine_group_modes(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
     A group can close in several ways, its modes. Each mode of a group is combined with all
     modes of the groups after it.
     """
-    # One mode more than the limit shows whether there are more.
+    # One mode more than the limit is requested. It shows whether there are more modes than
+    # the limit.
     placements, methods = enumerate_modes(solver, q[None], MAX_CONFIGURATIONS + 1)
     is_truncated = len(placements) > MAX_CONFIGURATIONS
     placements = placements[:MAX_CONFIGURATIONS]
@@ -251,7 +252,7 @@ def _search_in_gear_phase(
     search_group(closure, distinct)  # adds what it finds to `distinct`
     variable_count = len(solver.closure.tree.pair_of_variable)
     values = np.reshape(distinct.values, (-1, variable_count))
-    # Back to q, together with the rolled lengths.
+    # Shift the configurations back to q, together with the rolled lengths.
     return solver.shift_inputs(values, q[None])
 
 
@@ -491,10 +492,9 @@ def group_signs(
 ) -> SmallIntegers:
     """Return the signs that distinguish the modes of each group of links.
 
-    A group is placed as a whole, and its modes are the ways to place it. The sign of a dyad
-    (two links) is that of the triple product of its three axes. The sign of another group
-    is that of the determinant of its velocity equations. A sign can change only where two
-    modes meet.
+    A group is placed as a whole, and its modes are the ways to place it. A dyad (two links)
+    has the sign of the triple product of its three axes. Any other group has the sign of
+    the determinant of its velocity equations. A sign can change only where two modes meet.
 
     Parameters
     ----------
@@ -588,7 +588,8 @@ def random_starts(
         with np.errstate(all="ignore"):  # Starts that fail can become infinite.
             if gear_phases is not None:
                 starts[:, rolled] = gear_phases.rolled_lengths(starts[:, driven])
-            # First roughly, within the ranges of the inputs; then exactly, inputs kept.
+            # Close the loops first roughly, within the ranges of the inputs; then exactly,
+            # with constant inputs.
             values, is_near_closed = descend_to_closure(
                 closure, starts, fixed, lower_limits, upper_limits
             )

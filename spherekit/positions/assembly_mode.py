@@ -86,5 +86,5 @@ def label_of(signs: Iterable[float]) -> str:
 
 
 def has_configuration(status: SmallIntegers) -> Bools:
-    """Return which rows (n,) have a status with which a configuration exists."""
+    """Return a mask (n,) of the rows with a status for which a configuration exists."""
     return (status == Status.OK) | (status == Status.AT_SINGULARITY)

@@ -65,7 +65,8 @@ POINT_ROUNDING_FACTOR = 8.0
 """Rounding error of a point, in units of EPS over the reciprocal condition number."""
 
 CurveFunction = Callable[[CurvePoints], tuple[Floats, Floats]]
-"""Takes n points of a curve; returns a function and its derivative by s, both (n,)."""
+"""Takes n points of a curve; returns a function and its derivative with respect to s, both
+(n,)."""
 
 
 @dataclass(frozen=True)
@@ -215,9 +216,9 @@ class Chords:
         middles = self.nodes.values[:-1] + half_chords
         # Differences of the configurations from all chords; axes: configuration, chord,
         # variable. Whole periods are taken off where the differences are measured from the
-        # middles. For a configuration near a chord these are about half a chord at most,
-        # far less than half a period. At half a period, rounding errors would decide
-        # whether a period is taken off.
+        # middles. For a configuration near a chord, the differences are about half a chord
+        # at most, far less than half a period. At half a period, rounding errors would
+        # decide whether a period is taken off.
         from_middles = less_periods(values[:, None] - middles, periods)
         from_starts = from_middles + half_chords
         # Components along the chord and across it. `directions` are unit vectors along the
@@ -328,8 +329,8 @@ class ArcCurve(Chords):
         # The smaller one of both ends of each chord counts.
         on_chords = np.minimum(at_nodes[:-1], at_nodes[1:])
         rounding = POINT_ROUNDING_FACTOR * EPS / on_chords
-        # `_speed` is the derivative of the arc length by u. The integration does not try to
-        # resolve its rounding errors.
+        # `_speed` is the derivative of the arc length with respect to u. The integration
+        # does not try to resolve its rounding errors.
         return integrate_rate(self._speed, self.starts, rounding)
 
     def _speed(self, u: Floats) -> Floats:
@@ -395,7 +396,7 @@ class ArcCurve(Chords):
         Parameters
         ----------
         variable
-            Number of the variable.
+            Index of the variable.
         period
             Growth (rad) of the variable after which all configurations of the mechanism
             return, as far as gear ratios tell. Infinite if wheels follow the variable by
@@ -441,12 +442,12 @@ class ArcCurve(Chords):
         Parameters
         ----------
         function
-            Takes n points of the curve; returns a function and its derivative by the arc
-            length, both (n,).
+            Takes n points of the curve; returns a function and its derivative with respect
+            to the arc length, both (n,).
         variable
-            Number of a variable, if the function depends on this one alone. If the variable
-            is constant along the curve, no zeros are returned, because the function is
-            constant.
+            Index of a variable, if the function depends only on this variable. If the
+            variable is constant along the curve, no zeros are returned, because the
+            function is constant.
 
         Returns
         -------
@@ -471,7 +472,7 @@ class ArcCurve(Chords):
         """
 
         def slope_and_bend(points: CurvePoints) -> tuple[Floats, Floats]:
-            """Return the first and the second derivative of the variable by s."""
+            """Return the derivatives dv/ds and d2v/ds2 of the variable v."""
             return points.tangents[:, variable], points.bends[:, variable]
 
         return self.locate(slope_and_bend, variable)
@@ -484,7 +485,7 @@ class ArcCurve(Chords):
         Parameters
         ----------
         variable
-            Number of the variable.
+            Index of the variable.
         value
             The value (rad). Values that differ from it by whole periods count too.
         period
@@ -499,11 +500,11 @@ class ArcCurve(Chords):
             period = self.periods[variable]
 
         def periodic_difference(points: CurvePoints) -> tuple[Floats, Floats]:
-            """Return period / pi sin(pi difference / period), and its derivative by s.
+            """Return period / pi sin(pi difference / period), and its derivative d/ds.
 
-            The difference is that of the variable from the searched value. The function is
-            zero where the difference is a whole number of periods, so all such places are
-            found. With an infinite period it is the difference itself.
+            The difference is the variable minus the searched value. The function is zero
+            where the difference is a whole number of periods, so all such places are found.
+            With an infinite period it is the difference itself.
             """
             # NumPy's sinc(x) is sin(pi x) / (pi x), and 1 at x = 0. The product below is
             # therefore the sine above. It is also right for an infinite period.
@@ -530,12 +531,12 @@ class ArcCurve(Chords):
         return lengths
 
     def passes(self, values: Floats) -> Bools:
-        """Return (n,) which configurations (n, variables) are on this curve."""
+        """Return a mask (n,) of the configurations (n, variables) on this curve."""
         hits = self._find_on_curve(values)
         return np.isin(np.arange(len(values)), hits.configurations)
 
     def _find_on_curve(self, values: Floats) -> ChordProjections:
-        """Return which configurations (n, variables) are on the curve, and where.
+        """Find the configurations (n, variables) that are on the curve, and their places.
 
         A chord is the straight line between two successive nodes (stored points) of the
         curve. The result has the projections of configurations on chords. A configuration

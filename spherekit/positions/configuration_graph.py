@@ -50,9 +50,9 @@ nodes."""
 SINGULAR_NODE_RATIO = 1e-8
 """Largest reciprocal condition number of a singular configuration.
 
-It is that of the closure Jacobian without the columns of the inputs. No path starts from a
-singular node. Larger: more nodes remain alone; smaller: signs of determinants can be
-rounding.
+The number belongs to the closure Jacobian without the columns of the inputs. No path starts
+from a singular node. Larger: more nodes are joined to no other; smaller: signs of
+determinants can be rounding.
 """
 SMALLEST_STEP_RAD = 1e-7
 """A path between two samples that needs a smaller step of the inputs fails. It passes so
@@ -126,7 +126,7 @@ class NodeTable:
         self._nodes_of_sample = np.full((sample_count, 0), -1, dtype=np.intp)
 
     def append(self, sample: Indices) -> Indices:
-        """Add nodes at samples (m,), and return the numbers (m,) of the new nodes."""
+        """Add nodes at samples (m,), and return the indices (m,) of the new nodes."""
         first_new_node = len(self.sample)
         self.sample = np.append(self.sample, sample)
         # Make the table of the nodes anew. It has a row for each sample. The i-th node of a
@@ -264,7 +264,7 @@ class ConfigurationGraph:
         self.values = np.empty((0, variables))
         # (n,) whether all configurations of a sample are nodes. The caller sets it.
         self.is_complete = np.zeros(len(input_grid), dtype=bool)
-        # Numbers of the variables of the inputs, and of those that are angles of R pairs.
+        # Indices of the variables of the inputs, and of those that are angles of R pairs.
         # Only angles are compared; the others are arc lengths along profiles at contacts.
         self._driven = list(solver.driven)
         self._angles = solver.angles
@@ -362,7 +362,8 @@ class ConfigurationGraph:
         variables) closed configurations (rad).
         """
         linearisation = self.solver.closure.linearise(values)
-        # Locked inputs have no columns in the Jacobian. `_driven` has their numbers.
+        # Locked inputs have no columns in the Jacobian. `_driven` has the indices of the
+        # inputs.
         passive_jacobian = np.delete(linearisation.jacobian, self._driven, axis=2)
         return DeterminantSigns(
             sign=determinant_sign(passive_jacobian),
@@ -388,7 +389,7 @@ class ConfigurationGraph:
 
         Returns
         -------
-        (m,) numbers of the new nodes.
+        (m,) indices of the new nodes.
         """
         new_nodes = self._node_table.append(sample)
         self._pieces.append(new_nodes)
@@ -406,7 +407,7 @@ class ConfigurationGraph:
     def _find_equal(
         self, sample: Indices, values: Floats, signs: DeterminantSigns
     ) -> Indices:
-        """Return for each configuration the first one that is equal to it.
+        """Return, for each configuration, the first one that is equal to it.
 
         If a is equal to b, and b to c, then a and c count as equal too.
 
@@ -428,7 +429,7 @@ class ConfigurationGraph:
         means the same sample, no opposite sign, and the same angles up to
         `SAME_CONFIGURATION_RAD`.
         """
-        # At first, each configuration represents itself.
+        # In the beginning, each configuration represents itself.
         representative = np.arange(len(sample))
         reliable_signs = np.where(signs.is_regular, signs.sign, 0.0)
         # All pairs of configurations at the same sample. The first pass of the loop
@@ -439,8 +440,8 @@ class ConfigurationGraph:
             has_no_opposite_sign = reliable_signs[earlier] * reliable_signs[later] >= 0.0
             earlier = earlier[has_no_opposite_sign]
             later = later[has_no_opposite_sign]
-            # Only angles of R pairs are compared, by their numbers `_angles`. The other
-            # variables are arc lengths along profiles.
+            # Only angles of R pairs are compared, the variables with the indices `_angles`.
+            # The other variables are arc lengths along profiles.
             differences = wrap(values[earlier] - values[later])[:, self._angles]
             is_same = max_abs(differences, axis=1) < SAME_CONFIGURATION_RAD
             representative[later[is_same]] = earlier[is_same]
@@ -478,7 +479,7 @@ class ConfigurationGraph:
         return nodes
 
     def _find_among(self, candidates: Indices, values: Floats) -> Indices:
-        """Return which of some candidate nodes is equal to each configuration.
+        """Return, for each configuration, the equal one of some candidate nodes.
 
         Only the angles of R pairs are compared. The other variables are arc lengths along
         the profiles of contacts.
@@ -495,7 +496,7 @@ class ConfigurationGraph:
         -------
         (m,) the nearest candidate, or -1 if it differs from the configuration.
         """
-        # (m, c, variables) differences. `_angles` has the numbers of the variables that are
+        # (m, c, variables) differences. `_angles` has the indices of the variables that are
         # angles.
         differences = wrap(self.values[candidates] - values[:, None])
         angle_differences = differences[..., self._angles]
@@ -541,7 +542,7 @@ class ConfigurationGraph:
             self._pieces.unite(ordered_nodes[0], node)
 
     def find_unbalanced(self) -> Bools:
-        """Return at which samples (choices of the inputs) a configuration must be missing.
+        """Return a mask of the samples (input choices) at which a configuration is missing.
 
         Each configuration has the sign of the determinant of its closure Jacobian (without
         the inputs). At each sample, the signs of all configurations add up to zero. The
@@ -605,13 +606,13 @@ class ConfigurationGraph:
         to the next sample in a direction of the grid.
 
         One path is often enough to join two pieces, so few paths are followed for each
-        piece at first. Their number grows from round to round, because many are needed near
-        inputs at which modes meet.
+        piece in the first round. The number of paths grows from round to round, because
+        many are needed near inputs at which modes meet.
 
         Parameters
         ----------
         directions
-            Numbers of directions: 2 a leads to the next sample along axis a of the grid,
+            Indices of directions: 2 a leads to the next sample along axis a of the grid,
             and 2 a + 1 to the previous one.
         """
         paths_per_piece = 1
@@ -810,7 +811,7 @@ class ConfigurationGraph:
     def _are_paths_sound(
         self, starts: Indices, ends: Indices, direction: int, old_node_count: int
     ) -> Bools:
-        """Return which paths cannot have jumped to another assembly mode.
+        """Return a mask (p,) of the paths that cannot have jumped to another assembly mode.
 
         A node is one closed configuration at one sample of the inputs. A path leads from a
         node to a node at the next sample.
@@ -864,9 +865,10 @@ class ConfigurationGraph:
             `is_verified`.
         """
         starts = self.values[nodes]
-        start_inputs = starts[:, self._driven]  # `_driven`: numbers of the inputs
+        start_inputs = starts[:, self._driven]  # `_driven`: indices of the inputs
         goals = self.input_grid.q[sample]
-        # Remove whole periods, so that the goals are at most half a period away.
+        # Remove whole periods from the inputs, so that the goals are at most half a period
+        # away.
         goals = goals - whole_laps(goals - start_inputs, self.solver.periods)
         followed = follow_inputs(
             self.solver.closure,
@@ -885,8 +887,8 @@ class ConfigurationGraph:
 
         Returns
         -------
-        list of (n,) arrays, one for each mode: the number of its node at each sample, or
-        -1. The mode with the most nodes comes first. Modes with equally many are sorted by
+        list of (n,) arrays, one for each mode: the index of its node at each sample, or -1.
+        The mode with the most nodes comes first. Modes with equally many are sorted by
         their first sample.
         """
         # Paths join nodes to connected components. A component can have several nodes at a
@@ -913,7 +915,7 @@ class ConfigurationGraph:
         return sorted(all_modes, key=size_and_start)
 
     def _find_components(self) -> Indices:
-        """Return the number (k,) of the connected component of each node.
+        """Return the index (k,) of the connected component of each node.
 
         A node is one configuration at one sample of the inputs, and an edge is a path
         between two of them. A connected component consists of all nodes that are joined by
@@ -948,10 +950,11 @@ class ConfigurationGraph:
 
 
 def _number_within_groups(*keys: Indices) -> Indices:
-    """Return the number (m,) of each element within its group, from 0, in their order.
+    """Return the index (m,) of each element within its group, from 0.
 
-    Elements that are equal in all `keys` (m,) form a group. Keys are numbers from 0. For
-    example, the key [5, 3, 5, 5] gives the numbers [0, 0, 1, 2].
+    Elements that are equal in all `keys` (m,) form a group. They are numbered in their
+    order. Keys are numbers from 0. For example, the key [5, 3, 5, 5] gives the numbers [0,
+    0, 1, 2].
     """
     if not len(keys[0]):
         return np.empty(0, dtype=np.intp)
@@ -962,7 +965,7 @@ def _number_within_groups(*keys: Indices) -> Indices:
     # Number of the group of each sorted element, and the position of its first element.
     group = np.append(0, np.cumsum(begins_group))
     start_of_group = np.searchsorted(group, group)
-    # Write the numbers of the sorted elements to their old places.
+    # Write the indices of the sorted elements to their old places.
     numbers = np.empty(len(order), dtype=np.intp)
     numbers[order] = np.arange(len(order)) - start_of_group
     return numbers

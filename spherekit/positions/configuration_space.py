@@ -138,14 +138,14 @@ def monotone_pieces(
     curve
         The curve. If the input is constant on it, it is one part.
     driven
-        Number of the variable of the input.
+        Index of the variable of the input.
     low, high
         Range of the input (rad).
     period
         Growth of the input (rad) after which all configurations of the mechanism return. It
         is infinite if wheels follow the input by gear ratios and are not known to return.
-        It is NaN if no wheel follows the input. In both cases the period of this curve
-        alone is used: a closed curve returns after one lap (`ArcCurve.returns_after`).
+        It is NaN if no wheel follows the input. In both cases only the period of this curve
+        is used: a closed curve returns after one lap (`ArcCurve.returns_after`).
 
     Returns
     -------
@@ -164,8 +164,8 @@ def monotone_pieces(
     is_inside = in_range(shifted_inputs, low, high)
     parts = parts[is_inside]
     shifted_inputs = shifted_inputs[is_inside]
-    # One entry for each piece from here on: the arc lengths of its ends, and the
-    # configuration at its middle with the shifted input.
+    # From here on, each list has one item for each piece: the arc lengths of its ends, and
+    # the configuration at its middle with the shifted input.
     starts = cuts[parts]
     stops = cuts[parts + 1]
     middles = part_middles[parts]
@@ -203,7 +203,7 @@ def _find_cuts(
     curve
         The configuration curve.
     driven
-        Number of the variable of the input.
+        Index of the variable of the input.
     low, high
         Range of the input (rad).
     period
@@ -239,7 +239,7 @@ def _may_reach_range(
     curve
         The configuration curve.
     driven
-        Number of the variable of the input.
+        Index of the variable of the input.
     low, high
         Range of the input (rad).
     period
@@ -653,7 +653,7 @@ class _CurveSearch:
             # which they led.
             start_count, values, _ = next(rounds)
             self.add_curves(values)
-            # The number of the curve on which each configuration lies, -1 for none.
+            # The index of the curve on which each configuration lies, -1 for none.
             curve_numbers = np.full(len(values), -1, dtype=np.intp)
             for number, curve in enumerate(self.curves):
                 curve_numbers[curve.passes(values)] = number

@@ -163,7 +163,7 @@ class CurveContinuation(ABC, Generic[Node]):
     def select_steps(
         self, rows: Indices, steps: Floats, new_nodes: Node, is_verified: Bools
     ) -> Bools:
-        """Return which of the verified steps (k,) are taken (abstract method).
+        """Return a mask (k,) of the verified steps that are taken (abstract method).
 
         A verified step has passed the tests that it leads to the same curve. A subclass
         does not take steps beyond its limits, such as the end of the profile of a contact.
@@ -391,8 +391,9 @@ class CurveContinuation(ABC, Generic[Node]):
         # The curve must pass its start in the same direction as it began. A curve that
         # crosses it at an angle is not closed.
         closes &= np.vecdot(starts.tangents, nodes.tangents) >= MIN_LAP_COSINE
-        # If the start is practically the last node, no step is needed. Otherwise a step up
-        # to the start is tried. It must be verified and end at the start.
+        # If the start is practically the last node, the curve is closed without a step.
+        # Otherwise a step up to the start is tried. It must be verified and end at the
+        # start.
         needs_step = np.abs(distances) > NEAR_END_RAD
         closes &= needs_step | (miss <= self.same_point_rad)
         last_steps = np.flatnonzero(closes & needs_step)
@@ -413,11 +414,11 @@ class CurveContinuation(ABC, Generic[Node]):
         is_good: Bools,
         rounding: Floats | float,
     ) -> Bools:
-        """Return which steps (k,) pass the last test, that both ends predict the middle.
+        """Return a mask (k,) of the steps whose middle both ends predict correctly.
 
-        This shows that the step is on one smooth curve. A polynomial with the position and
-        the first two derivatives at both ends must agree with the middle, a point computed
-        separately.
+        This is the last test. It shows that the step is on one smooth curve. A polynomial
+        with the position and the first two derivatives at both ends must agree with the
+        middle, a point computed separately.
 
         Parameters
         ----------
@@ -448,7 +449,8 @@ class CurveContinuation(ABC, Generic[Node]):
     def collect_nodes(self, row: int) -> Node:
         """Return all nodes of a curve in order, the first node included."""
         nodes = [self.start_nodes.rows(slice(row, row + 1))]
-        # An entry of the trail has the curves of one round of steps, and a node of each.
+        # Each item of the trail (list of rounds of steps) has the curves of one round, and
+        # a node of each.
         for rows, new_nodes in self._trail:
             if row in rows:
                 nodes.append(new_nodes.rows(rows == row))

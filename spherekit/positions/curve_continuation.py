@@ -81,9 +81,9 @@ SINGULAR_START = (
 class _ArcNodes(CurvePoints):
     """n points of configuration curves, with all that the next steps along them need.
 
-    `values` are the pair variables, `tangents` and `bends` their first two derivatives by
-    the arc length, and `residual` is the closure residual, as in `CurvePoints`. A limit is
-    a bound of a variable, or a state of a contact, at which a curve ends.
+    `values` are the pair variables, `tangents` and `bends` their first two derivatives with
+    respect to the arc length, and `residual` is the closure residual, as in `CurvePoints`.
+    A limit is a bound of a variable, or a state of a contact, at which a curve ends.
 
     Attributes
     ----------
@@ -134,8 +134,8 @@ class _ArcNodes(CurvePoints):
         # equations can make it non-square, so its left inverse is used.
         equations = bordered(linearisation.jacobian[chosen], points.tangents)
         inverse = left_inverse(equations)
-        # Margins, and their derivatives by the variables. Those of contacts depend on the
-        # curvatures of the profiles.
+        # Margins, and their derivatives with respect to the variables. Those of contacts
+        # depend on the curvatures of the profiles.
         margins, gradients = limits.margins(
             points.values,
             linearisation.states.curvatures[chosen],
@@ -173,8 +173,8 @@ def follow_arc(
     values
         (variables,) a configuration (rad) that closes, to 1e-6 rad or better.
     stops
-        Lowest and highest value (rad) of variables, by their numbers, at which the curve is
-        ended.
+        Lowest and highest value (rad) of variables, by the index of the variable, at which
+        the curve is ended.
     longest
         The curve is followed from the configuration in both senses. If it does not close,
         it is ended after this length (rad) in each sense.
@@ -213,7 +213,7 @@ def follow_arcs(closure: Closure, starts: Floats, longest: float) -> list[ArcCur
     # Without `stops`, curves end only at the ends of open profiles and at equal curvatures
     # of two profiles in contact, which do not determine their motion.
     limits = CurveLimits.of_mechanism(closure, stops={})
-    # The first node (point with its tangent) of each curve, by number of the configuration.
+    # The first node (point with its tangent) of each curve, by index of the configuration.
     # Configurations with an error are left out.
     start_nodes: dict[int, _ArcNodes] = {}
     for row, values in enumerate(starts):
@@ -243,7 +243,7 @@ def _follow_both_senses(
     All curves are first followed along their tangents. Those that do not close are then
     followed from the same nodes in the opposite sense, and both parts are joined. A node is
     a computed point of a curve, with the linearised equations there and the distances from
-    limits. A `plain` node is the point alone.
+    limits. A `plain` node is the point without these data.
 
     Parameters
     ----------
@@ -314,8 +314,8 @@ def _join_senses(
     row
         Index of the curve in `forward`.
     backward_row
-        Its index in `backward`. None if the curve closed in the forward sense, so that it
-        was not followed backward.
+        Index of the same curve in `backward`. None if the curve closed in the forward
+        sense, so that it was not followed backward.
 
     Raises
     ------
@@ -543,7 +543,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
     def select_steps(
         self, rows: Indices, steps: Floats, new_nodes: _ArcNodes, is_verified: Bools
     ) -> Bools:
-        """Return which verified steps (k,) do not lead beyond a limit, and are taken."""
+        """Return a mask (k,) of the verified steps that do not lead beyond a limit."""
         return is_verified & np.all(new_nodes.margins >= 0.0, axis=1)
 
     def _land_on_limit(self, row: Indices, number: int) -> None:
@@ -559,7 +559,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         row
             (1,) index of the curve.
         number
-            Number of the limit.
+            Index of the limit.
         """
         node = self.last_nodes.rows(row)
         # With a margin of zero, the node is at the limit already.
@@ -590,7 +590,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         values
             (1, variables) configuration (rad) at which Newton's method starts.
         number
-            Number of the limit.
+            Index of the limit.
 
         Returns
         -------
@@ -616,9 +616,9 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
     def end_stuck_curve(self, row: int) -> None:
         """End a curve from whose last node no step succeeds, and set a status.
 
-        If the node is near a limit, the status is that of the limit. Otherwise, if the
-        equations are nearly singular, another curve crosses there. In all other cases the
-        curve is lost.
+        If the node is near a limit, the curve gets the status of the limit. Otherwise, if
+        the equations are nearly singular, another curve crosses there. In all other cases
+        the curve is lost.
         """
         reciprocal_condition = self.last_nodes.reciprocal_condition[row]
         is_near_crossing = reciprocal_condition < END_AT_SINGULARITY_CONDITION

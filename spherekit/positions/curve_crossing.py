@@ -231,8 +231,9 @@ def _solve_crossing(closure: Closure, start: Floats, freedoms: int) -> Crossing 
         left_vectors, singular_values, right_vectors = np.linalg.svd(jacobian)
         left_null_vectors = left_vectors[:, rank:]
         motions = right_vectors[rank:]
-        # Derivatives (l, k, b) of l J T by x. In the sum, b is the variable of the
-        # derivative, m an equation, l a left null vector, k a motion and a its variable.
+        # Derivatives (l, k, b) of l J T with respect to x. In the sum, b is the variable of
+        # the derivative, m an equation, l a left null vector, k a motion and a its
+        # variable.
         rates = compute_jacobian_rates(closure, x)
         bends = np.einsum("bma,ml,ka->lkb", rates, left_null_vectors, motions)
         if has_converged or iteration == MAX_CROSSING_STEPS:
@@ -272,10 +273,9 @@ def _solve_crossing(closure: Closure, start: Floats, freedoms: int) -> Crossing 
 
 
 def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
-    """Return the derivatives dJ/dx of the closure Jacobian J by the variables x.
+    """Return the derivatives dJ/dx of the closure Jacobian J at variables x.
 
-    They are second derivatives of the closure equations, which decide how curves leave a
-    crossing.
+    These second derivatives of the closure equations decide how curves leave a crossing.
 
     Parameters
     ----------
@@ -289,9 +289,9 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
     (variables, 3 loops, variables) derivatives. The first axis is the variable of the
     derivative.
     """
-    # The derivative by one variable is the rate of J if this variable alone has the rate 1.
-    # The loops open in this motion. There is one such motion, and one row of the
-    # linearisation, for each variable.
+    # The derivative with respect to one variable is the rate of J if this variable has the
+    # rate 1 and all others are at rest. The loops open in this motion. There is one such
+    # motion, and one row of the linearisation, for each variable.
     count = len(values)
     linearisation = closure.linearise(np.tile(values, (count, 1)))
     # J consists of the velocity vectors of the variables (for an R pair, its axis). A
@@ -314,9 +314,9 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
 def _rates_of_second_bodies(linearisation: Linearisation, first_rates: Floats) -> Floats:
     """Return angular velocities of the second bodies of all pairs, with opened loops.
 
-    In row k, variable k alone has the rate 1, so the loops open. The second body of its
-    pair rotates relative to the first body. The two bodies of every other pair rotate
-    alike.
+    In row k, variable k has the rate 1 and all others are at rest, so the loops open. The
+    second body of its pair rotates relative to the first body. The two bodies of every
+    other pair rotate alike.
 
     `body_rates` cannot be used here: it ignores the pairs that close loops, because bodies
     are placed by the other pairs only.

@@ -20,7 +20,7 @@ class VariableBound(NamedTuple):
     Attributes
     ----------
     variable
-        Number of the variable.
+        Index of the variable.
     value
         The bound (rad).
     sense
@@ -43,9 +43,9 @@ class ContactLimit(NamedTuple):
     Attributes
     ----------
     pair
-        Number of the pair.
+        Index of the pair.
     variables
-        Numbers of the variables that are the arc lengths along both profiles. For a rolling
+        Indices of the variables that are the arc lengths along both profiles. For a rolling
         contact both numbers are the same.
     """
 
@@ -62,7 +62,7 @@ class LimitMargins(NamedTuple):
         (n, limits) margins, negative beyond a limit: differences of a variable (rad) or of
         two curvatures.
     gradients
-        (n, limits, variables) derivatives of the margins by the variables.
+        (n, limits, variables) derivatives of the margins with respect to the variables.
     """
 
     margins: Floats
@@ -97,15 +97,15 @@ class CurveLimits:
         - the ends of open profiles,
         - configurations in which two profiles in contact have equal curvatures, since such
           profiles do not determine their motion,
-        - ranges of variables that the caller wants.
+        - ranges of variables that the caller requires (`stops`).
 
         Parameters
         ----------
         closure
             The loops, with the joints of the pairs.
         stops
-            Lowest and highest value (rad) of variables, by their numbers. Configurations
-            beyond them exist, so their status is OK.
+            Lowest and highest value (rad) of variables, by the index of the variable.
+            Configurations beyond these values exist, so their status is OK.
         """
         # Each range is a variable, its lowest and highest value, and the status beyond.
         ranges = [(variable, ends, Status.OK) for variable, ends in stops.items()]
@@ -143,7 +143,8 @@ class CurveLimits:
             (n, variables) configurations (rad).
         curvatures, curvature_rates
             (n, pairs, 2) geodesic curvatures of both profiles of each pair, and their
-            derivatives by the arc length, as in `spherekit.mechanism.joint.PairStates`.
+            derivatives with respect to the arc length, as in
+            `spherekit.mechanism.joint.PairStates`.
 
         Returns
         -------
@@ -179,8 +180,8 @@ class CurveLimits:
         Parameters
         ----------
         curvatures, curvature_rates
-            (n, pairs, 2) curvatures of both profiles of each pair, and their derivatives by
-            the arc length.
+            (n, pairs, 2) curvatures of both profiles of each pair, and their derivatives
+            with respect to the arc length.
         variable_count
             Number of variables of the mechanism.
         """

@@ -7,7 +7,8 @@ inverse gives
 
 - Newton's step towards the point,
 - the tangent, which is the last column, normalised,
-- with the bias acceleration along the tangent, the second derivative by the arc length.
+- with the bias acceleration along the tangent, the second derivative with respect to the
+  arc length.
 
 The bordered Jacobian is regular wherever the motion is unique, also at the dead centres of
 all pairs.
@@ -34,17 +35,18 @@ crossings of curves are not reached.
 LAST_CORRECTION_RAD = 1e-10
 """Newton's method ends with a step that is smaller.
 
-It converges quadratically, so that the error after the step is about the square of it.
+It converges quadratically, so that the error after this step is about the square of the
+step.
 """
 
 
 @dataclass(frozen=True)
 class CurvePoints(ArrayRows):
-    """n points of a configuration curve, with derivatives by its arc length s (rad).
+    """n points of a configuration curve, with derivatives along the curve.
 
     The curve consists of the closed configurations of a mechanism with one degree of
-    freedom. Its arc length is measured in the space of all variables. A point that is not
-    on the curve is NaN.
+    freedom. The arc length s (rad) of the curve is measured in the space of all variables.
+    A point that is not on the curve is NaN.
 
     Attributes
     ----------
@@ -93,8 +95,8 @@ def interpolate_between(
     Parameters
     ----------
     starts, stops
-        n points each, with variables v (`values`) and their derivatives by the arc length s
-        of the curve: `tangents` dv/ds and `bends` d2v/ds2.
+        n points each, with variables v (`values`) and their derivatives with respect to the
+        arc length s of the curve: `tangents` dv/ds and `bends` d2v/ds2.
     fractions
         (n,) projections on the chords, 0 at the start and 1 at the stop.
 
@@ -107,11 +109,11 @@ def interpolate_between(
     directions = differences / lengths[:, None]
 
     def end_values(points: CurvePoints) -> tuple[Floats, Floats, Floats]:
-        """Return the variables, and their first two derivatives by the projection u."""
+        """Return the variables v, and the derivatives dv/du and d2v/du2."""
         speed = np.vecdot(points.tangents, directions)[:, None]  # du/ds
         acceleration = np.vecdot(points.bends, directions)[:, None]  # d2u/ds2
         # The chain rule: dv/ds = v' du/ds and d2v/ds2 = v'' (du/ds)^2 + v' d2u/ds2, where
-        # v' and v'' are the derivatives by u.
+        # v' and v'' are the derivatives with respect to u.
         first = points.tangents / speed
         second = (points.bends - first * acceleration) / speed**2
         return points.values, first, second
@@ -163,8 +165,8 @@ def curve_points(
     """Return the tangents and second derivatives of configuration curves at some points.
 
     They follow from the closure Jacobian J with a further row b (border). The tangent t
-    solves J t = 0 with b . t > 0. The second derivative dt/ds by the arc length s solves J
-    dt/ds + dJ/ds t = 0.
+    solves J t = 0 with b . t > 0. The second derivative dt/ds with respect to the arc
+    length s solves J dt/ds + dJ/ds t = 0.
 
     Parameters
     ----------

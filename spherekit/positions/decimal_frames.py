@@ -47,8 +47,8 @@ def decimal_frames(mechanism: Mechanism) -> dict[int, Frames]:
 
     Returns
     -------
-    For the number of each pair, its frames (3, 3) in its first and in its second link. The
-    columns of a frame are axes in link axes; the last one is the pair axis.
+    The frames (3, 3) of each pair in its first and in its second link, by the index of the
+    pair. The columns of a frame are axes in link axes; the last one is the pair axis.
     """
     document = parse(canonical_text(mechanism, "deg"), mechanism.name)
     geometry = mechanism.geometry

@@ -207,7 +207,7 @@ def _list_orders(
     for ordered_pairs in permutations(tree_pairs):
         for ordered_links in permutations(removed_links):
             # The order of the last two equations does not matter, as they are combined.
-            # Only the one with rising numbers of the bodies is listed.
+            # Only the one with rising indices of the bodies is listed.
             last_bodies = [link.body for link in ordered_links[-2:]]
             if last_bodies == sorted(last_bodies):
                 yield EliminationOrder(

@@ -106,7 +106,7 @@ def curvature_bound(linearisation: Linearisation) -> Floats:
 
 
 def rounding_of_loops(linearisation: Linearisation) -> float:
-    """Return by how much rounding alone opens loops, in each component (rad).
+    """Return by how much rounding errors open loops, in each component (rad).
 
     Two roundings of size `EPS` are counted for the closure residual. One more is counted
     for each variable of the longest loop. It covers the geometry of the pair, which is
@@ -157,7 +157,7 @@ def place_at_folds(
     closure
         The loops of a whole mechanism.
     driven
-        Numbers of the variables of the inputs.
+        Indices of the variables of the inputs.
     q
         (n, inputs) rad, the values of the inputs.
     values
@@ -283,9 +283,9 @@ class _FoldModel:
     Attributes
     ----------
     sensitivity
-        (n,) Frobenius norm of the left inverse of J, the derivative of the residual by the
-        variables that are not inputs. It bounds the change of the variables per change of
-        the residual. Infinite if a singular value is zero.
+        (n,) Frobenius norm of the left inverse of J, the derivative of the residual with
+        respect to the variables that are not inputs. It bounds the change of the variables
+        per change of the residual. Infinite if a singular value is zero.
     quadratic
         The component u . F at the distance x along v, up to terms of third order.
     """
@@ -294,16 +294,16 @@ class _FoldModel:
         """Decompose the closure Jacobian at n nearly closed configurations.
 
         The closure residual is by how much the loops are open. Its Jacobian J has the
-        derivatives by the variables that are not inputs. At a fold, two configurations meet
-        at one input. The smallest singular value of J is then near zero. So there is a
-        direction of the variables in which the loops hardly open.
+        derivatives with respect to the variables that are not inputs. At a fold, two
+        configurations meet at one input. The smallest singular value of J is then near
+        zero. So there is a direction of the variables in which the loops hardly open.
 
         Parameters
         ----------
         linearisation
             The loop closure at the configurations.
         free
-            Numbers of the variables that are not inputs.
+            Indices of the variables that are not inputs.
         """
         self._linearisation = linearisation
         self._free = free
@@ -351,7 +351,7 @@ class _FoldModel:
         The direction (n, free) has a component for each variable that is not an input. The
         inputs are constant.
         """
-        # The derivatives of all variables by the distance along the direction.
+        # The derivatives of all variables with respect to the distance along the direction.
         rates = np.zeros_like(self._linearisation.values)
         rates[:, self._free] = direction
         # If the variables change at constant rates, the second derivative of the residual
@@ -433,14 +433,14 @@ class _FoldModel:
             other_error = np.zeros_like(gap)
             is_valid = np.ones(len(gap), dtype=bool)
             for side in (1.0, -1.0):
-                # Move to the end of the bound. There the residual along u must be that of
+                # Move to the end of the bound. There the residual along u must agree with
                 # f.
                 x = side * reach
                 residual, other_change = self._move_along_fold(closure, x)
                 expected = self.quadratic.evaluate(x)
                 is_valid &= np.abs(residual - expected) <= LARGEST_MODEL_ERROR * rise
-                # It must also have the sign of f beyond the roots, and be larger than the
-                # gap, so that no root is outside the bound.
+                # The residual must also have the sign of f beyond the roots, and be larger
+                # than the gap, so that no root is outside the bound.
                 sign = np.where(is_simple, side, np.sign(self.quadratic.curvature))
                 is_valid &= residual * sign > gap
                 other_error = np.maximum(other_error, other_change)

@@ -62,13 +62,13 @@ class GearPhases(NamedTuple):
     Attributes
     ----------
     variables
-        Numbers of the m variables that are these rolled lengths.
+        Indices of the m variables that are these rolled lengths.
     anchor_inputs
         (inputs,) values of the inputs (rad) at which the lengths are `lengths`.
     lengths
         (m,) rolled lengths (rad) at these inputs, the anchor.
     ratios
-        (m, inputs) derivatives of the rolled lengths by the inputs.
+        (m, inputs) derivatives of the rolled lengths with respect to the inputs.
     periods
         (inputs,) for each input, by how much it must grow (rad) until the same
         configurations return. This follows from the gear ratios.
@@ -215,7 +215,7 @@ def _find_input_period(lap_lengths: Floats, ratios: Floats) -> float:
         (m,) growth of the rolled length (rad) of each contact after which both its wheels
         are in their first positions again. Infinite if they never are.
     ratios
-        (m,) derivatives of the rolled lengths by the input.
+        (m,) derivatives of the rolled lengths with respect to the input.
 
     Returns
     -------
@@ -224,8 +224,9 @@ def _find_input_period(lap_lengths: Floats, ratios: Floats) -> float:
     never_returns = np.isinf(lap_lengths) & (np.abs(ratios) > GEAR_RATIO_TOLERANCE)
     if np.any(never_returns):
         return np.inf
-    # If a contact makes p / q laps in one revolution of the input, it needs q revolutions.
-    # The ratio zero of a contact at rest gives 0 / 1 laps, also for an infinite lap length.
+    # If a contact makes p / q laps in one revolution of the input, its wheels are back
+    # after q revolutions. The ratio zero of a contact at rest gives 0 / 1 laps, also for an
+    # infinite lap length.
     revolutions = 1
     for laps_per_revolution in TURN * ratios / lap_lengths:
         # The ratio is one of numbers of teeth. The denominator is limited, because some

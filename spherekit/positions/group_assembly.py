@@ -29,20 +29,20 @@ from spherekit.tolerances import REACH_SLACK
 class AssemblyState:
     """The bodies of a mechanism at n samples (inputs), while its groups are placed.
 
-    A body is a set of links with known relative orientations, at first a single link. A
-    group is a set of bodies that are placed together by closing their loops. They become
-    one body then.
+    A body is a set of links with known relative orientations, in the beginning a single
+    link. A group is a set of bodies that are placed together by closing their loops. The
+    bodies of a placed group become one body.
 
     Attributes
     ----------
     joints
         The joint of each pair.
     ends
-        The numbers of the two links of each pair.
+        The indices of the two links of each pair.
     variables
-        The numbers of the variables of each pair.
+        The indices of the variables of each pair.
     body_from_link
-        Rotations (n, 3, 3) from the axes of each link, by its number, to the axes of its
+        Rotations (n, 3, 3) from the axes of each link, by link index, to the axes of its
         body. The axes of a body are those of one of its links.
     values
         (n, variables) pair variables (rad), NaN as long as they are not known.
@@ -72,7 +72,7 @@ class AssemblyState:
     ) -> "AssemblyState":
         """Return the state in which only the links joined by inputs are placed.
 
-        A body is a set of links whose relative orientations are known. At first, inputs
+        A body is a set of links whose relative orientations are known. Here, only inputs
         join links to bodies. Every other link is a body of its own. Groups of bodies are
         placed later.
 
@@ -105,11 +105,11 @@ class AssemblyState:
             # No group is placed yet, so none has failed to close.
             is_open=np.zeros(n, dtype=bool),
             # Groups of two links (dyads) are placed by spherical triangles. The next two
-            # numbers tell how many digits this loses, and change with each dyad.
-            # First, the error of the placed axes (rad). It begins with rounding errors.
+            # numbers tell how many digits this loses, and change with each dyad. First, the
+            # error of the placed axes (rad), initially the rounding errors.
             slack=np.full(n, REACH_SLACK),
             # Second, how narrow the narrowest triangle was: its smallest sine of a side,
-            # divided by the largest one. It begins with the largest possible ratio.
+            # divided by the largest one. The initial value is the largest possible ratio.
             slenderness=np.ones(n),
         )
 
@@ -123,7 +123,7 @@ class AssemblyState:
         )
 
     def rows(self, chosen: Indices) -> "AssemblyState":
-        """Return the state of some samples, by their numbers (k,), which may repeat."""
+        """Return the state of some samples, by their indices (k,), which may repeat."""
         return replace(
             self,
             body_from_link={
@@ -161,7 +161,7 @@ class AssemblyState:
         Parameters
         ----------
         group
-            The bodies, each with the numbers of its links, and the pairs between them.
+            The bodies, each with the indices of its links, and the pairs between them.
         rotations
             (n, bodies, 3, 3) rotations from the axes of each body of the group to the axes
             of its first body.
@@ -235,7 +235,7 @@ def orient_links_in_bodies(
     """
     identity = np.broadcast_to(np.eye(3), (sample_count, 3, 3))
     body_from_link = dict.fromkeys(range(len(mechanism.links)), identity)
-    # The links that give the bodies their axes. A body has the number of this link.
+    # The links that give the bodies their axes. A body has the index of this link.
     first_links = assembly.body_of_link
     # From them, each input leads from a link with a known orientation (parent) to another
     # link of the body (child).
@@ -316,7 +316,7 @@ def place_dyad(state: AssemblyState, group: Group, sign: Floats | float) -> Floa
 
 
 def group_variables(state: AssemblyState, group: Group) -> list[int]:
-    """Return the numbers of the variables of a group's pairs, among all variables."""
+    """Return the indices of the variables of a group's pairs, among all variables."""
     return [number for pair in group.pairs for number in state.variables[pair]]
 
 
@@ -392,7 +392,7 @@ def find_train_paths(
     group
         The train. Its first body is placed already.
     fixed_pairs
-        Numbers of the R pairs whose angles are known from the inputs.
+        Indices of the R pairs whose angles are known from the inputs.
 
     Returns
     -------
@@ -424,15 +424,15 @@ def place_train_bodies(
         The train: bodies that R pairs and rolling contacts join.
     body_from_link
         Rotations (..., 3, 3) from the axes of each link to those of its body. The index or
-        key is the number of the link. Some callers also need solutions of the loop
-        equations with complex angles. The rotations are then complex matrices.
+        key is the index of the link. Some callers also need solutions of the loop equations
+        with complex angles. The rotations are then complex matrices.
     ends
-        Numbers of the two links of each pair of the mechanism. (In `group.ends` they are
+        Indices of the two links of each pair of the mechanism. (In `group.ends` they are
         positions of bodies instead.)
     joints
         The joint of each pair of the mechanism.
     angles
-        Angles (...) in rad of the R pairs that the inputs determine, by number of the pair.
+        Angles (...) in rad of the R pairs that the inputs determine, by index of the pair.
 
     Returns
     -------

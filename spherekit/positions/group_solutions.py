@@ -81,7 +81,8 @@ def find_group_configurations(
     Parameters
     ----------
     group
-        The group, with any kinds of pairs. No part of it can be closed alone (irreducible).
+        The group, with any kinds of pairs. The group is irreducible: no part of it can be
+        closed by itself.
     closure
         The loop equations of this group, with a single sample.
     start_values

@@ -55,7 +55,7 @@ class InputGrid:
         (2 axes, n) indices of samples. Row 2 a is the next sample along axis a, and row 2 a
         + 1 the previous one. At a border of the grid the index is -1.
         """
-        # Numbers of the samples in the shape of the grid, with a border of -1. Shifted by
+        # Indices of the samples in the shape of the grid, with a border of -1. Shifted by
         # one along an axis, this array has the neighbour of each sample. The border is then
         # removed.
         padded = np.pad(np.arange(len(self)).reshape(self.shape), 1, constant_values=-1)

@@ -77,8 +77,8 @@ class InputPathNodes(ArrayRows):
     values
         (n, variables) pair variables (rad).
     slope, bend
-        (n, variables) first and second derivatives of the variables by the distance that
-        the inputs move.
+        (n, variables) first and second derivatives of the variables with respect to the
+        distance that the inputs move.
     sign
         (n,) sign of the determinant of the closure Jacobian with locked inputs. It changes
         only at singular configurations.
@@ -96,16 +96,16 @@ def nodes_at(
 ) -> InputPathNodes:
     """Return closed configurations with their derivatives as the inputs move.
 
-    With all variables v and the closure Jacobian J, the derivatives by the distance that
-    the inputs move satisfy J v' = 0 and J v'' + bias = 0. The bias is the part of the
-    second derivative of the closure that is quadratic in v'.
+    With all variables v and the closure Jacobian J, the derivatives with respect to the
+    distance that the inputs move satisfy J v' = 0 and J v'' + bias = 0. The bias is the
+    part of the second derivative of the closure that is quadratic in v'.
 
     Parameters
     ----------
     linearisation
         The closure linearised at n closed configurations.
     driven
-        Numbers of the variables of the inputs.
+        Indices of the variables of the inputs.
     direction
         (n, inputs) unit vectors along which the inputs move.
     """
@@ -146,16 +146,17 @@ def determinant_sign(matrices: Floats) -> Floats:
 def is_nearly_singular(
     linearisation: Linearisation, driven: Sequence[int], ratio: float
 ) -> Bools:
-    """Return (n,) whether the closure Jacobian with locked inputs is nearly singular.
+    """Return a mask (n,) of configurations with a nearly singular closure Jacobian.
 
-    If so, the inputs hardly determine the configuration.
+    The Jacobian is the one with locked inputs. If it is nearly singular, the inputs hardly
+    determine the configuration.
 
     Parameters
     ----------
     linearisation
         The closure at n configurations.
     driven
-        Numbers of the variables of the inputs.
+        Indices of the variables of the inputs.
     ratio
         The Jacobian is nearly singular if the ratio of its smallest to its largest singular
         value is at most this number.
@@ -208,7 +209,7 @@ def _try_steps(
     closure
         The loops of the whole mechanism.
     driven
-        Numbers of the variables of the inputs.
+        Indices of the variables of the inputs.
     nodes
         (k) nodes from which the steps start.
     steps
@@ -263,7 +264,7 @@ def _limit_steps(nodes: InputPathNodes, steps: Floats, smallest_step: float) -> 
 
     A step is predicted by Taylor's formula from a node (point of a path). The larger the
     second derivative (`bend`) at the node, the shorter is the step. `steps` (n,) are the
-    wanted lengths (rad). No result is smaller than `smallest_step` (rad).
+    lengths (rad) before shortening. No result is smaller than `smallest_step` (rad).
     """
     bend = max_abs(nodes.bend, axis=1) + 1e-300  # The tiny number avoids a division by 0.
     steps = np.minimum(steps, LARGEST_INPUT_STEP_RAD)
@@ -282,7 +283,7 @@ def _explain_end(closure: Closure, driven: Sequence[int], values: Floats) -> Sta
     closure
         The loops of the whole mechanism.
     driven
-        Numbers of the variables of the inputs.
+        Indices of the variables of the inputs.
     values
         (1, variables) the last configuration (rad).
 
@@ -349,7 +350,7 @@ def follow_inputs(
     closure
         The loops of the whole mechanism.
     driven
-        Numbers of the variables of the inputs.
+        Indices of the variables of the inputs.
     values
         (n, variables) closed configurations (rad) from which the paths start.
     q
@@ -371,8 +372,8 @@ def follow_inputs(
     # The first steps are limited only by what `_limit_steps` allows.
     steps = np.full(len(q), np.inf)
     tried_steps = np.zeros(len(q), dtype=np.intp)
-    # Numbers of the paths that have not ended. One step of each is tried in each round. Its
-    # length is doubled after a success, and halved after a failure.
+    # Indices of the paths that have not ended. In each round, one step is tried on each
+    # path. The step length is doubled after a success, and halved after a failure.
     active = np.flatnonzero(length > 0.0)
     while len(active):
         active_nodes = nodes.rows(active)

@@ -26,7 +26,7 @@ _IDENTITY = np.eye(3)
 """Orientation of body 0 in its own axes."""
 
 Locks = tuple[list[int], Floats]
-"""Numbers of the locked variables, and their values (n or 1, locks) in rad."""
+"""Indices of the locked variables, and their values (n or 1, locks) in rad."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Linearisation:
     known_rotations
         (n, bodies, 3, 3) the `rotations`, if they are known already.
     locks
-        Numbers of locked variables, and their values. Each adds one equation.
+        Indices of locked variables, and their values. Each adds one equation.
     """
 
     tree: LoopTree
@@ -224,7 +224,7 @@ class Linearisation:
         frames = self.frames
         # Curvatures of profiles and their rates, which contact pairs need.
         states = self.states
-        # The function is called for each kind of pair, with the numbers of its pairs.
+        # The function is called for each kind of pair, with the indices of its pairs.
         return self._collect_vectors(
             lambda kind, pairs: kind.vector_rates(
                 frames[:, pairs],

@@ -63,13 +63,14 @@ def newton(
 ) -> tuple[Floats, NewtonSteps]:
     """Take Newton steps from n start values at the same time.
 
-    Each start is a row of the arrays. Its steps end on their own.
+    Each start is a row of the arrays. The steps from a start end independently of the other
+    starts.
 
     Parameters
     ----------
     compute_steps
         Function that computes the steps. It takes the values (k, variables) of some rows
-        and the numbers (k,) of these rows, and returns the Newton steps (k, variables).
+        and the indices (k,) of these rows, and returns the Newton steps (k, variables).
     values
         (n, variables) start values (rad). They are not changed.
     max_steps
@@ -127,7 +128,7 @@ class Closure:
         second link of each pair to the axes of its body, if bodies are groups of links.
         None if each body is one link.
     locks
-        Numbers of locked variables, with the values (n or 1, locks) at which they are
+        Indices of locked variables, with the values (n or 1, locks) at which they are
         locked (rad). None if no variable is locked.
     """
 
@@ -142,7 +143,7 @@ class Closure:
         return Closure(LoopTree.of_mechanism(mechanism), joints)
 
     def select_rows(self, rows: Indices) -> "Closure":
-        """Return the loop equations at some of the samples, by their numbers (k,).
+        """Return the loop equations at some of the samples, by their indices (k,).
 
         Arrays with a single row belong to all samples, so they are not indexed.
         """
@@ -185,7 +186,7 @@ class Closure:
         values
             (n, variables) start values (rad).
         fixed
-            Numbers of the variables that stay constant, for example those of the inputs.
+            Indices of the variables that stay constant, for example those of the inputs.
         max_steps
             Largest number of steps.
         longest_step
@@ -194,7 +195,8 @@ class Closure:
         Returns
         -------
         The loops linearised at the last values: their closure errors, and the derivatives
-        by the variables. The loops can still be open, so the caller checks the errors.
+        with respect to the variables. The loops can still be open, so the caller checks the
+        errors.
         """
         linearisation, _ = self.solve_and_report_steps(
             values, fixed, max_steps=max_steps, longest_step=longest_step
@@ -217,7 +219,7 @@ class Closure:
         values
             (n, variables) start values (rad).
         fixed
-            Numbers of the variables that stay constant.
+            Indices of the variables that stay constant.
         max_steps
             Largest number of steps.
         longest_step

@@ -231,7 +231,7 @@ def redundancy(tree: LoopTree, vectors: Floats) -> tuple[int, tuple[int, ...]]:
     count
         Number of equations less the rank of their matrix.
     pairs
-        Numbers of the pairs in the loops whose equations depend on each other.
+        Indices of the pairs in the loops whose equations depend on each other.
     """
     if tree.loop_count == 0:
         return 0, ()

@@ -149,9 +149,9 @@ class ModeCoalescence:
     A group is a set of bodies that are placed together. A mode is one of its solutions,
     real or complex. Where two modes meet, the determinant of the velocity equations of the
     group is zero. Each group has one function: the product of this determinant over all its
-    modes. The group may depend on earlier groups. Then the product runs over their modes
-    too. Modes of groups on which it does not depend would only repeat equal factors, so
-    they are left out.
+    modes. The group may depend on earlier groups. Then the product runs over the modes of
+    these groups too. Modes of groups on which the group does not depend would only repeat
+    equal factors, so they are left out.
 
     Parameters
     ----------
@@ -171,8 +171,8 @@ class ModeCoalescence:
 
         A group is a set of bodies that are placed together by equations for unknown angles.
         Each solution of the equations is a mode of the group. The determinant of a mode is
-        that of the derivatives of the equations. The function of the group is the product
-        of the determinants of all its modes. Two things are prepared for it:
+        the determinant of the derivatives of the equations. The function of the group is
+        the product of the determinants of all its modes. Two things are prepared for it:
 
         - The order in which the unknown angles are eliminated from the equations.
         - The earlier groups whose modes change the determinants. The function will combine
@@ -183,7 +183,7 @@ class ModeCoalescence:
         # For each group its elimination order. None for a train of wheels: gear ratios give
         # its angles.
         self._orders: list[EliminationOrder | None] = []
-        # For each group the numbers of the earlier groups on which its determinants depend.
+        # For each group the indices of the earlier groups on which its determinants depend.
         self._dependences: list[frozenset[int]] = []
         for position in range(len(self.groups)):
             # Elimination fails in some orders, so they are tried at a few test inputs.
@@ -254,8 +254,9 @@ class ModeCoalescence:
         """Evaluate the function of a group, whose sign changes where two modes meet.
 
         A group is a set of bodies that are placed together. A mode is one solution of its
-        equations, real or complex. The determinant of a mode is that of the derivatives of
-        the equations. The function is the product of the determinants of all modes.
+        equations, real or complex. The determinant of a mode is the determinant of the
+        derivatives of the equations. The function is the product of the determinants of all
+        modes.
 
         Two real modes that are about to meet have determinants with opposite signs. So
         their product is negative. Beyond the meeting both modes are complex and conjugate,
@@ -326,8 +327,8 @@ class ModeCoalescence:
         """Return the determinants of a group's equations in all its complex modes.
 
         A group is a set of bodies that are placed together. A mode is one real or complex
-        solution of its equations. The determinant is that of the derivatives of the
-        equations by the unknown angles. It is zero where two modes meet.
+        solution of its equations. The determinant is formed from the derivatives of the
+        equations with respect to the unknown angles. It is zero where two modes meet.
 
         A group that is placed earlier has modes, too. The determinants are computed for
         each combination of a mode of this group with one mode of each earlier group.
@@ -427,8 +428,8 @@ class ModeCoalescence:
             for rotation, links in zip(rotations, group.bodies, strict=True):
                 for link in links:
                     body_from_link[link] = rotation @ body_from_link[link]
-            # The modes of the group follow one another for each earlier mode. If only one
-            # is needed, the first one is kept.
+            # The modes of the group follow one another for each earlier mode. If one mode
+            # of the group is enough, the first one is kept.
             if position not in combined_groups:
                 body_from_link = [rotation[:, ::mode_count] for rotation in body_from_link]
         return body_from_link
@@ -466,7 +467,7 @@ class ModeCoalescence:
         Parameters
         ----------
         pairs
-            Numbers of the pairs.
+            Indices of the pairs.
         body_from_link
             For each link the rotation (n, modes, 3, 3) from the axes of the link to those
             of its body, at n values of the inputs and in each mode.
@@ -489,8 +490,8 @@ class ModeCoalescence:
 
         A group is a set of bodies that are placed together. Its modes are the solutions of
         its equations. Groups that are placed earlier have modes, too. The group depends on
-        an earlier one if its determinants differ between the modes of that one. Later
-        computations combine the modes of these groups only.
+        an earlier one if the determinants of the group differ between the modes of the
+        earlier one. Later computations combine the modes of these groups only.
 
         Parameters
         ----------

@@ -140,7 +140,7 @@ class ModeMeeting:
     input
         Value of the only input (rad).
     modes
-        One tuple for each configuration at which curves cross. It has the numbers of the
+        One tuple for each configuration at which curves cross. It has the indices of the
         modes that meet there.
     successors
         Maps the number of a mode below the input to the number of the mode above it that
@@ -157,12 +157,12 @@ class ModeMeeting:
 
     @cached_property
     def predecessors(self) -> dict[int, int]:
-        """The inverse of `successors`: maps modes above the input to modes below it."""
+        """The inverse of `successors`: modes below the input by modes above it."""
         return {after: before for before, after in self.successors.items()}
 
     @property
     def facts(self) -> Facts:
-        """The entry for this meeting in `summary.json`."""
+        """The data for this meeting in the file `summary.json`."""
         return {
             "input_rad": self.input,
             "modes": [list(numbers) for numbers in self.modes],
@@ -188,7 +188,7 @@ class ModeMeeting:
             (option "pass"). With "end", a mode keeps the signs of its dyads (groups of two
             links), and no mode with other signs continues it.
         """
-        # `modes` has one tuple for each configuration at which curves cross: the numbers of
+        # `modes` has one tuple for each configuration at which curves cross: the indices of
         # the modes that meet there. A tuple of two or more numbers becomes a text such as
         # "0 and 1". `dict.fromkeys` drops repeated tuples and keeps the order.
         meeting_modes = []
@@ -349,9 +349,10 @@ def _compare_modes(
 def _evaluate_modes(
     solver: PositionSolver, assembly_modes: Sequence[AssemblyMode], q: float
 ) -> InputPathNodes:
-    """Evaluate all assembly modes at input q (rad), with their derivatives by the input.
+    """Evaluate all assembly modes, and their derivatives, at input q (rad).
 
-    The result has one row per mode. The row is NaN if the mode does not exist at the input.
+    The derivatives are with respect to the input. The result has one row per mode. The row
+    is NaN if the mode does not exist at the input.
     """
     values = np.concatenate(
         [solver.evaluate(mode, np.array([[q]])).values for mode in assembly_modes]
@@ -362,7 +363,7 @@ def _evaluate_modes(
 
 
 def _find_coincident_modes(values: Floats) -> Bools:
-    """Return for each two assembly modes whether they have the same configuration.
+    """Return, for each two assembly modes, whether they have the same configuration.
 
     The result is (modes, modes). `values` (modes, variables) are the configurations (rad)
     at one input. A mode that does not exist there (NaN) coincides only with itself.
@@ -381,7 +382,7 @@ def _measure_misses(nodes: InputPathNodes, step: float, values: Floats) -> Float
     ----------
     nodes
         Configuration of each mode at one input, with its first derivatives `slope` and
-        second derivatives `bend` by the input.
+        second derivatives `bend` with respect to the input.
     step
         Difference (rad) of the other input from this one, with its sign.
     values

@@ -33,7 +33,7 @@ from spherekit.status import Status
 DEAD_CENTRE_RATIO = 1e-9
 """A configuration with a smaller reciprocal condition number is a dead centre of the input.
 
-The number is that of the closure Jacobian with locked input. Larger: more modes begin with
+The number belongs to the closure Jacobian with locked input. Larger: more modes begin with
 the slower search for outgoing curves. Smaller: slopes at the nodes are rounding errors.
 """
 MIN_INPUT_CHANGE_RAD = 1e-9
@@ -94,7 +94,7 @@ class ModeCurve:
     values
         (k, variables) pair variables at the nodes (rad).
     slopes
-        (k, variables) exact derivatives of the variables by the input.
+        (k, variables) exact derivatives of the variables with respect to the input.
     ends
         Why the curve ends at the first and at the last node: OK if the range ends,
         otherwise the status of the samples beyond.
@@ -112,7 +112,7 @@ class ModeCurve:
         """Interpolate the configurations of a mode between its nodes by cubic polynomials.
 
         The nodes are verified configurations, at the values `inputs` of the only input,
-        with the derivatives `slopes` of the variables by the input.
+        with the derivatives `slopes` of the variables with respect to the input.
 
         Parameters
         ----------
@@ -177,10 +177,10 @@ class ModeOverGrid(NamedTuple):
     status: SmallIntegers
 
     def predict(self, q: Floats, rows: Indices | None) -> ModePrediction:
-        """Return the configurations at the samples with the numbers `rows` (m,).
+        """Return the configurations at the samples with the indices `rows` (m,).
 
-        The configurations are stored, so nothing is interpolated. Of the inputs `q`
-        (m, inputs) only the number is used. The parameters are as in `ModeCurve.predict`,
+        The configurations are stored, so nothing is interpolated. Of the inputs `q` (m,
+        inputs) only their number m is used. The parameters are as in `ModeCurve.predict`,
         where `rows` can be None.
         """
         assert rows is not None
@@ -199,15 +199,15 @@ def follow_each(
 
     From each configuration the input moves to both ends of the range, in steps that are
     verified to stay on the mode. At a dead centre the input is stationary, so the variables
-    have no derivatives by the input. A mode that starts there is followed from a point
-    nearby.
+    have no derivatives with respect to the input. A mode that starts there is followed from
+    a point nearby.
 
     Parameters
     ----------
     closure
         The loops of the whole mechanism, as equations for the pair variables.
     driven
-        Number of the variable of the input.
+        Index of the variable of the input.
     values
         (n, variables) closed configurations (rad).
     low, high
@@ -219,7 +219,7 @@ def follow_each(
     The curve of each configuration, as far as its mode reaches.
     """
     # At a dead centre the equations for the other variables are singular. A nearly singular
-    # start counts as one: ratio of the least to the greatest singular value below
+    # start counts as a dead centre: ratio of the least to the greatest singular value below
     # `DEAD_CENTRE_RATIO`.
     start_nodes = _evaluate_nodes(closure, driven, values)
     is_regular = ~is_nearly_singular(closure.linearise(values), [driven], DEAD_CENTRE_RATIO)
@@ -248,18 +248,18 @@ def _follow_from_dead_centre(
 ) -> ModeCurve:
     """Return the assembly mode through a dead centre.
 
-    At a dead centre the input is stationary on the curve of configurations. Derivatives by
-    the input are infinite there, so the mode is followed from a point near it. Several
-    curves may leave the dead centre. From a point near it on each, the curve is followed to
-    both ends of the range of the input. The first curve that leads back to the dead centre
-    is the mode.
+    At a dead centre the input is stationary on the curve of configurations. Derivatives
+    with respect to the input are infinite there, so the mode is followed from a point near
+    it. Several curves may leave the dead centre. From a point near it on each, the curve is
+    followed to both ends of the range of the input. The first curve that leads back to the
+    dead centre is the mode.
 
     Parameters
     ----------
     closure
         The loops of the whole mechanism.
     driven
-        Number of the variable of the input.
+        Index of the variable of the input.
     values
         (variables,) the dead centre (rad).
     low, high
@@ -280,8 +280,9 @@ def _follow_from_dead_centre(
     # key is the rounded difference to the dead centre. Its sign puts points with larger
     # variables first.
     sorted_points = sorted(points, key=lambda point: tuple(np.round(values - point, 6)))
-    # The last start is the dead centre itself. Its derivatives by the input are infinite or
-    # inaccurate, so its curve is the result only if no other one reaches the dead centre.
+    # The last start is the dead centre itself. Its derivatives with respect to the input
+    # are infinite or inaccurate, so its curve is the result only if no other one reaches
+    # the dead centre.
     starts = _evaluate_nodes(closure, driven, np.array([*sorted_points, values]))
     curves = _follow_from_nodes(closure, driven, starts=starts, low=low, high=high)
     # The result states how many steps were tried on all these curves.
@@ -293,8 +294,9 @@ def _follow_from_dead_centre(
             difference = curve.values[end_node] - values
             input_difference = difference[driven]
             if input_difference and max_abs(difference) < DEAD_CENTRE_END_RAD:
-                # The slope of the dead centre by the input is infinite. The slope of the
-                # straight line from the dead centre to the node is used instead.
+                # At the dead centre, the slope with respect to the input is infinite. The
+                # slope of the straight line from the dead centre to the node is used
+                # instead.
                 slope = difference / input_difference
                 return ModeCurve(
                     inputs=np.insert(curve.inputs, insertion_index, values[driven]),
@@ -307,7 +309,7 @@ def _follow_from_dead_centre(
 
 
 def _evaluate_nodes(closure: Closure, driven: int, values: Floats) -> InputPathNodes:
-    """Return the nodes at configurations (n, variables), with derivatives by the input."""
+    """Return the nodes at configurations (n, variables), with their input derivatives."""
     return nodes_at(closure.linearise(values), [driven], np.ones((len(values), 1)))
 
 
@@ -317,15 +319,15 @@ def _follow_from_nodes(
     """Return the assembly modes through nodes at which the input moves.
 
     The input moves from each node to both ends of its range. A node is a verified
-    configuration with the derivatives of all variables by the length of the path of the
-    input. This length grows on every path, also where the input falls.
+    configuration with the derivatives of all variables with respect to the length of the
+    path of the input. This length grows on every path, also where the input falls.
 
     Parameters
     ----------
     closure
         The loops of the whole mechanism.
     driven
-        Number of the variable of the input.
+        Index of the variable of the input.
     starts
         n nodes, with derivatives for a rising input.
     low, high
@@ -361,7 +363,7 @@ def _follow_from_nodes(
                 inputs=nodes.values[:, driven].copy(),
                 values=nodes.values,
                 # The direction is 1, or -1 for nodes on paths to the low end. The product
-                # is the derivative by the input itself.
+                # is the derivative with respect to the input itself.
                 slopes=nodes.slope * nodes.direction,
                 ends=(
                     Status(followed.status[low_path]),
@@ -389,7 +391,7 @@ def sheets_through(
     closure
         The loops of the whole mechanism.
     driven
-        Numbers of the variables of the inputs.
+        Indices of the variables of the inputs.
     input_grid
         The n samples.
     values

@@ -162,9 +162,9 @@ class ModesOverRange:
         self.probes = 0
         self.crossings: tuple[Crossing, ...] = ()
         # A component is a connected curve of configurations. Where the input turns back on
-        # it, one mode ends and another begins. `_components` has the number of the
-        # component of each mode. `_curves` has the components that were followed along
-        # their arc length.
+        # it, one mode ends and another begins. `_components` has the index of the component
+        # of each mode. `_curves` has the components that were followed along their arc
+        # length.
         self._components: list[int] = []
         self._curves: list[ArcCurve] = []
         # Degrees of freedom at each start, from the rank of the velocity equations. They
@@ -298,7 +298,7 @@ class ModesOverRange:
             The curve, with rising values of the input. None if the start was not followed,
             because its number of degrees of freedom is not 1.
         component
-            Number of the component to which the mode belongs. A component is a connected
+            Index of the component to which the mode belongs. A component is a connected
             curve of configurations; it has several modes if the input turns back on it.
             None if the component is new.
         """
@@ -329,7 +329,7 @@ class ModesOverRange:
             )
         )
         self._progress.report_if_due(lambda: f"{len(self.assembly_modes)} followed")
-        # `_components` has the number of the component of each mode. A new component gets
+        # `_components` has the index of the component of each mode. A new component gets
         # the next free number.
         if component is None:
             component = max(self._components, default=-1) + 1
@@ -506,15 +506,15 @@ class ModesOverRange:
         values
             (n, variables) closed configurations (rad).
         component
-            Number of the component (connected curve of configurations, of one or more
-            modes) to which all new modes belong. None if it is not known.
+            Index of the component (connected curve of configurations, of one or more modes)
+            to which all new modes belong. None if it is not known.
         batch_size
             Number of configurations that are followed together. Larger: fewer array
             operations, but more curves that turn out to be the same.
 
         Returns
         -------
-        (n,) number of the component of each configuration. It is -1 for a configuration
+        (n,) index of the component of each configuration. It is -1 for a configuration
         without a mode: it cannot move, its curve is outside the range, or there are enough
         modes.
         """
@@ -555,10 +555,10 @@ class ModesOverRange:
         values
             (n, variables) all configurations (rad).
         components
-            (n,) number of the component of each configuration, -1 if it is not known. This
+            (n,) index of the component of each configuration, -1 if it is not known. This
             function changes the array.
         new_component
-            Number of the component of the new mode. None if it is not known; the mode then
+            Index of the component of the new mode. None if it is not known; the mode then
             gets the number of a new component.
         """
         first_new_mode = len(self.assembly_modes)
@@ -567,7 +567,7 @@ class ModesOverRange:
             return
         # Add the other modes of the component.
         self._follow_modes_beyond_their_ends()
-        # `_components` has the number of the component of each mode.
+        # `_components` has the index of the component of each mode.
         components[row] = self._components[first_new_mode]
         # Other configurations may be on the modes that were just added.
         unknown = np.flatnonzero(components < 0)
@@ -589,7 +589,7 @@ class ModesOverRange:
 
         Returns
         -------
-        (n,) number of the component, or -1 if the configuration is on none of the modes.
+        (n,) index of the component, or -1 if the configuration is on none of the modes.
         """
         components = np.full(len(values), -1, dtype=np.intp)
         rotations = self.solver.closure.linearise(values).rotations
@@ -680,7 +680,7 @@ class ModesOverRange:
         values
             (variables,) the configuration (rad). Nothing is added if it is singular.
         component
-            Number of the component (connected curve) of the new modes. None if it is new.
+            Index of the component (connected curve) of the new modes. None if it is new.
         """
         # With free wheels, configurations need not repeat, so the curve can be endless. A
         # shorter part of it is followed.
@@ -728,7 +728,7 @@ class ModesOverRange:
             # Number of starts, and the closed configurations to which they led.
             start_count, values, _ = next(rounds)
             # Follow the configurations that are on no known mode, and add their modes. The
-            # result is the number of the component of each configuration, -1 for none.
+            # result is the index of the component of each configuration, -1 for none.
             components = self._add_new_modes(
                 values, batch_size=RANDOM_STARTS_FOLLOWED_TOGETHER
             )

@@ -78,7 +78,7 @@ class SolutionNumbers:
         """Begin without solutions."""
         self.count = 0
         self.sheet_count = 0
-        # (nodes,) number of the solution to which each configuration belongs, or -1.
+        # (nodes,) index of the solution to which each configuration belongs, or -1.
         self._solution_of_node = np.empty(0, dtype=np.intp)
 
     def number_nodes(self, is_solution: Bools) -> None:
@@ -108,7 +108,7 @@ class SolutionNumbers:
         self.sheet_count += 1
 
     def find(self, node: int) -> int:
-        """Return the number of the solution to which a node belongs, -1 if to none."""
+        """Return the index of the solution to which a node belongs, -1 if to none."""
         return int(self._solution_of_node[node])
 
 
@@ -169,9 +169,9 @@ class SampledModes:
             Whether to search for modes other than that of the reference pose.
         shares_numbers
             Whether modes on separate parts of a path of samples count as one mode if all
-            their groups of links have equal signs. The sign is that of a determinant: of
-            the three axes of a dyad (two links), or of the velocity equations of another
-            group. Sharing gives fewer modes.
+            their groups of links have equal signs. A dyad (two links) has the sign of the
+            determinant of its three axes, another group the sign of the determinant of its
+            velocity equations. Sharing gives fewer modes.
         """
         self.solver = solver
         self.input_grid = input_grid
@@ -196,7 +196,8 @@ class SampledModes:
         else:
             reference_node = self._reach_reference(is_enumerated=False)
             if reference_node is None:
-                # Without a mode of the reference pose, any other mode is wanted.
+                # Without a mode of the reference pose, the search continues for any other
+                # mode.
                 self._search_other_modes()
         self.assembly_modes = self._collect_modes(reference_node, shares_numbers)
 
@@ -322,8 +323,8 @@ class SampledModes:
 
         Returns
         -------
-        The number of the node. None if there is no reference pose, if it reaches no node,
-        or if its mobility is not the number of inputs.
+        The index of the node. None if there is no reference pose, if it reaches no node, or
+        if its mobility is not the number of inputs.
         """
         reference_pose = self.solver.reference
         if reference_pose is None:
@@ -396,7 +397,7 @@ class SampledModes:
         self._progress.report_if_due(lambda: f"{self._solutions.count} followed")
 
     def _assign_solutions(self, values: Floats, samples: Indices) -> Indices:
-        """Return the numbers of the solutions to which configurations belong.
+        """Return the indices of the solutions to which configurations belong.
 
         A search from random starts counts with them how often it reaches each solution. A
         configuration that belongs to none becomes part of a new solution.
@@ -410,7 +411,7 @@ class SampledModes:
 
         Returns
         -------
-        (m,) number of the solution of each configuration, or -1 if it has none.
+        (m,) index of the solution of each configuration, or -1 if it has none.
         """
         return np.array(
             [
@@ -421,7 +422,7 @@ class SampledModes:
         )
 
     def _assign_solution(self, values: Floats, sample: int) -> int:
-        """Return the number of the solution to which a configuration belongs.
+        """Return the index of the solution to which a configuration belongs.
 
         A solution is a set of configurations that were reached from one start, or a single
         one that was computed before. All known configurations are nodes of a graph, and
@@ -437,9 +438,9 @@ class SampledModes:
 
         Returns
         -------
-        Number of the solution, or -1 if there is none.
+        Index of the solution, or -1 if there is none.
         """
-        # The number of the node, -1 if the configuration is no node.
+        # The index of the node, -1 if the configuration is no node.
         node = self._find_node(values, sample)
         if node < 0 and not self._is_sheet_limit_reached:
             sheet = self._follow_sheet(values[None])
@@ -597,9 +598,9 @@ class SampledModes:
             no such node.
         shares_numbers
             Whether to unite modes that have no sample in common and equal signs of all
-            groups of links, so that there are fewer. The sign of a group is that of a
-            determinant: of the three axes of a dyad (two links), or of the velocity
-            equations of another group.
+            groups of links, so that there are fewer. A dyad (two links) has the sign of the
+            determinant of its three axes, another group the sign of the determinant of its
+            velocity equations.
         """
         graph = self._graph
         # The largest modes come first.
@@ -636,15 +637,16 @@ class SampledModes:
     def _signs_of_modes(self, modes: Sequence[Indices]) -> SmallIntegers:
         """Return the sign of each group of links in each assembly mode.
 
-        The sign is that of a determinant: of the three pair axes of a dyad (two links), or
-        of the velocity equations of another group. It is constant in a mode, but uncertain
-        in singular configurations. So it is computed at one regular configuration.
+        A dyad (two links) has the sign of the determinant of its three pair axes, another
+        group the sign of the determinant of its velocity equations. The sign is constant in
+        a mode, but uncertain in singular configurations. So it is computed at one regular
+        configuration.
 
         Parameters
         ----------
         modes
-            For each mode the number (n,) of its configuration at each of n samples, -1
-            where the mode has none.
+            For each mode the index (n,) of its configuration at each of n samples, -1 where
+            the mode has none.
 
         Returns
         -------
@@ -664,8 +666,8 @@ class SampledModes:
         Parameters
         ----------
         modes
-            For each mode the number (n,) of its configuration (node of a graph) at each of
-            n samples, -1 where the mode has none.
+            For each mode the index (n,) of its configuration (node of a graph) at each of n
+            samples, -1 where the mode has none.
 
         Returns
         -------

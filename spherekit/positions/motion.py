@@ -50,9 +50,9 @@ class Motion(ArrayRows):
     samples
         Number of samples of each mode.
     sample
-        (n,) number of the sample of each row.
+        (n,) index of the sample of each row.
     assembly_mode
-        (n,) number of the assembly mode of each row.
+        (n,) index of the assembly mode of each row.
     inputs
         (n, inputs) values of the inputs (rad).
     values
@@ -161,7 +161,7 @@ class Motion(ArrayRows):
 
     @cached_property
     def passive_variables(self) -> tuple[int, ...]:
-        """Numbers of the variables that are not inputs."""
+        """Indices of the variables that are not inputs."""
         driven = {self.mechanism.variables_of(pair)[0] for pair in self.assembly.inputs}
         return tuple(v for v in range(self.values.shape[1]) if v not in driven)
 
@@ -170,7 +170,7 @@ class Motion(ArrayRows):
         """(n, equations, passive) Jacobian of the loop equations with locked inputs.
 
         These are the derivatives of the closure residuals (by how much the loops are open)
-        by the passive variables (those that are not inputs).
+        with respect to the passive variables (those that are not inputs).
         """
         passive = list(self.passive_variables)
         return np.ascontiguousarray(self.linearisation.jacobian[:, :, passive])
@@ -349,7 +349,7 @@ def arrange_rows(
     q
         (samples, inputs) values of the inputs (rad).
     sample
-        (samples,) numbers of the samples.
+        (samples,) indices of the samples.
     configurations
         The configurations in the order of the rows: all samples of the first mode, then
         those of the next. Near dead centres, `singular_error` bounds the errors of the

@@ -49,7 +49,7 @@ def measure_pair_angles(
     Parameters
     ----------
     ends
-        Numbers of the first and the second link of each pair.
+        Indices of the first and the second link of each pair.
     joints
         The geometry of each pair: its frame (z along the axis) in each of its two links.
     rotations
@@ -73,7 +73,7 @@ def measure_pair_angles(
 
 
 def enumerate_joints(joints: Sequence[Joint]) -> Iterator[tuple[int, int, Joint]]:
-    """Yield the number of each pair, the number of its first variable, and its joint."""
+    """Yield the index of each pair, the index of its first variable, and its joint."""
     first_variable = 0
     for pair, joint in enumerate(joints):
         yield pair, first_variable, joint
@@ -83,7 +83,7 @@ def enumerate_joints(joints: Sequence[Joint]) -> Iterator[tuple[int, int, Joint]
 def iterate_contact_profiles(
     joints: Sequence[Joint],
 ) -> Iterator[tuple[int, tuple[ContactProfile, ...]]]:
-    """Yield the number of each contact pair, and the profiles of its two links.
+    """Yield the index of each contact pair, and the profiles of its two links.
 
     A contact pair joins two links by rolling or sliding profiles. Revolute pairs are left
     out. `ContactProfile.variable` counts the variables of one joint; in the result it is
@@ -106,7 +106,7 @@ def list_rolling_variables(joints: Sequence[Joint]) -> list[tuple[int, Joint]]:
 
     Returns
     -------
-    For each such variable its number among the variables of all joints, and its joint.
+    For each such variable its index among the variables of all joints, and its joint.
     """
     return [
         (first_variable + variable, joint)
@@ -146,7 +146,7 @@ def group_joints_by_kind(joints: tuple[Joint, ...]) -> tuple[JointsOfKind, ...]:
     order of their first occurrence. The results are cached, because the same joints are
     evaluated again and again.
     """
-    # Variables are numbered pair after pair. For each kind: numbers of its pairs and
+    # Variables are numbered pair after pair. For each kind: indices of its pairs and
     # variables.
     pairs_by_kind: dict[Kind, list[int]] = {}
     variables_by_kind: dict[Kind, list[int]] = {}
@@ -209,7 +209,7 @@ def evaluate_pair_states(joints: tuple[Joint, ...], values: Floats) -> PairState
 
 
 def has_penetration(joints: Sequence[Joint], states: PairStates) -> Bools:
-    """Return (n,) whether the two profiles of any contact enter each other.
+    """Return a mask (n,) of the samples at which profiles in contact enter each other.
 
     Two profiles touch at a point with a common tangent. The first body is on the left of
     its profile, the second body on the right of its own. The curvature of a profile is

@@ -58,7 +58,7 @@ class PositionAnalysis:
     input_pair
         Names of the driven pairs, by default those that the mechanism declares.
     assembly_mode
-        Number or name of the only mode that is wanted; all by default.
+        Number or name of the only mode to be computed; all by default.
     search
         Whether to search for modes other than the mode of a given reference pose.
     samples
@@ -94,7 +94,7 @@ class PositionAnalysis:
     solver
         The solver of the positions.
     assembly_modes
-        The modes that were found, or the wanted one.
+        The modes that were found, or the requested one.
     by_rank
         Whether the mobility follows from the rank of the velocity equations, because
         counting on the graph gives another one.
@@ -105,7 +105,7 @@ class PositionAnalysis:
     unused_mode_names
         A sentence for each name in the file that no mode has.
     other_modes
-        The modes that were found beside the wanted one; empty if all are wanted.
+        The modes that were found beside the requested one; empty if all are requested.
     numbering_input
         With "pass": an input (rad). Each smooth curve has the number and the signs of the
         mode to which it belongs at this input.
@@ -115,7 +115,7 @@ class PositionAnalysis:
     PlanError
         If the mobility is not the number of inputs, or an input is a contact pair.
     SolveError
-        If the mechanism cannot be assembled anywhere, or the wanted mode does not exist.
+        If the mechanism cannot be assembled anywhere, or the requested mode does not exist.
     """
 
     @checked(SolveError)
@@ -250,7 +250,7 @@ class PositionAnalysis:
         """Replace the assembly modes by those that follow smooth curves through crossings.
 
         The configurations of a mode form a curve over the input. At some inputs, called
-        meetings, curves cross. Two kinds of modes are possible there:
+        meetings, curves cross. Modes can continue there in two ways:
 
         - The modes known so far (`_modes_with_constant_signs`) keep the signs of their
           dyads (groups of two links). They change to the other smooth curve.
@@ -279,8 +279,8 @@ class PositionAnalysis:
                     f"{name}: {sentence}; narrow the range "
                     'to one side of that input, or leave crossings at "end"'
                 )
-        # The numbering input is that of the reference pose (anchor), if the anchor is in
-        # the range and not at a meeting. At a meeting modes coincide, so their numbers
+        # The numbering input is the input of the reference pose (anchor), if the anchor is
+        # in the range and not at a meeting. At a meeting modes coincide, so their numbers
         # would be ambiguous. Otherwise an input just above the low end of the range is
         # used, since there can be a meeting at the low end itself.
         low, high = self.input_grid.range
@@ -411,7 +411,7 @@ class PositionAnalysis:
         q
             (k, inputs) inputs (rad).
         rows
-            (k,) numbers of the samples with these inputs. None if the inputs are not
+            (k,) indices of the samples with these inputs. None if the inputs are not
             samples. Some modes are known only at the samples, if there are several inputs.
             They have no configurations at other inputs.
 
@@ -448,7 +448,7 @@ class PositionAnalysis:
         return self.samples(spread_rows(len(self.input_grid), most))
 
     def samples(self, rows: Indices) -> Motion:
-        """Return the motion at some of the samples, given by their numbers."""
+        """Return the motion at some of the samples, given by their indices."""
         return self._evaluate(self.input_grid.q[rows], rows)
 
     @property
@@ -500,11 +500,11 @@ def trace(
     samples
         Number of samples. They are on a straight path: all inputs go through their ranges
         together. If `grid` is true, each input has this number of values. A sequence then
-        gives each input a number of its own.
+        gives the number of values for each input.
     input_pair
         Names of the driven pairs, by default those that the mechanism declares.
     assembly_mode
-        Number of the only mode that is wanted; all by default.
+        Number of the only mode to be computed; all by default.
     search
         Whether to search for modes other than the mode of a given reference pose.
     grid

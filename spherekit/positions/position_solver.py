@@ -108,7 +108,7 @@ class PositionSolver:
     closure
         Loop closure of the whole mechanism.
     driven
-        Numbers of the variables that are inputs.
+        Indices of the variables that are inputs.
     anchor_inputs
         (inputs,) inputs (rad) of the reference pose, or zero. At these inputs passive
         angles are in (-pi, pi]. At other inputs they include the full revolutions that the
@@ -133,7 +133,7 @@ class PositionSolver:
         self.assembly = assembly
         self.joints, self.reference = make_joints_in_pose(mechanism)
         self.closure = Closure.of_mechanism(mechanism, self.joints)
-        # Numbers of the variables that are inputs.
+        # Indices of the variables that are inputs.
         driven: list[int] = []
         for pair in assembly.inputs:
             driven += mechanism.variables_of(pair)
@@ -151,13 +151,13 @@ class PositionSolver:
 
     @property
     def input_variable(self) -> int:
-        """The number of the only input's variable; `PlanError` if there are several."""
+        """The index of the only input's variable; `PlanError` if there are several."""
         (number,) = self.mechanism.variables_of(self.assembly.input)
         return number
 
     @property
     def angles(self) -> list[int]:
-        """Numbers of the variables that are angles of R pairs."""
+        """Indices of the variables that are angles of R pairs."""
         return list(self.mechanism.angles.values())
 
     @cached_property
@@ -313,7 +313,7 @@ class PositionSolver:
         """
         group = self.assembly.groups[position]
         # For each body of the train the rotation from its axes to those of the first body.
-        # `ends` has the numbers of the two links of each pair.
+        # `ends` has the indices of the two links of each pair.
         rotations = place_train_bodies(
             group,
             body_from_link=state.body_from_link,
@@ -401,7 +401,7 @@ class PositionSolver:
         q
             (n, inputs) inputs (rad).
         rows
-            (n,) numbers of the samples that have these inputs. They are needed only for
+            (n,) indices of the samples that have these inputs. They are needed only for
             modes of several inputs with groups that are placed by Newton's method, whose
             verified configurations are at the samples of the input grid.
 
@@ -500,7 +500,7 @@ class PositionSolver:
         q
             (n, inputs) inputs (rad).
         rows
-            (n,) numbers of the samples that have these inputs. With several inputs, the
+            (n,) indices of the samples that have these inputs. With several inputs, the
             verified configurations of a mode are those at samples of the input grid, so the
             numbers are needed. With one input they form a curve, and this can be None.
         state

@@ -88,7 +88,7 @@ class LoopEvaluation:
         (n, m) rotation vectors (rad, to first order) by which the loops are open, in quad
         precision. Each loop has three components, so m is three times the number of loops.
     jacobian
-        (n, m, pairs) derivatives of the residual by the variables, in float64.
+        (n, m, pairs) derivatives of the residual with respect to the variables, in float64.
     """
 
     rotations: list[Array]
@@ -144,9 +144,9 @@ class GroupFold:
         loops
             The loops of the group.
         start
-            (n, pairs) float64 configurations (rad) near the wanted one.
+            (n, pairs) float64 configurations (rad) near the required one.
         determinant_sign
-            Sign of the determinant of the Jacobian in the wanted mode. If it is not known
+            Sign of the determinant of the Jacobian in the required mode. If it is not known
             (0), the root nearer to `start` is taken.
 
         Returns
@@ -319,7 +319,7 @@ class GroupLoops:
         # Whether a row of variables still takes steps. The rows are independent.
         active = np.ones(n, dtype=bool)
         for _ in range(MAX_QUAD_NEWTON_STEPS):
-            # The residual, and its derivatives by the variables (`jacobian`).
+            # The residual, and its derivatives with respect to the variables (`jacobian`).
             evaluation = self.evaluate(values)
             inverse = left_inverse(evaluation.jacobian).astype(quad())
             step = -matrix_vector_products(inverse, evaluation.residual)

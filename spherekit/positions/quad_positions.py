@@ -49,8 +49,7 @@ from spherekit.status import Status
 from spherekit.tolerances import EPS, MAX_SINGULAR_ANGLE_ERROR_RAD
 
 ROUNDING_RAD = 1e3 * QUAD_EPS
-"""Error bound of a body that is placed by inputs alone: some hundred rounding errors in
-quad."""
+"""Error bound of a body that only inputs place: some hundred rounding errors in quad."""
 
 FOLD_SAFETY = 2.0
 """Error bounds at a fold are enlarged by this factor, for terms of third order."""
@@ -174,7 +173,7 @@ class QuadAssembly:
 
     @cached_property
     def frames(self) -> dict[int, Frames]:
-        """The frames of each pair, by its number, from the decimal numbers of the file."""
+        """The frames of each pair, by pair index, from the decimal numbers of the file."""
         return decimal_frames(self.mechanism)
 
     def place(

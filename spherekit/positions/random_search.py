@@ -97,7 +97,7 @@ class SearchStatistics:
     starts
         Number of starts so far.
     counts
-        Number of starts that led to each solution, by the number of the solution.
+        Number of starts that led to each solution, by the index of the solution.
     """
 
     variable_count: int
@@ -120,7 +120,7 @@ class SearchStatistics:
             count 0.
         """
         self.starts += starts
-        # `update` adds to the counts. Adding 0 makes an entry also for solutions that no
+        # `update` adds to the counts. Adding 0 also creates counts for solutions that no
         # start has reached.
         self.counts.update(dict.fromkeys(range(total), 0))
         self.counts.update(hits[hits >= 0].tolist())
@@ -250,7 +250,7 @@ def descend_to_closure(
     values
         (n, variables) start values (rad).
     fixed
-        Numbers of the variables that stay constant.
+        Indices of the variables that stay constant.
     low, high
         (variables,) limits of the variables (rad).
 
@@ -272,7 +272,7 @@ def descend_to_closure(
 
         The closure errors are by how much the loops are open.
 
-        `rows` (k,) are the numbers of the starts. `free_values` are their present values of
+        `rows` (k,) are the indices of the starts. `free_values` are their present values of
         the variables that are not fixed.
         """
         all_values = values[rows]
@@ -323,11 +323,11 @@ class RolledLength:
     Attributes
     ----------
     variable
-        Number of the variable in the group of bodies. It is an arc length (rad).
+        Index of the variable in the group of bodies. It is an arc length (rad).
     profiles
         The profiles (rims) of the two wheels.
     wheels
-        The numbers of the bodies of the two wheels, in the same order.
+        The indices of the bodies of the two wheels, in the same order.
     """
 
     variable: int
@@ -335,7 +335,7 @@ class RolledLength:
     wheels: tuple[int, int]
 
     def find_repetition(self, additional_length: float) -> WheelRepetition | None:
-        """Return which of two wheels have made whole revolutions after rolling on.
+        """Find the wheel that has made whole revolutions after both have rolled on.
 
         A wheel that has made whole revolutions touches at the same point of its profile as
         before. It is called the repeated wheel, and the other one the turned wheel.
@@ -440,7 +440,7 @@ class DistinctConfigurations:
             )
             for variable, joint in list_rolling_variables(closure.joints)
         ]
-        # The number of joints at each body, by number of the body. A wheel that has only
+        # The number of joints at each body, by the index of the body. A wheel that has only
         # its bearing and one contact can turn without moving other bodies.
         self._joint_counts = Counter(chain.from_iterable(ends))
 
@@ -563,7 +563,7 @@ class DistinctConfigurations:
         - The other one may touch at another point of its profile. In this case it is called
           the turned wheel.
         """
-        # One repetition for each contact at which wheels have rolled on, with the numbers
+        # One repetition for each contact at which wheels have rolled on, with the indices
         # of its two wheels. Empty if such a contact has no repeated wheel.
         repetitions = self._find_repetitions(configuration.values - stored.values)
         if not repetitions:
@@ -626,9 +626,9 @@ def _have_equal_orientations(
     rotations, other_rotations
         (bodies, 3, 3) rotations from body axes to those of body 0, in each configuration.
     reference_body
-        Number of the body relative to which the orientations are compared.
+        Index of the body relative to which the orientations are compared.
     ignored_bodies
-        Numbers of the bodies that may differ.
+        Indices of the bodies that may differ.
 
     Returns
     -------

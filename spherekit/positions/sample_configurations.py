@@ -177,7 +177,7 @@ def enumerate_configurations(solver: PositionSolver, q: Floats) -> SampleConfigu
     Returns
     -------
     The configurations. `is_complete` says for each sample whether all were found, and
-    `problem` why some may be missing. The order within a sample is that of
+    `problem` why some may be missing. The order within a sample is the same as in
     `spherekit.positions.assembly_enumeration.enumerate_assemblies`.
     """
     batches = []
@@ -390,7 +390,7 @@ def _eliminate_distinct_rows(
 
 
 def _find_representative_rows(closure: Closure, sample: Indices) -> Indices:
-    """Return for each row (n,) the number of a row with equal equations.
+    """Return, for each row (n,), the index of a row with equal equations.
 
     It serves to solve equal equations once. A row is one configuration of earlier groups at
     a sample of the inputs. The result is the first row of the same sample if the equations
@@ -428,7 +428,7 @@ def _repeat_configurations(
     solved
         Configurations of a group at m solved rows, which are numbered from 0.
     solved_row
-        (n,) for each row the number of the solved row with the same equations.
+        (n,) for each row the index of the solved row with the same equations.
 
     Returns
     -------
@@ -460,9 +460,9 @@ def _eliminate_rows(group: Group, closure: Closure) -> GroupConfigurations:
 
     1. The real roots on the unit circle, for all rows together.
     2. All complex roots, for all rows together.
-    3. The elimination with all its checks, row by row. It is needed if two solutions nearly
-       coincide, or if a solution was lost. At most `MAX_EXAMINED_ROWS` rows are examined
-       in this way; the others are incomplete and have no configurations.
+    3. The elimination with all its checks, row by row. Rows are left for this method if two
+       solutions nearly coincide, or if a solution was lost. At most `MAX_EXAMINED_ROWS`
+       rows are examined in this way; the others are incomplete and have no configurations.
 
     Parameters
     ----------
@@ -522,7 +522,7 @@ def _solve_batch(
     count: int,
     solve: Callable[[GroupGeometry, EliminationOrder], tuple[Floats, Bools]],
 ) -> GroupConfigurations:
-    """Return the configurations of a group at the rows where one method surely finds all.
+    """Return the configurations of a group at the rows where a method has found all.
 
     A row is one sample of the inputs. Newton's method closes the loops from each real
     solution. A row passes if each solution converges nearby, is well conditioned, and

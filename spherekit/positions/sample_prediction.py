@@ -44,10 +44,10 @@ class ModeSpline(NamedTuple):
     mode
         Index of the assembly mode in `PositionAnalysis.assembly_modes`.
     first, last
-        Numbers of the samples that are the first and the last node.
+        Indices of the samples that are the first and the last node.
     evaluate
         Function that returns the passive variables (n, passive) rad, which are not inputs,
-        at sample numbers (n,).
+        at samples with the indices (n,).
     """
 
     mode: int
@@ -143,7 +143,7 @@ def _fit_splines(
     samples_per_node
         Number of samples from one node to the next. The last sample is a node, too.
     passive
-        Numbers of the variables that are not inputs.
+        Indices of the variables that are not inputs.
     is_angle
         (passive,) whether a variable is an angle, which has to be made continuous.
     """

@@ -73,7 +73,7 @@ class Verification:
     def accepts_correction(
         self, newton_steps: NewtonSteps, length: Floats | float
     ) -> Bools:
-        """Return (n,) whether predictions of steps along paths needed small corrections.
+        """Return a mask (n,) of the steps whose predictions needed only small corrections.
 
         A path is a curve of configurations. Each step predicts the next configuration,
         which Newton's method corrects. After a large correction, or slow convergence, the
@@ -98,7 +98,7 @@ class Verification:
         return is_near & contracts
 
     def accepts_change(self, change: Floats, cosine: Floats | float = 1.0) -> Bools:
-        """Return (n,) whether equations and tangents changed little enough in a step.
+        """Return a mask (n,) of the steps in which equations and tangents changed little.
 
         Large changes are a sign that the step has left its path.
 
@@ -115,7 +115,7 @@ class Verification:
     def accepts_middle(
         self, miss: Floats | float, length: Floats | float, rounding: Floats | float = 0.0
     ) -> Bools:
-        """Return (n,) whether the middles of steps are where both ends predict them.
+        """Return a mask (n,) of the steps whose middles are where both ends predict them.
 
         This test detects steps that jump to another path of configurations. The values and
         derivatives at both ends of a step predict a point about half-way (Hermite

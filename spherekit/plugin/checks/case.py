@@ -113,7 +113,8 @@ class ConformanceCase:
 
         Returns
         -------
-        The batches. An analysis that reads no samples is computed once, with the first.
+        The batches. An analysis that reads no samples is computed once, with the first
+        batch.
         """
         run_plan = self.run_plan
         blocks = map(change_motion, run_plan.source.blocks(block_size))

@@ -282,7 +282,7 @@ def check_names(case: ConformanceCase) -> str:
         old_names = {new: old for old, new in new_names.items()}
         for table in case.run_plan.tables_of(case.analysis):
             compared = replace_words(renamed_tables[table.name], old_names)
-            # Other numbers of links can change the order of the rows. `match_rows` returns
+            # Other indices of links can change the order of the rows. `match_rows` returns
             # both tables in the same order.
             expected, compared = match_rows(
                 table, expected_tables[table.name], compared, mechanism.links

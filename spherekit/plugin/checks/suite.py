@@ -110,7 +110,7 @@ class ConformanceSuite:
     def _check_installation(self) -> str:
         """Check that the installed entry point of the analysis leads to this class.
 
-        An entry point is the entry in an installed package by which the program finds the
+        An entry point is the name in an installed package by which the program finds the
         analysis. The user names the analysis by its class, an object, or a text of the
         command line. A text is replaced here by the object that is created from the entry
         point.

@@ -180,7 +180,7 @@ def match_rows(
 ) -> tuple[TableArrays, TableArrays]:
     """Return the rows that two tables share, in the same order.
 
-    `compared` is the table of the same mechanism, computed with other names and numbers of
+    `compared` is the table of the same mechanism, computed with other names and indices of
     links. The old names have been put back. A row is identified by its key: its texts and
     whole numbers. If a key occurs twice, rows cannot be identified, and both tables are
     returned unchanged.
