@@ -1,4 +1,4 @@
-"""Friction that depends on the reactions which it changes.
+"""Friction that depends on reactions, and changes these reactions.
 
 A pair k with friction carries loads at one or two places j: the forces on its bearings, or
 the push of a contact. Each load is a_kj + sum_l b_kjl f_l, where f_l are the friction
@@ -181,16 +181,16 @@ class CarriedLoads:
     """The loads that pairs (joints) with friction carry, at n rows (samples of a motion).
 
     Friction depends on the carried loads and changes them, so it is computed by iteration.
-    In each step the errors of the friction torques are at most a matrix B times the errors
-    before. The largest eigenvalue of B is called the feedback. If it is below 1, the
-    iteration converges to the only solution.
+    In each iteration the errors of the friction torques are at most a matrix B times the
+    errors before this iteration. The largest eigenvalue of B is called the feedback. If it
+    is below 1, the iteration converges to the only solution.
 
     Attributes
     ----------
     carried
-        (n, k) loads of k pairs with friction. For a revolute pair it is the sum of the
-        sizes of the forces (N) on its bearings. For a contact it is the moment (N m) of
-        the normal force about the centre of the sphere. NaN in rows without a motion.
+        (n, k) loads of k pairs with friction. The load of a revolute pair is the sum of the
+        sizes of the forces (N) on its bearings. The load of a contact is the moment (N m)
+        of the normal force about the centre of the sphere. NaN in rows without a motion.
     is_unknown
         (n,) whether the friction is not known: the feedback is not below 1, so that
         bearings may lock, or the iteration has not converged.
@@ -367,11 +367,11 @@ def _check_forces_determined(
 
     A pair (joint) transmits a couple, and a force through the centre of the sphere. Both
     load its bearings and so cause friction. If the file does not have the key `axial` of
-    the bearings, only the friction due to the couple is computed. The force is then not
-    needed.
+    the bearings, only the friction due to the couple is computed. The force then need not
+    be determined.
 
-    There are two cases in which the force is not determined. The equations leave it open,
-    or some link could slide in a direction in which no pair supports it.
+    There are two cases in which the force is not determined: the equations leave the force
+    open, or some link could slide in a direction in which no pair supports the link.
 
     Parameters
     ----------
@@ -438,12 +438,12 @@ class FrictionEquation:
         return np.sum(np.linalg.norm(self.compute_loads(friction), axis=3), axis=2)
 
     def find_contracting_rows(self) -> Bools:
-        """Return (n,) in which rows the friction torques certainly have a single solution.
+        """Return a mask (n,) of rows in which the friction torques have a single solution.
 
         A row is one time or configuration. The equation is f_k = r_k sum_j |a_kj + sum_l
         b_kjl f_l| for the friction torque f_k of pair k. Its right side changes by at most
         B times a change of f, with B_kl = |r_k| sum_j |b_kjl|. If the largest eigenvalue of
-        B is below 1, the equation is a contraction.
+        B is below 1, the equation is a contraction, and it certainly has a single solution.
         """
         sensitivities = np.sum(np.linalg.norm(self.per_friction, axis=3), axis=2)
         eigenvalues = np.linalg.eigvals(np.abs(self.factors)[..., None] * sensitivities)

@@ -67,9 +67,9 @@ class ClosureDeterminantRecord:
     def include_sizes(self, determinants: Floats) -> "ClosureDeterminantRecord":
         """Return the record with which the determinants in a step are compared.
 
-        The largest size includes the determinants of the step. The sign stays that before
-        the step, because a crossing shows as another sign within the step. The first step
-        has no step before it. The sign at its first node is used.
+        The largest size includes the determinants of the step. The sign stays the sign
+        before the step, because a crossing shows as another sign within the step. The first
+        step has no step before it. The sign at its first node is used.
 
         Parameters
         ----------
@@ -227,9 +227,10 @@ class CollocationStep:
     ) -> float | None:
         """Return the time (s) at which a variable first moves beyond a limit in this step.
 
-        It is the first time at which the variable crosses the limit outwards. A variable
-        that is beyond the limit at the end without such a crossing was there from the
-        start; the result is then the start of the step. Otherwise the result is None.
+        This is the first time at which the variable crosses the limit outwards. A variable
+        that is beyond the limit at the end of the step without such a crossing was already
+        beyond it at the start; the result is then the start of the step. Otherwise the
+        result is None.
 
         Parameters
         ----------

@@ -1,7 +1,8 @@
 """Simulates the motion of a mechanism by Taylor series of its compiled equation.
 
 With several degrees of freedom, some pair variables are the coordinates of the equation. If
-they cease to determine the motion, the simulation continues with other coordinates.
+these coordinates cease to determine the motion, the simulation continues with other
+coordinates.
 """
 
 import time
@@ -112,9 +113,9 @@ class CompiledRuns:
     """The successive runs of a simulation by Taylor series.
 
     A run is an integration of one compiled equation of motion. With one degree of freedom
-    its coordinate is the arc length of the curve of configurations. With several, its
-    coordinates are some of the pair variables (joint angles). A new run begins when these
-    no longer determine the motion well.
+    its coordinate is the arc length of the curve of configurations. With several degrees of
+    freedom, its coordinates are some of the pair variables (joint angles). A new run begins
+    when these coordinates no longer determine the motion well.
 
     Attributes
     ----------
@@ -365,9 +366,9 @@ def _sum_rate_squares(velocity_basis: Floats, variables: tuple[int, ...]) -> flo
     no other variable moves much faster.
 
     Let V be the velocity basis, and V_c its columns of the chosen variables. The rates of
-    all variables per unit rate of each chosen one are the rows of V_c^-1 V. The rows of V
-    are orthonormal, so V_c^-1 alone has the same sum of squares. It is the sum of 1 / s^2
-    over the singular values s of V_c.
+    all variables per unit rate of each chosen variable are the rows of V_c^-1 V. The rows
+    of V are orthonormal, so the elements of V_c^-1 have the same sum of squares. This sum
+    is the sum of 1 / s^2 over the singular values s of V_c.
 
     Parameters
     ----------

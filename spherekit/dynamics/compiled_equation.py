@@ -92,20 +92,21 @@ class CompiledEquation:
         The Taylor integrator. It stores the state of a run, so `lock` is acquired for a
         run. The functions may be called by several threads at once.
     rates_function
-        Computes from the variables the homogeneous rates of all variables with respect to
-        each coordinate, then the measure of independence of the loop-closure equations. A
-        homogeneous rate is the rate per unit rate of the coordinate, times the determinant
-        D of the velocity equations for given rates of the coordinates. It stays finite
-        where D is zero, that is where the coordinates do not determine the rates.
+        A function that computes from the variables the homogeneous rates of all variables
+        with respect to each coordinate, then the measure of independence of the
+        loop-closure equations. A homogeneous rate is the rate per unit rate of the
+        coordinate, times the determinant D of the velocity equations for given rates of the
+        coordinates. It stays finite where D is zero, that is where the coordinates do not
+        determine the rates.
     switch_function
-        Computes from state, time and parameters the switch conditions, then their time
-        derivatives. A load changes abruptly where a condition is zero. None without
-        conditions.
+        A function that computes from state, time and parameters the switch conditions, then
+        their time derivatives. A load changes abruptly where a condition is zero. None
+        without conditions.
     probe_function
-        Computes from state, time and parameters the rates of the momenta, then the
-        arguments of steep functions in loads, such as x in tanh(1000 x). Near a zero or an
-        extremum of its argument, such a function changes too fast for the Taylor series of
-        a step. None if no load has such functions.
+        A function that computes from state, time and parameters the rates of the momenta,
+        then the arguments of steep functions in loads, such as x in tanh(1000 x). Near a
+        zero or an extremum of its argument, such a function changes too fast for the Taylor
+        series of a step. None if no load has such functions.
     tolerance
         Tolerance of a step, relative to the largest element of the state.
     arguments
@@ -126,7 +127,7 @@ class CompiledEquation:
         return _compile_again, (self.arguments,)
 
     def homogeneous_rates(self, values: Floats) -> Floats:
-        """Return the homogeneous rates by m coordinates at n configurations.
+        """Return the homogeneous rates with respect to m coordinates at n configurations.
 
         A homogeneous rate is the rate of a variable per unit rate of a coordinate, times
         the determinant of the velocity equations. Unlike the rate itself, it stays finite
@@ -150,7 +151,7 @@ class CompiledEquation:
         return rates.T.reshape(-1, layout.freedoms, layout.variable_count)
 
     def measure_independence(self, values: Floats) -> Floats:
-        """Return the measure (n,) of independence of the loop-closure equations.
+        """Return a measure (n,) of how independent the loop-closure equations are.
 
         It is zero where these equations depend on each other, that is where curves or
         surfaces of configurations cross. `values` (n, variables) are the pair variables
@@ -262,8 +263,8 @@ def estimate_compile_seconds(
 
     The estimate helps to decide whether compiling pays. It was fitted to the shipped
     mechanisms with up to ten loads, on one core. Actual times are between half and twice
-    this. Machine code that heyoka (the Taylor integrator) has stored on disk takes less
-    time; this is not noticed.
+    the estimate. Machine code that heyoka (the Taylor integrator) has stored on disk takes
+    less time; the estimate does not take this into account.
 
     Parameters
     ----------

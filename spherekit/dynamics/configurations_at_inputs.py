@@ -37,7 +37,7 @@ def shift_into_range(position_analysis: PositionAnalysis, q: Floats) -> Floats:
     after which all links are in the same position again. It is one turn, or several turns
     with gear wheels of different sizes. It is infinite if the position never repeats;
     angles are then not changed. If the range is shorter than a period, angles are shifted
-    as close to it as possible.
+    as close to the range as possible.
 
     Parameters
     ----------
@@ -68,8 +68,8 @@ def analysis_covering(
     """Return a position analysis over a range that contains the input angles q.
 
     In most mechanisms the configuration does not depend on the number of turns of the
-    input. Whole turns then shift all angles into the range of the present analysis, and it
-    is returned.
+    input. Whole turns then shift all angles into the range of the present analysis, and
+    this analysis is returned.
 
     Meshing gear wheels can make the configuration depend on the number of turns. Angles are
     then shifted only by whole periods (the turns after which all links are in the same
@@ -86,7 +86,7 @@ def analysis_covering(
         The assembly mode (way to assemble the mechanism) that a new analysis computes, or
         None for all of them.
     search
-        Whether a new analysis searches for modes other than that of the reference pose.
+        Whether a new analysis searches for modes other than the mode of the reference pose.
     """
     has_gear_meshes = position_analysis.solver.gear_phases is not None
     if not has_gear_meshes:
@@ -130,8 +130,8 @@ def compute_modes_at_inputs(
         The assembly mode to compute, or None for all of them. If a position analysis with a
         sufficient range is passed, its modes are used instead.
     search
-        Whether modes other than that of the reference pose are searched for. It also has no
-        effect if a sufficient position analysis is passed.
+        Whether modes other than the mode of the reference pose are searched for. Like
+        `assembly_mode`, it has no effect if a sufficient position analysis is passed.
 
     Returns
     -------

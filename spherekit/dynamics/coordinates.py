@@ -1,9 +1,10 @@
-"""Configurations with their first and second derivatives by independent coordinates.
+"""Configurations, with derivatives with respect to independent coordinates.
 
-There are as many coordinates as degrees of freedom. They are pair variables (such as those
-of the inputs), fixed sums of pair variables, or, for one degree of freedom, the arc length
-s of the configuration curve in the space of all pair variables. In the arc length every
-dead centre is an ordinary point.
+The derivatives are of the first and second order. There are as many coordinates as degrees
+of freedom. The coordinates are pair variables (such as the variables of the inputs), fixed
+weighted sums of pair variables, or, for one degree of freedom, the arc length s of the
+configuration curve in the space of all pair variables. With the arc length as coordinate,
+every dead centre is an ordinary point.
 """
 
 from collections.abc import Sequence
@@ -118,12 +119,12 @@ def motion_by_arc_length(
 def motion_by_combinations(
     closure: Closure, values: Floats, weights: Floats, order: Order = 2
 ) -> CoordinateMotion:
-    """Return configurations and their derivatives by weighted sums of the pair variables.
+    """Return configurations, differentiated with respect to weighted sums of variables.
 
-    These sums are the m coordinates, and their weights are the rows of a matrix F. The
-    rates r of all variables per unit rate of coordinate i solve J r = 0 (the loops stay
-    closed) and F r = e_i (coordinate i has the rate 1, the others rest). J is the Jacobian
-    of the loop-closure equations.
+    The m coordinates are weighted sums of the pair variables. The weights of each sum are a
+    row of a matrix F. The rates r of all variables per unit rate of coordinate i solve J r
+    = 0 (the loops stay closed) and F r = e_i (coordinate i has the rate 1, the others
+    rest). J is the Jacobian of the loop-closure equations.
 
     Parameters
     ----------
@@ -160,7 +161,7 @@ def motion_by_combinations(
 def _refine_last_columns(inverse: Floats, matrix: Floats, count: int) -> Floats:
     """Return the last columns of inverse matrices, corrected for rounding errors.
 
-    It is one step of iterative refinement. With the matrix A, a column x of its inverse
+    This is one step of iterative refinement. With the matrix A, a column x of its inverse
     and the column e of the unit matrix, the residual is e - A x. The inverse times this
     residual is added to x. For an exact left inverse (inverse times A is the unit matrix),
     the sum does not differ from x.
@@ -181,7 +182,7 @@ def _refine_last_columns(inverse: Floats, matrix: Floats, count: int) -> Floats:
 def motion_by_variables(
     closure: Closure, values: Floats, variables: Sequence[int], order: Order = 2
 ) -> CoordinateMotion:
-    """Return configurations and their derivatives by some of the pair variables.
+    """Return configurations, differentiated with respect to some of the pair variables.
 
     Derivatives are not finite where these variables do not determine the motion: at dead
     centres of a single variable, and at singularities of type II of several variables.
@@ -392,7 +393,7 @@ def reciprocal_condition(closure: Closure, values: Floats, freedoms: int = 1) ->
 def continuous_signs(vectors: Floats, start: Floats) -> Floats:
     """Return the signs (n,) that turn a sequence of axes into a continuous direction.
 
-    The sense of each axis is arbitrary, such as that of a tangent of a curve. After
+    The sense of each axis is arbitrary, like the sense of a tangent of a curve. After
     multiplication by its sign, each vector makes an acute angle with the vector before.
 
     Parameters

@@ -10,7 +10,7 @@ matrix C and the generalised forces Q, M du/dt + C u = Q becomes
 
 S is skew because R^-1 (dM/dt - 2 C) R^-1 is, so the kinetic energy p^2 / 2 changes by the
 work of the loads alone. With one degree of freedom S is zero: p is constant if no load
-acts, and no derivative of M is needed.
+acts, and the equation contains no derivative of M.
 
 With one degree of freedom the coordinate is the arc length s of the configuration curve,
 along which every dead centre is an ordinary point (Eksergian's equation B du/dt + 1/2 dB/ds
@@ -70,8 +70,8 @@ PROJECTION_RANK_RATIO = 1e-10
 class InertiaRoots:
     """The symmetric square roots R of n inertia matrices M = R R.
 
-    They are stored as eigenvectors and eigenvalues. Momenta are p = R u with the rates u of
-    the m coordinates, so that the kinetic energy is p^2 / 2.
+    The roots are stored as eigenvectors and eigenvalues. Momenta are p = R u with the rates
+    u of the m coordinates, so that the kinetic energy is p^2 / 2.
 
     Attributes
     ----------
@@ -212,8 +212,8 @@ class EquationOfMotion:
 
     A state (variables + m + loads,) has the pair variables (rad), the m momenta p = R u and
     the work of each load (J). R is the symmetric root of the inertia matrix. The rates u
-    are those of m coordinates. They are weighted sums of the rates of the pair variables.
-    Row i of `rate_weights` (m, variables) has the weights for coordinate i.
+    are the rates of m coordinates. These rates are weighted sums of the rates of the pair
+    variables. Row i of `rate_weights` (m, variables) has the weights for coordinate i.
 
     Attributes
     ----------
@@ -278,8 +278,8 @@ class EquationOfMotion:
         """Return the same state in new coordinates, and the weights of these coordinates.
 
         The coordinates are m weighted sums of the pair variables. As the mechanism moves,
-        they determine its motion less and less well. The new weights are an orthonormal
-        basis of the velocities that are possible in the present configuration.
+        the old coordinates determine the motion less and less well. The new weights are an
+        orthonormal basis of the velocities that are possible in the present configuration.
 
         Parameters
         ----------
@@ -293,8 +293,8 @@ class EquationOfMotion:
         dynamics = self.evaluate(np.zeros(1), state[None], rate_weights)
         # (variables,) the time derivatives of the variables.
         variable_rates = rates_by_time(dynamics.motion, dynamics.speed)[0]
-        # (m, variables) their rates per unit rate of each old coordinate. They are a basis
-        # of the possible velocities.
+        # (m, variables) rates of the variables per unit rate of each old coordinate. These
+        # rows are a basis of the possible velocities.
         velocity_basis = dynamics.motion.rates[0]
         new_weights = _orthonormalise_symmetrically(velocity_basis)
         # The same configuration, velocity and work in the new coordinates.

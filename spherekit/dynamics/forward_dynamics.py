@@ -76,7 +76,7 @@ def simulate(
     mechanism
         A mechanism with masses. Its loads act, and its joint limits end the simulation.
     start
-        Input variable (rad) and rate (rad/s) at t = 0 in an assembly mode, also as
+        Variable (rad) and rate (rad/s) of the input at t = 0 in an assembly mode, also as
         ``{"q": 0.4, "dq": 1.2}`` or ``"q=20deg,dq=1rad/s"``, or a whole configuration. In a
         text, a number without a unit is in the unit of the mechanism's file.
     until
@@ -106,14 +106,15 @@ def simulate(
         the more accurate simulation is kept and compared with a still more accurate one.
         `Simulation.missed` tells whether the tolerance is still missed.
     engine
-        ``"auto"`` takes the engine that is expected to finish first, or the one that
-        supports all loads. The result says which one, and why.
+        ``"auto"`` takes the engine that is expected to finish first, or the only engine
+        that supports all loads. The result says which engine was taken, and why.
     compact
         Whether the compiled engine uses the compact mode of heyoka. Without this mode,
         compiling takes longer, and solving takes about a third less time.
     seen
-        Called with the simulation so far every few seconds while the NumPy engine solves
-        it. It is not called if a one-sided contact may end the simulation earlier.
+        A function that is called with the simulation so far, every few seconds while the
+        NumPy engine solves it. It is not called if a one-sided contact may end the
+        simulation earlier.
     angle_unit
         Unit of the numbers of a mapping `start`, ``"rad"`` or ``"deg"`` (and per s). The
         objects `Start` and `PoseStart`, and the result, are in rad.
@@ -174,8 +175,9 @@ def check_engine_and_tolerance(mechanism: Mechanism, engine: str, tolerance: flo
     """Raise `SolveError` if an engine is unknown or a tolerance is out of its range.
 
     The engine is ``"numpy"``, ``"compiled"`` or ``"auto"`` (the faster one). The tolerance
-    is that of a simulation (rad). Its smallest value depends on the engine. For ``"auto"``
-    it is that of the compiled engine, which can be more accurate.
+    (rad) applies to the result of a simulation. Its smallest value depends on the engine.
+    For ``"auto"`` it is the smallest value of the compiled engine, which can be more
+    accurate.
     """
     if engine not in ENGINE_CHOICES:
         raise SolveError(
@@ -200,7 +202,7 @@ def _simulate_and_compare(
     the error exceeds the user's tolerance, the reference takes the place of the first
     simulation and is compared with a still more accurate one, and so on. This ends when the
     tolerance can't be reduced any more. Of the last two simulations the less accurate one
-    is returned, because only its error is known.
+    is returned, because only the error of this simulation is known.
 
     Parameters
     ----------
@@ -301,8 +303,9 @@ def _simulate_by_choice(
     """Return the simulated motion, by NumPy or by the compiled engine, whichever is faster.
 
     The compiled engine is fast, but compiling takes time. The NumPy engine starts, and
-    continues if it is expected to finish sooner, compiling included. The compiled engine is
-    used at once if the equation is already compiled, or if NumPy would be less accurate.
+    continues if it is expected to finish sooner than the compiled engine, whose time
+    includes compiling. The compiled engine is used at once if the equation is already
+    compiled, or if NumPy would be less accurate.
 
     Parameters
     ----------

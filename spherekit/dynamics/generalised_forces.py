@@ -169,8 +169,8 @@ class Loads:
     def _pair_rate(self, rates: Floats, pair: str) -> Floats:
         """Return the rate (...) at which a pair turns (R pair) or slides (contact).
 
-        `rates` (..., variables) are those of all variables. The variables of a contact are
-        arcs along its two profiles, and it slides at the difference of their rates.
+        `rates` (..., variables) are the rates of all variables. The variables of a contact
+        are arcs along its two profiles, and it slides at the difference of their rates.
         """
         # An R pair has only one variable, so `second` is empty.
         first, *second = self.mechanism.variables_of(self.mechanism.pair_number[pair])
@@ -188,11 +188,11 @@ class Loads:
         Parameters
         ----------
         motion
-            Configurations in n rows, and their derivatives by m coordinates.
+            Configurations in n rows, and their derivatives with respect to m coordinates.
         speed
             (n, m) time derivatives of these coordinates.
         t
-            (n,) time, s.
+            (n,) times, s.
         carried
             (n, k) load carried by the bearing or contact of each of the k components in
             `friction_components`: a force (N) on a bearing, a moment (N m) at a contact.
@@ -228,7 +228,7 @@ class Loads:
         laws
             The expressions, Python functions and torque tables.
         motion
-            Configurations in n rows, and their derivatives by m coordinates.
+            Configurations in n rows, and their derivatives with respect to m coordinates.
         speed
             (n, m) time derivatives of these coordinates.
         t
@@ -270,7 +270,7 @@ class Loads:
         Parameters
         ----------
         motion
-            Configurations in n rows, and their derivatives by m coordinates.
+            Configurations in n rows, and their derivatives with respect to m coordinates.
         speed
             (n, m) time derivatives of these coordinates.
         t

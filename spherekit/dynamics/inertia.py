@@ -54,8 +54,8 @@ class Inertia:
         (n, masses, m, m) contribution of each link to M, kg m2 per product of the units of
         two coordinates.
     dM_parts
-        (n, masses, m, m, m) its derivatives: at [..., i, j, k] that of M_ij with respect to
-        coordinate k.
+        (n, masses, m, m, m) derivatives of `M_parts`: at [..., i, j, k] the derivative of
+        M_ij with respect to coordinate k.
     """
 
     M_parts: Floats
@@ -68,7 +68,7 @@ class Inertia:
 
     @property
     def dM(self) -> Floats:
-        """(n, m, m, m) derivatives of M: at [..., k] those with respect to coordinate k."""
+        """(n, m, m, m) derivatives of M: index k of the last axis is the coordinate."""
         return np.sum(self.dM_parts, axis=1)
 
     @property
@@ -134,7 +134,8 @@ def _derivatives_seen_from_links(motion: CoordinateMotion) -> Floats:
     w_i is the angular velocity of a link per unit rate of coordinate i. The result (n, m,
     m, links, 3) has the vectors dw_i/dq_k - w_k x w_i at [:, i, k], in ground axes. The
     second term takes off the change by the rotation of the link. In link axes, the inertia
-    of a link is constant, so these derivatives give those of the inertia matrix.
+    of a link is constant, so the derivatives of the inertia matrix follow from these
+    derivatives alone.
     """
     w_i = motion.w[:, :, None]
     w_k = motion.w[:, None]
@@ -199,7 +200,8 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
     mechanism
         The mechanism with its masses.
     motion
-        The motion by m coordinates. Its first row is the start of a simulation.
+        The motion with derivatives with respect to m coordinates. Its first row is the
+        start of a simulation.
     """
     inertia_at_start = inertia_matrix(mechanism, motion)[0]
     principal_inertias, directions = np.linalg.eigh(inertia_at_start)
@@ -260,14 +262,15 @@ def _inertia_by_rounding(mechanism: Mechanism, motion: CoordinateMotion) -> floa
     mechanism
         The mechanism with its masses.
     motion
-        The motion by the coordinates. Its first row is the start of a simulation.
+        The motion with derivatives with respect to the coordinates. Its first row is the
+        start of a simulation.
     """
     total_inertia = 0.0
     for mass in mechanism.masses:
         if mass.link != mechanism.ground:
             # This norm of an inertia tensor is its largest moment of inertia.
             total_inertia += float(np.linalg.norm(mass.tensor, 2))
-    w_at_start = motion.w[0]  # (m, links, 3) angular velocities by each coordinate
+    w_at_start = motion.w[0]  # (m, links, 3) angular velocities per unit rate of each coordinate
     largest_speed_square = np.max(np.sum(w_at_start**2, axis=-1))
     return float(MIN_RELATIVE_SPEED**2 * total_inertia * largest_speed_square)
 
@@ -275,8 +278,8 @@ def _inertia_by_rounding(mechanism: Mechanism, motion: CoordinateMotion) -> floa
 def christoffel(dM: Floats) -> Floats:
     """Return the Christoffel symbols c (n, m, m, m) of n inertia matrices M.
 
-    They give the velocity-dependent torques, sum of c_ijk q'_j q'_k. `dM` (n, m, m, m) has
-    at [i, j, k] the derivative of M_ij with respect to coordinate k. Then c_ijk =
+    These symbols give the velocity-dependent torques, sum of c_ijk q'_j q'_k. `dM` (n, m,
+    m, m) has at [i, j, k] the derivative of M_ij with respect to coordinate k. Then c_ijk =
     (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i) / 2.
     """
     return 0.5 * (dM + (np.swapaxes(dM, 2, 3) - np.moveaxis(dM, 3, 1)))
@@ -294,8 +297,8 @@ def coriolis(dM: Floats, rates: Floats) -> Floats:
 def driving_torques(M: Floats, dM: Floats, Q: Floats, dq: Floats, ddq: Floats) -> Floats:
     """Return the driving torques tau (n, m) = M q'' + C q' - Q at the coordinates q, N m.
 
-    They are the torques that produce a known motion. C q' are the torques that depend on
-    products of rates (Coriolis and centrifugal).
+    These torques produce a known motion. C q' are the torques that depend on products of
+    rates (Coriolis and centrifugal).
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ def judged(
     rates: Floats,
     has_unknown_friction: Bools | bool,
 ) -> SmallIntegers:
-    """Set torques that are not known, and their parts, to NaN in place; return the status.
+    """Set unknown torques and their parts to NaN in place; return the status.
 
     A row is one sample of a motion. Three rules say what is known in a row:
 
@@ -125,7 +125,7 @@ def _set_unknown_inertia(masses: Inertia, has_rates: Bools) -> None:
 
 
 def _find_finite_loads(forces: Floats, rates: Floats) -> Bools:
-    """Return (n, loads) whether generalised forces and power of each load are finite.
+    """Return a mask (n, loads) of loads with finite generalised forces and power.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ class InverseSolution(InputMotion):
     mechanism
         The mechanism with its inputs.
     sample
-        (n,) number of the sample.
+        (n,) index of the sample.
     assembly_mode
         (n,) number of the assembly mode.
     t
@@ -182,7 +182,7 @@ class InverseSolution(InputMotion):
         matrix follows from these rates.
     carried
         (n, k) sums of the bearing forces (N) for each of the k loads that are friction of
-        bearings. The friction is proportional to them. None without such loads.
+        bearings. The friction is proportional to these sums. None without such loads.
     rounds
         Number of iterations by which `carried` was computed.
     """
@@ -310,8 +310,9 @@ class InverseSolution(InputMotion):
     def torque_at(self, pair: str) -> Floats:
         """Return the torque (n,) in N m that would drive the motion at another R pair.
 
-        This torque replaces the driving torque and has the same effect. It is not finite at
-        dead centres of the pair, where a torque at the pair cannot move the mechanism.
+        The torque replaces the driving torque at the input and has the same effect. It is
+        not finite at dead centres of the pair, where a torque at the pair cannot move the
+        mechanism.
         """
         (variable,) = self.mechanism.variables_of(self.mechanism.pair_number[pair])
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -347,7 +348,7 @@ def inverse_dynamics(
     assembly_mode
         Number of the assembly mode, or None for all modes.
     search
-        Whether modes other than that of the reference pose are searched for.
+        Whether modes other than the mode of the reference pose are searched for.
 
     Raises
     ------
@@ -605,7 +606,7 @@ def holding_torques(motion: Motion, t: float = 0.0) -> InverseSolution:
     motion
         Configurations in rows. Their timing has no effect.
     t
-        The time (s) for loads that depend on it.
+        The time (s), for loads that depend on time.
     """
     no_motion = np.zeros_like(motion.inputs)
     timing = Timing(np.full(len(motion), t), no_motion, no_motion)

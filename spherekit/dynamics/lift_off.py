@@ -50,9 +50,9 @@ class ContactPushes:
 def end_at_lift_off(simulation: Simulation) -> Simulation:
     """Return a simulation up to the time at which a one-sided contact would have to pull.
 
-    There the links would lift off. Without one-sided contacts, or if they press all the
-    time, the simulation is returned unchanged. Pushes are computed at some times of each
-    step, so short pulls between can be missed.
+    At this time the links would lift off. Without one-sided contacts, or if these contacts
+    press all the time, the simulation is returned unchanged. Pushes are computed at some
+    times of each step, so short pulls between these times can be missed.
 
     Raises
     ------

@@ -79,8 +79,8 @@ class EquationLayout:
 
         Parameters are numbers in the compiled equation that are constant during an
         integration step, such as joint limits. They can be changed without compiling again.
-        They are numbered from 0. An attribute ``..._parameter`` is the number of one
-        parameter; ``..._parameters`` is the number of the first of several.
+        Parameters are numbered from 0. An attribute ``..._parameter`` is the index of one
+        parameter; ``..._parameters`` is the index of the first of several parameters.
         """
         self.variable_count = len(mechanism.variable_names)
         self.freedoms = len(mechanism.inputs)
@@ -159,8 +159,8 @@ class EquationLayout:
         Loads need two kinds of rates. Their magnitude, such as that of a damper, depends on
         time derivatives. Their generalised force at a coordinate needs rates per unit rate
         of this coordinate (principle of virtual power). The second kind is multiplied by
-        the determinant of the velocity equations, so that no division is needed. Such rates
-        are called homogeneous.
+        the determinant of the velocity equations, so that the rates contain no division.
+        Such rates are called homogeneous.
 
         Parameters
         ----------
@@ -203,9 +203,9 @@ class EquationLayout:
     def _make_table_torque(self, name: str) -> Expr:
         """Return the torque given by a table over time, as an expression for one interval.
 
-        It is linear in time. The start of the interval, and value and slope of the table
-        there, are parameters of the equation. They change from interval to interval without
-        compiling again.
+        The torque is linear in time within the interval. The start of the interval, and the
+        value and slope of the table there, are parameters of the equation. The parameters
+        change from interval to interval without compiling again.
         """
         interval_start = parameter_symbol(self.table_parameters)
         number = self.table_parameters + 1 + 2 * self.table_names.index(name)
@@ -237,7 +237,7 @@ class EquationExpressions:
     layout
         Positions of quantities in the state and among the parameters.
     state_rates
-        Rates of the state by time.
+        Time derivatives of the quantities in the state.
     homogeneous_rates
         For each coordinate the rates of all pair variables (joint angles) per unit rate of
         the coordinate, times the determinant of the velocity equations. The factor removes

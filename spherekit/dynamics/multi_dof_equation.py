@@ -8,15 +8,15 @@ of the coordinates and s_i = u_i / D,
     M' (du/dt) / D = Q' - sum_j w_ji . (I_j b_j + w_j x I_j w_j),
     M'_ik = sum_j w_ji . I_j w_jk.
 
-w_ji are the angular velocities of link j by tau_i, b_j its angular acceleration while no
-coordinate accelerates, and Q'_i the power of the loads by tau_i. These are Newton's and
-Euler's equations of the links along the velocities that remain free. The loop closure is
-an invariant of them. The momenta in the state are sqrt(m) u, where m is the sum of the
-links' largest moments of inertia.
+w_ji is the angular velocity of link j at the rates tau_i, b_j the angular acceleration of
+link j while no coordinate accelerates, and Q'_i the power of the loads at the rates tau_i.
+These are Newton's and Euler's equations of the links along the velocities that remain free.
+The loop closure is an invariant of these equations. The momenta in the state are sqrt(m) u,
+where m is the sum of the links' largest moments of inertia.
 
 The coordinates are the inputs of the mechanism that is passed. The caller chooses them so
-that they determine the rates of all variables. An event ends an integration before they
-cease to do so.
+that they determine the rates of all variables. An event ends an integration before the
+coordinates cease to determine these rates.
 """
 
 from collections.abc import Sequence
@@ -132,10 +132,11 @@ def _derive_independence(
 ) -> Expr:
     """Return a measure of the independence of the loop-closure equations as an expression.
 
-    It is zero where these equations depend on each other, so that a simulation can end
-    there. It is 1 at the configuration `values`, because their determinant is divided by
-    its value there. A measure far above 1 would make steps less accurate: the integrator
-    heyoka compares errors with the largest of the state and of all event functions.
+    The measure is zero where these equations depend on each other, so that a simulation can
+    end there. It is 1 at the configuration `values`, because the determinant of the
+    equations is divided by its value at this configuration. A measure far above 1 would
+    make steps less accurate: the integrator heyoka compares errors with the largest of the
+    state and of all event functions.
 
     Parameters
     ----------
@@ -162,9 +163,9 @@ def _derive_independence(
 def _derive_closure_determinant(coordinate_rates: CoordinateRates, freedoms: int) -> Expr:
     """Return det(J J^T) of the velocity equations J v' = 0 of the loops, as an expression.
 
-    It is zero where the equations depend on each other. v' are the rates of the pair
-    variables (joint angles). The result is computed from solutions v' of the equations,
-    which are known already:
+    The determinant is zero where the equations depend on each other. v' are the rates of
+    the pair variables (joint angles). The result is computed from solutions v' of the
+    equations, which are known already:
 
     - m is the number of coordinates (degrees of freedom). Each of m inputs is a coordinate.
     - Row i of a matrix R has the rates of all variables per unit rate of coordinate i.

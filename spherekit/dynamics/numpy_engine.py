@@ -237,8 +237,8 @@ class Collocation:
     rate_weights
         (m, variables) weights that define m coordinates at the end of the last step. The
         rate of coordinate i is the sum of the rates of the pair variables with the weights
-        of row i. Each momentum belongs to one coordinate. With one degree of freedom it is
-        the unit tangent of the configuration curve.
+        of row i. Each momentum belongs to one coordinate. With one degree of freedom, the
+        only row is the unit tangent of the configuration curve.
     steps
         The accepted steps.
     events
@@ -304,7 +304,7 @@ class Collocation:
     def advance(self) -> bool:
         """Compute one step, and return whether the integration continues after it.
 
-        Also reports progress, and sets `end` if this was the last step.
+        The method also reports progress, and sets `end` if this was the last step.
         """
         started = time.perf_counter()
         # Steps with numbers that are not finite are rejected, so NumPy need not warn.
@@ -335,8 +335,8 @@ class Collocation:
     def remaining_seconds(self) -> float | None:
         """Computing time (s) that the rest of the simulation is expected to need.
 
-        It is extrapolated from the last `FORECAST_STEPS` steps. None until there are more
-        steps than that.
+        This time is extrapolated from the last `FORECAST_STEPS` steps. It is None until
+        there are more steps than `FORECAST_STEPS`.
         """
         if len(self._progress_times) <= FORECAST_STEPS + 1:
             return None
@@ -472,11 +472,12 @@ class Collocation:
     ) -> tuple[Floats, CollocationStep | None]:
         """Return the state at which the next step starts, and the step that it continues.
 
-        Also updates `rate_weights`. With one degree of freedom the coordinate is always the
-        arc length of the curve of configurations. `rate_weights` is then the present
-        tangent, which shows the next step in which direction arc length increases. With
-        several, coordinates are sums of the pair variables (joint angles) with these
-        weights. They are replaced before they become nearly dependent.
+        The method also updates `rate_weights`. With one degree of freedom the coordinate is
+        always the arc length of the curve of configurations. `rate_weights` is then the
+        present tangent, which shows the next step in which direction arc length increases.
+        With several degrees of freedom, coordinates are sums of the pair variables (joint
+        angles) with these weights. The coordinates are replaced before they become nearly
+        dependent.
 
         Parameters
         ----------
@@ -492,7 +493,8 @@ class Collocation:
             (states,) the state at the end of the step, corrected so that all loops close.
         previous
             The accepted step. Its polynomial gives the first guess of the next step. None
-            if the coordinates were replaced, because it belongs to the old coordinates.
+            if the coordinates were replaced, because the polynomial belongs to the old
+            coordinates.
         """
         state = self._close(step.end_state)
         last_rates = rates[-1]  # at the last node, near the end of the step
@@ -511,9 +513,9 @@ class Collocation:
         """Return the length (s) of the first step, from speed and acceleration.
 
         The length is chosen so that the mechanism moves by about `FIRST_STEP_ARC` in the
-        step. It is the smallest of FIRST_STEP_ARC / speed,
-        sqrt(FIRST_STEP_ARC / acceleration) and 1 s. It is at most the duration of the
-        simulation, and at least `MIN_STEP_FRACTION` times this duration.
+        step. The length is the smallest of FIRST_STEP_ARC / speed, sqrt(FIRST_STEP_ARC /
+        acceleration) and 1 s, but at most the duration of the simulation, and at least
+        `MIN_STEP_FRACTION` times this duration.
         """
         until = self.problem.until
         dynamics = self._evaluate_dynamics(np.zeros(1), self.start_state[None])
@@ -532,8 +534,9 @@ class Collocation:
 
         The motion is described by the coordinates at the end of the last step
         (`rate_weights`). If crossings of curves are passed, the loops of the configurations
-        are closed first. Near a crossing the rates of closed configurations continue
-        smoothly, but those of configurations whose loops are slightly open have no limit.
+        are closed first. Near a crossing the rates in configurations with closed loops
+        continue smoothly, but the rates in configurations with slightly open loops have no
+        limit.
         """
         equation = self.equation
         variables = self.equation.variable_count
@@ -582,7 +585,7 @@ class Collocation:
         scale = np.maximum(self.scales, np.abs(state))
         # Loads that change abruptly make the momentum stiff: Picard iteration diverges
         # unless steps are tiny. Newton's method, which is implemented for a single
-        # momentum, corrects it instead.
+        # momentum, corrects the momentum instead.
         is_stiff = equation.freedoms == 1 and equation.loads.needs_step_probes
         # Position of the momentum in the state.
         momentum = equation.variable_count
@@ -640,10 +643,10 @@ class Collocation:
     ) -> Floats:
         """Return a first guess of the state's rates (N, states) at the nodes of a step.
 
-        The iteration for the step starts with the guess. It continues the polynomial of the
-        step before, which is a Legendre series of the rates. Polynomials of high order grow
-        fast outside of their step, so only the first coefficients are used. Without a step
-        before, the guess is the rate at the start, at all nodes.
+        The iteration for the step starts with the guess. The guess continues the polynomial
+        of the step before, which is a Legendre series of the rates. Polynomials of high
+        order grow fast outside of their step, so only the first coefficients are used.
+        Without a step before, the guess is the rate at the start, at all nodes.
 
         Parameters
         ----------
@@ -746,8 +749,8 @@ class Collocation:
         """Compare the rates of the momenta within a step with the loads.
 
         The rates are computed in two ways: by the polynomial of the step, which was fitted
-        to the rates at its nodes, and from the loads at the times of the probes. They
-        differ if a load changes abruptly between two nodes.
+        to the rates at its nodes, and from the loads at the times of the probes. The
+        results of the two ways differ if a load changes abruptly between two nodes.
 
         Parameters
         ----------
@@ -782,12 +785,12 @@ class Collocation:
     def _find_rate_weights(self, step: CollocationStep, fractions: Floats) -> Floats:
         """Return the coordinates within a step, in the form that `EquationOfMotion` needs.
 
-        With several degrees of freedom, these are the weights of the pair variables (joint
-        angles) in each coordinate. They are the same in the whole step.
+        With several degrees of freedom, the result has the weights of the pair variables
+        (joint angles) in each coordinate, which are the same in the whole step.
 
         With one degree of freedom, the coordinate is the arc length of the curve of
-        configurations. Approximate tangents then say in which of two directions it
-        increases. The tangents at the nearest nodes will do.
+        configurations. Approximate tangents then say in which of two directions the arc
+        length increases. The tangents at the nearest nodes will do.
 
         Parameters
         ----------
@@ -852,7 +855,7 @@ class Collocation:
         return self._is_true_crossing(step, crossing_time)
 
     def _is_true_crossing(self, step: CollocationStep, t: float) -> bool:
-        """Return whether two sets of configurations really cross at a time (s) of a step.
+        """Return whether two sets of configurations truly cross at a time (s) of a step.
 
         The sets may also come near each other without crossing. A step that changes from
         one set to the other then passes points at which the loops are open and the closure
@@ -874,9 +877,10 @@ class Collocation:
         passes crossings; `_stays_on_set` then tests the step.
 
         The determinants are zero at a crossing, but by its error the computed path can pass
-        beside the crossing. With the tolerance e it passes at a distance of about sqrt(e),
-        as the curve x y = e passes the origin. The determinants can then be small without a
-        zero. The limit is sqrt(e) times the largest determinant so far.
+        beside the crossing. With the tolerance e, the path passes the crossing at a
+        distance of about sqrt(e), as the curve x y = e passes the origin. The determinants
+        can then be small without a zero. The limit is sqrt(e) times the largest determinant
+        so far.
 
         Parameters
         ----------
@@ -896,7 +900,7 @@ class Collocation:
     def _accept(
         self, step: CollocationStep, rates: Floats, determinants: Floats
     ) -> SimulationEnd | None:
-        """Add a step and record its events. Return the end if there is one within it.
+        """Add a step and record its events. Return the end if the simulation ends there.
 
         Parameters
         ----------
@@ -982,9 +986,9 @@ class Collocation:
     ) -> Iterator[StepEvent]:
         """Yield the events within a step at which the inputs do not determine the motion.
 
-        A single input reverses there (dead centre of the input). With several inputs it is
-        a singularity of type II. In both cases the determinant of the inputs' rates with
-        respect to the coordinates of the motion is zero.
+        A single input reverses at such an event (dead centre of the input). With several
+        inputs, the event is a singularity of type II. In both cases the determinant of the
+        inputs' rates with respect to the coordinates of the motion is zero.
 
         Parameters
         ----------
@@ -1099,7 +1103,7 @@ def _make_state_scales(problem: Problem, state_size: int) -> Floats:
 
 
 def _truncation_errors(step: CollocationStep) -> Floats:
-    """Return estimated errors (states,) of a step, by the last coefficients of rates."""
+    """Return errors (states,) of a step, estimated from the last coefficients of rates."""
     last_sizes = max_abs(step.series[-LAST_COEFFICIENTS:], axis=0)
     return last_sizes * step.length / ERROR_DIVISOR
 
@@ -1116,7 +1120,7 @@ def _momentum_newton_matrix(slopes: Floats, length: float) -> Floats:
     Parameters
     ----------
     slopes
-        (N,) derivatives d of p' by p at the nodes, 1/s.
+        (N,) derivatives d of p' with respect to p at the nodes, 1/s.
     length
         Length h of the step, s.
     """

@@ -26,7 +26,7 @@ count as motion.
 
 @dataclass(frozen=True)
 class Stiffness:
-    """How the inputs move an output link, and how stiffly they hold it.
+    """How the inputs move an output link, and how stiffly they hold this link.
 
     The inputs move and hold the output link relative to another link. Each input yields
     like a spring; all other parts are rigid. The arrays have n rows, one for each
@@ -75,10 +75,10 @@ def output_stiffness(
 
     Notes
     -----
-    A moment m on the link is balanced by the torques w_i . m of the inputs. They turn the
-    inputs by w_i . m / k_i, and therefore the link by C m with the compliance
-    C = sum of w_i w_i^T / k_i. Here w_i is the angular velocity of the link per unit rate
-    of input i, and k_i the stiffness of this input. The principal stiffnesses are the
+    A moment m on the link is balanced by the torques w_i . m of the inputs. These torques
+    turn the inputs by w_i . m / k_i, and therefore the link by C m with the compliance C =
+    sum of w_i w_i^T / k_i. Here w_i is the angular velocity of the link per unit rate of
+    input i, and k_i the stiffness of this input. The principal stiffnesses are the
     reciprocals of the eigenvalues of C. Changes of the loads are left out.
     """
     link_number = solution.mechanism.link_number
@@ -103,8 +103,8 @@ def output_stiffness(
     principal_compliances[is_rigid] = 0.0
     axes[principal_compliances == 0.0] = np.nan
     # The sense of an axis is arbitrary. It is chosen on the side of the weighted sum of the
-    # angular velocities by all inputs. The weights differ, so that opposite velocities do
-    # not cancel.
+    # angular velocities per unit rate of each input. The weights differ, so that opposite
+    # velocities do not cancel.
     weights = 1.0 + np.arange(w.shape[1])
     side = np.sum(w / weights[:, None], axis=1)
     axes *= np.where(axes @ side[..., None] < 0.0, -1.0, 1.0)

@@ -5,10 +5,11 @@ The Newton-Euler equation of each moving link about the centre O is
     I a + w x I w = moments of the loads + moments of its pairs.
 
 The moment of a pair has a part along the vectors of its variables, which loads and drives
-determine, and the reaction, which does no work. Forces through O have no moment about it.
-They follow from the equations of the forces on all links, if the file says which pairs let
-their links slide along the axis, and where centres of mass are. Every pair that does not
-slide holds its links at O. Each loop of R pairs leaves three such forces undetermined.
+determine, and the reaction, which does no work. Forces through O have no moment about O.
+These forces follow from the equations of the forces on all links, if the file says which
+pairs let their links slide along the axis, and where centres of mass are. Every pair that
+does not slide holds its links at O. Each loop of R pairs leaves three such forces
+undetermined.
 """
 
 from collections.abc import Mapping
@@ -137,7 +138,7 @@ class Reactions(JointReactions):
     def push(self) -> Floats:
         """(n, pairs) N m: force of each contact along its normal, times the radius.
 
-        It is positive if the contact presses, and NaN for R pairs.
+        The product is positive if the contact presses, and NaN for R pairs.
         """
         return np.where(self.contacts, self.moments[..., 0], np.nan)
 
@@ -145,7 +146,7 @@ class Reactions(JointReactions):
     def traction(self) -> Floats:
         """(n, pairs) N m: force of each contact along its tangent, times the radius.
 
-        It acts on the second link. NaN for R pairs.
+        The force acts on the second link. NaN for R pairs.
         """
         return np.where(self.contacts, self.moments[..., 1], np.nan)
 
@@ -226,7 +227,7 @@ def reactions(motion: Motion) -> Reactions:
         )
 
     def all_rows(values: Any, failed_value: float | bool) -> Any:
-        """Return an array for all rows from one for the rows that are OK."""
+        """Return an array for all rows, from an array for the rows that are OK."""
         array = np.full((len(motion), *values.shape[1:]), failed_value)
         array[is_ok] = values
         return array

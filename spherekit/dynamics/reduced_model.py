@@ -2,8 +2,8 @@
 
 `spherekit.dynamics.reduced_model_maker` computes everything that depends on the
 configuration alone (Di Gregorio 2024, section 4), along one curve or over a box of several
-inputs. This module evaluates it, for example in control loops. It needs only NumPy and the
-standard library.
+inputs. This module evaluates the stored functions, for example in control loops. It needs
+only NumPy and the standard library.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -75,16 +75,16 @@ SingleFunction = Callable[[Any], list[float]]
 class StoredModel:
     """Stored functions of a mechanism in one assembly mode, such as its inertia.
 
-    They replace the mechanism, for example in a controller. An assembly mode is one way to
-    assemble the links. With one coordinate the functions are stored along the curve of
-    configurations, with m coordinates over a box of their ranges.
+    These functions replace the mechanism, for example in a controller. An assembly mode is
+    one way to assemble the links. With one coordinate the functions are stored along the
+    curve of configurations, with m coordinates over a box of their ranges.
 
     A point is a number along a curve, and a sequence (m,) over a box. Most methods take one
     point, which is fast, or many points: an array of any shape along a curve, and an array
     (n, m) over a box.
 
-    If a curve is periodic, coordinates beyond its ends are those of further laps. Other
-    models are not defined outside their range.
+    If a curve is periodic, coordinates beyond its ends are in further laps. Other models
+    are not defined outside their range.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ class StoredModel:
             many points. A model of m inputs is over a box of their ranges: a point is a
             sequence (m,), and an array (n, m) is many points.
         t
-            Time (s) for loads that depend on it.
+            Time (s), for loads that depend on time.
 
         Returns
         -------
@@ -137,7 +137,7 @@ class StoredModel:
         ------
         SolveError
             At a point outside the domain. If many points are given over a box, the torques
-            of those outside are NaN instead.
+            at points outside are NaN instead.
         """
         if self._is_single(x):
             # Computing with numbers takes less time than with arrays. The stored functions
@@ -158,7 +158,7 @@ class StoredModel:
             Coordinates of the model (rad) at one or more points, and their time
             derivatives.
         t
-            Time (s) for loads that depend on it.
+            Time (s), for loads that depend on time.
 
         Returns
         -------
@@ -205,9 +205,10 @@ class StoredModel:
     def _force_function(self) -> ArrayFunction:
         """Function that returns the generalised forces (N m) of all loads, (loads * m, n).
 
-        At n points, the rows are the forces by the m coordinates of the first load, then of
-        the next. The argument is the array (k, n) of the method `_arguments`: stored
-        functions, rates, accelerations, times and torques of tables at the points.
+        At n points, the rows are the forces of the first load at the m coordinates, then
+        the forces of the next load. The argument is the array (k, n) of the method
+        `_arguments`: stored functions, rates, accelerations, times and torques of tables at
+        the points.
         """
         return array_function([*chain(*self.heading.forces)], self._symbols)
 
@@ -238,8 +239,9 @@ class StoredModel:
             series are stored together): the functions of the motion, or those of one pole
             (axis of the relative rotation of two links).
         x
-            The points. Along a curve of configurations each has one coordinate, and the
-            shape of `x` is (...). Over a box of the ranges of m inputs it is (..., m).
+            The points. Along a curve of configurations each point has one coordinate, and
+            the shape of `x` is (...). Over a box of the ranges of m inputs the shape is
+            (..., m).
         """
         points = self._flatten_points(x)
         group, _ = self.heading.locate_function(names[0])
@@ -269,8 +271,8 @@ class StoredModel:
     ) -> Floats:
         """Return the accelerations (m,) of the m inputs (rad/s2) at one point.
 
-        They solve M q'' = T - T_0. M is the inertia matrix, T are the torques at the
-        inputs, and T_0 the torques that the motion would need without acceleration.
+        The accelerations solve M q'' = T - T_0. M is the inertia matrix, T are the torques
+        at the inputs, and T_0 the torques that the motion would need without acceleration.
 
         Parameters
         ----------
@@ -279,7 +281,7 @@ class StoredModel:
         torques
             (m,) torques T at the inputs, N m.
         t
-            Time (s) for loads that depend on it.
+            Time (s), for loads that depend on time.
         """
         needed_torques = self.torque(q, dq, np.zeros(np.shape(q)), t)
         # A model with one input returns numbers, which become arrays here.
@@ -298,8 +300,8 @@ class StoredModel:
         """Return the unit vector (3,) or (..., 3) of a pole axis along a curve.
 
         A pole axis is the instantaneous axis of the motion of one link relative to another
-        one. The curve is that of the configurations of a mechanism with one coordinate. The
-        vector has its components in ground axes.
+        one. The curve consists of the configurations of a mechanism with one coordinate.
+        The components of the vector are in ground axes.
 
         Parameters
         ----------
@@ -320,9 +322,9 @@ class StoredModel:
         """Return the velocity coefficient of a pole along a curve of configurations.
 
         A pole is the axis about which two links rotate relative to each other. The velocity
-        coefficient is the angular velocity about it, per unit rate of the coordinate x.
-        Times the unit vector of the pole, it gives the angular velocity of the first link
-        relative to the second.
+        coefficient is the angular velocity about the pole, per unit rate of the coordinate
+        x. The coefficient times the unit vector of the pole is the angular velocity of the
+        first link relative to the second, per unit rate of x.
 
         Parameters
         ----------
@@ -341,7 +343,7 @@ class StoredModel:
         return sense * self.value(self.heading.derivative(f"rate {stored_name}"), x)
 
     def velocity(self, pole: str, q: ArrayLike) -> Floats:
-        """Return the relative angular velocity of two links by each of m inputs.
+        """Return the angular velocity of a link relative to another, for each of m inputs.
 
         This is for a model over a box (the ranges of the inputs).
 
@@ -383,7 +385,8 @@ class StoredModel:
             Name of a pair variable (joint angle), such as "theta_21" for the angle of the R
             pair (revolute joint) 21.
         value
-            Its value (rad). Angles that differ from it by whole revolutions count as equal.
+            Value of the variable (rad). Angles that differ from it by whole revolutions
+            count as equal.
 
         Raises
         ------
@@ -406,8 +409,8 @@ class StoredModel:
         def evaluate_distance(x: Floats) -> tuple[Floats, Floats]:
             """Return a number that is 0 where a variable has `value`, and its derivative.
 
-            Both are (k,) at coordinates x (k,) along the curve of configurations. The
-            derivative is with respect to x. Zeros of this number are the places that are
+            Both have the shape (k,), for k coordinates x along the curve of configurations.
+            The derivative is with respect to x. Zeros of the number are the places that are
             searched.
             """
             values, rates = series.evaluate(x)[:, columns].T
@@ -494,7 +497,8 @@ class StoredModel:
 
     @cached_property
     def evaluate_configuration(self) -> SingleFunction:
-        """Function of one point that returns the stored functions on which torques depend.
+        """Function that returns, at one point, the stored functions on which torques
+        depend.
 
         These functions depend on the configuration alone, such as the inertia. With one
         coordinate x, the first two values are the inertia B and its derivative dB/dx, which
@@ -510,8 +514,8 @@ class StoredModel:
         """Function that returns the torques at one point, as a list of floats.
 
         A point is a value of the coordinates. The argument is one list: the values of
-        `evaluate_configuration`, then those of the rates, the accelerations, the time and
-        the torques of tables.
+        `evaluate_configuration`, then the rates, the accelerations, the time and the
+        torques of tables.
         """
         heading = self.heading
         return float_function(
@@ -560,7 +564,7 @@ class StoredModel:
             one coordinate they are numbers. In a model with m coordinates they are
             sequences (m,).
         t
-            Time (s) for loads that depend on it.
+            Time (s), for loads that depend on time.
 
         Returns
         -------
@@ -854,12 +858,13 @@ class PointRows:
     coordinates
         (n, m) coordinates, rad.
     derivatives
-        Their rates and accelerations (n, m), or none if they are not needed.
+        Rates and accelerations (n, m) of the coordinates, or none if the functions do not
+        depend on these.
     t
         (n,) times, s.
     shape
-        The shape (..., m) in which the caller passed the coordinates. The results get it
-        again.
+        The shape (..., m) in which the caller passed the coordinates. The results get the
+        same shape.
     """
 
     coordinates: Floats
@@ -928,8 +933,8 @@ def _construct_series(
     """Return the Chebyshev series of one group of functions, after checking its arrays.
 
     The domain is divided into cells, each with its own coefficients. Along a curve the cell
-    c is the interval from edges[c] to edges[c + 1]. Over a box of several coordinates it is
-    the box from bounds[c, 0] to bounds[c, 1].
+    c is the interval from edges[c] to edges[c + 1]. Over a box of several coordinates the
+    cell c is the box from bounds[c, 0] to bounds[c, 1].
 
     Parameters
     ----------
@@ -951,7 +956,7 @@ def _construct_series(
     functions = heading.groups[k]
     coefficients = arrays[f"coefficients_{k}"]
     fault = None
-    # Axes of the coefficients: cell, order by each coordinate, function.
+    # Axes of the coefficients: cell, order in each coordinate, function.
     dimension_count = len(heading.by) + 2
     if coefficients.ndim != dimension_count or coefficients.shape[-1] != len(functions):
         fault = (

@@ -31,15 +31,15 @@ class FunctionKind(Enum):
     function that is nearly zero would have to follow rounding errors.
 
     The coordinates of the model are the arc length of the configuration curve, or the
-    inputs. "Derivative" means that with respect to a coordinate, and a velocity is that per
-    unit rate of a coordinate.
+    inputs. "Derivative" means a derivative with respect to a coordinate, and "velocity"
+    means a velocity per unit rate of a coordinate.
 
     Every model has these kinds:
 
     - `ANGLE` is the angle of an R pair, and `ANGLE_DERIVATIVE` its derivative.
     - `CONTACT_ARC` is the arc length along a profile to its contact, and
       `CONTACT_ARC_DERIVATIVE` its derivative.
-    - `INERTIA` is an entry of the inertia matrix.
+    - `INERTIA` is an element of the inertia matrix.
     - `LOAD_VELOCITY` is the velocity by which the magnitude of a load is multiplied to
       obtain its power.
 

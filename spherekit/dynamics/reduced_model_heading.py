@@ -63,8 +63,8 @@ class StoredLoad:
     name
         Name of the load.
     works_on
-        For each component the name of its velocity: a pair variable, whose rate it is, or a
-        stored function.
+        For each component the name of its velocity: a pair variable, if the velocity is the
+        rate of this variable, or a stored function.
     components
         Expressions of the magnitudes in pair variables, their rates and the time. Empty if
         the torque is a table.
@@ -147,9 +147,9 @@ class StoredHeading:
     inputs
         Names of the driven pairs.
     by
-        The coordinates. Along a curve it is "q", the variable of the input, if the input
-        turns fully on a closed curve. Otherwise it is "s", the arc length of the curve
-        (rad). Over a box they are the inputs.
+        Names of the coordinates. Along a curve the only coordinate is "q", the variable of
+        the input, if the input turns fully on a closed curve. Otherwise it is "s", the arc
+        length of the curve (rad). Over a box the coordinates are the inputs.
     low, high
         (m,) range of each coordinate, rad.
     rise
@@ -160,8 +160,8 @@ class StoredHeading:
         Share (0 to 1) of a box in which the functions are known. In the rest, the assembly
         mode does not exist, or is too near to a singularity.
     groups
-        Functions that are stored together: first those of the motion, then for each pole of
-        a curve its functions, in the order of `poles`.
+        Functions that are stored together: first the functions of the motion. Then, along a
+        curve, the functions of each pole follow, in the order of `poles`.
     """
 
     mechanism: str
@@ -193,7 +193,7 @@ class StoredHeading:
 
     @property
     def _lower_triangle(self) -> list[tuple[str, str]]:
-        """Names of row and column of each entry of the inertia matrix up to its diagonal.
+        """Names of row and column of each element of the inertia matrix up to its diagonal.
 
         The matrix has a row and a column for each coordinate. It is symmetric, so these
         entries determine the others. They are listed row by row.
@@ -202,7 +202,7 @@ class StoredHeading:
 
     @property
     def inertia(self) -> list[str]:
-        """Names of the stored entries of the inertia matrix, row by row to its diagonal.
+        """Names of the stored elements of the inertia matrix, row by row to its diagonal.
 
         The matrix is symmetric, so the entries above the diagonal are not stored. Along a
         curve, with one coordinate, the only entry is the inertia B.
@@ -246,7 +246,7 @@ class StoredHeading:
     def by_coordinates(self, name: str) -> list[str]:
         """Return the names under which rates per unit rate of each coordinate are stored.
 
-        The rates are those of a pair variable, that is its derivatives, or of a load.
+        These are rates of a pair variable (its derivatives), or velocities of a load.
 
         Parameters
         ----------
@@ -275,7 +275,8 @@ class StoredHeading:
 
     @cached_property
     def _locations(self) -> Mapping[str, tuple[int, int]]:
-        """The index of the group and the index within it, by the name of a function."""
+        """The index of the group, and the index in this group, by the name of a
+        function."""
         return {
             function.name: (k, column)
             for k, group in enumerate(self.groups)
@@ -319,10 +320,10 @@ class StoredHeading:
 
     @cached_property
     def forces(self) -> list[list[Expr]]:
-        """The generalised force of each load by each coordinate, as expressions.
+        """The generalised force of each load at each coordinate, as expressions.
 
         The first index is the load, the second the coordinate. The power of a component of
-        a load is its magnitude times a velocity. The force by a coordinate is therefore the
+        a load is its magnitude times a velocity. The force at a coordinate is therefore the
         magnitude times this velocity per unit rate of the coordinate. The force of the load
         is the sum over its components.
         """
@@ -438,7 +439,7 @@ class StoredHeading:
         Raises
         ------
         SolveError
-            If it is not stored in either order.
+            If the pole is not stored in either order.
         """
         exchanged = "/".join(reversed(name.split("/")))
         for stored_name, sense in ((name, 1.0), (exchanged, -1.0)):
@@ -487,7 +488,7 @@ class StoredHeading:
         """Return how many whole laps (n,) coordinates x (n,), rad, of a curve contain.
 
         The curve consists of the configurations of a mechanism. If it is closed,
-        coordinates beyond its ends are in further laps. The numbers are 0 if it is not
+        coordinates beyond its ends are in further laps. The number is 0 if the curve is not
         periodic.
 
         Raises

@@ -46,7 +46,7 @@ more accurate than asked for. Larger: the fit starts later.
 """
 
 MAX_SAMPLES_PER_INPUT = 33
-"""Samples of each input at which the assembly mode over a box is computed at first.
+"""Largest number of samples per input for the first computation of a mode over a box.
 
 Smaller: starting points of Newton's method are farther apart. Larger: more time.
 """

@@ -111,8 +111,8 @@ Smaller: the model reaches nearer to singularities, where its functions are stee
 class ClosedConfigurations:
     """Configurations at n values of the m inputs of a mechanism, found by Newton's method.
 
-    For each of them, Newton's method starts near a node: the known configuration with the
-    nearest inputs.
+    For each of these configurations, Newton's method starts from a node: the known
+    configuration with the nearest inputs.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ class ClosedConfigurations:
     nodes
         (n,) index of the node of each configuration, a row of `Sampler.nodes`.
     steps
-        (n, m) difference of the inputs from those of the node, rad.
+        (n, m) difference of the inputs from the inputs of the node, rad.
     """
 
     linearisation: Linearisation
@@ -140,8 +140,8 @@ def load_velocity_names(loads: Loads) -> dict[int, str]:
 
     Returns
     -------
-    Names by the index of the component in `loads.components`. A name is that of the load,
-    followed by x, y or z if the load has several components.
+    Names by the index of the component in `loads.components`. A name is the name of the
+    load, followed by x, y or z if the load has several components.
     """
     names = {}
     for component_index, load_index in enumerate(loads.load_of_component):
@@ -157,8 +157,8 @@ def load_velocity_names(loads: Loads) -> dict[int, str]:
 class Sampler:
     """Computes the functions of a mechanism that a reduced model stores.
 
-    They depend on the configuration alone, such as the inertia. This base class has the
-    common parts of `CurveSampler` (one input) and `BoxSampler` (several inputs).
+    These functions, such as the inertia, depend on the configuration alone. This base class
+    has the common parts of `CurveSampler` (one input) and `BoxSampler` (several inputs).
 
     Attributes
     ----------
@@ -344,12 +344,12 @@ class Sampler:
         Parameters
         ----------
         motion
-            n configurations and their derivatives by m coordinates.
+            n configurations and their derivatives with respect to m coordinates.
         christoffel_factor
             Factor of the Christoffel symbols in the result. With one coordinate x, the
             inertia matrix is a number B and the only symbol is 1/2 dB/dx. The model stores
-            dB/dx, so the factor is 2. With several coordinates it stores the symbols, so it
-            is 1.
+            dB/dx, so the factor is 2. With several coordinates the model stores the
+            symbols, so the factor is 1.
         """
         functions = [motion.values, _flatten_by_coordinate(motion.rates)]
         if self.has_dynamics:
@@ -368,7 +368,7 @@ class Sampler:
 
     @cached_property
     def _find_nearest_nodes(self) -> Callable[[Floats], Indices]:
-        """A function of inputs (n, m) that returns the index (n,) of the nearest nodes."""
+        """A function of inputs (n, m) that returns the index (n,) of the nearest node."""
         from scipy.spatial import cKDTree
 
         tree = cKDTree(self.nodes.values[:, self.driven])
@@ -398,7 +398,7 @@ class Sampler:
 
 
 def _flatten_by_coordinate(derivatives: Floats) -> Floats:
-    """Return derivatives (n, m, k) of k functions by m coordinates as an array (n, k m).
+    """Return derivatives (n, m, k) of k functions in m coordinates as an array (n, k m).
 
     The derivatives of one function with respect to all coordinates are next to each other.
     """
@@ -415,15 +415,15 @@ class CurveSampler(Sampler):
     """Computes the functions that a reduced model of one input stores.
 
     The functions depend on one coordinate of the configuration curve: the variable q of the
-    input, or the arc length s of the curve. They are in groups. Group 0 has the functions
-    of the motion. Each further group has the five functions of one pole, the axis of
-    relative rotation of two links: three components of its unit vector, the velocity
+    input, or the arc length s of the curve. The functions are in groups. Group 0 has the
+    functions of the motion. Each further group has the five functions of one pole, the axis
+    of relative rotation of two links: three components of its unit vector, the velocity
     coefficient and the derivative of this coefficient.
 
     Attributes
     ----------
     curve
-        The configuration curve by its arc length.
+        The configuration curve as a function of its arc length.
     is_by_input
         Whether the coordinate of the functions is the variable q of the input. Otherwise it
         is the arc length s of the curve.
@@ -675,7 +675,7 @@ class CurveSampler(Sampler):
         return axes
 
     def _convert_motion(self, motion: CoordinateMotion) -> Motion:
-        """Return the motion in the form that is needed to compute pole axes."""
+        """Return the motion in the form from which pole axes are computed."""
         return replace(
             make_motion(self.position_analysis.solver, motion.values), status=motion.status
         )
@@ -685,10 +685,10 @@ class CurveSampler(Sampler):
 
         A pole is the axis of relative rotation of two links. If a pair (joint) joins the
         links, the sense of the axis is known and not stored. For other poles the sense is
-        free, but each direction has to make an acute angle with the one before. This shows
-        the right sense only if the axis turns little between two samples. An axis may come
-        back reversed after one lap of the curve of configurations. The period of the model
-        is then two laps.
+        free, but each direction has to make an acute angle with the one before. This
+        condition gives the right sense only if the axis turns little between two samples.
+        An axis may come back reversed after one lap of the curve of configurations. The
+        period of the model is then two laps.
         """
         # Evenly spaced places on one lap. The last one is where the next lap starts.
         coordinates = self.lap_length * np.arange(SENSE_SAMPLES + 1) / SENSE_SAMPLES
@@ -882,7 +882,8 @@ class BoxSampler(Sampler):
         """
         closed = self.close_loops(inputs)
         values = closed.linearisation.values
-        # Validity needs first derivatives only. Second ones are computed in valid rows.
+        # The test of validity uses first derivatives only. Second derivatives are computed
+        # in valid rows.
         with np.errstate(all="ignore"):
             motion = motion_by_variables(self.closure, values, self.driven, order=1)
             is_valid = self._is_valid(closed, motion)
@@ -1062,7 +1063,8 @@ def _evaluate_pole(motion: CoordinateMotion, pole: Pole, direction: Floats) -> F
     about the pole per unit rate of the coordinate) and its derivative.
     """
     first, second = pole
-    # Relative angular velocity by the only coordinate (index 0), and its derivative.
+    # Relative angular velocity per unit rate of the only coordinate (index 0), and its
+    # derivative.
     w = motion.w[:, 0, second] - motion.w[:, 0, first]
     dw = motion.dw[:, 0, 0, second] - motion.dw[:, 0, 0, first]
     # w = coefficient * direction. The derivative of a unit vector is normal to the vector,

@@ -80,7 +80,8 @@ class TabulatedMotion:
     def energy(self) -> float:
         """Error of the energy balance (J).
 
-        It is the largest difference of the gained kinetic energy and the work of loads.
+        This error is the largest difference between the gained kinetic energy and the work
+        of the loads.
         """
         return float(np.nanmax(np.abs(self.kinetic - self.kinetic[0] - self.work)))
 
@@ -134,7 +135,8 @@ def simulate_reduced(
     t = np.atleast_1d(np.asarray(times, dtype=float))
     if len(t) < 2 or not (all_finite(t) and np.all(np.diff(t) > 0.0)):
         raise SolveError(f"{name}: give two or more finite, increasing times")
-    # Returns the inertia B, dB/dx and the other functions on which the torque depends.
+    # A function that returns the inertia B, dB/dx and the other functions on which the
+    # torque depends.
     evaluate_configuration = model.evaluate_configuration
     (low,) = heading.low
     (high,) = heading.high
@@ -153,8 +155,8 @@ def simulate_reduced(
         sqrt(B), Q / sqrt(B) and Q dx/dt.
 
         The integrator also tries coordinates beyond the ends `low` and `high` of an open
-        curve of configurations. The rates are then those at the end. A closed curve is
-        continued periodically.
+        curve of configurations. The rates beyond an end are the rates at this end. A closed
+        curve is continued periodically.
         """
         coordinate, momentum, _ = state.tolist()
         if not heading.periodic:

@@ -33,8 +33,9 @@ def reference_simulation(
 ) -> ExactSimulation:
     """Return the motion of a mechanism with one input under its loads, in many digits.
 
-    It serves to measure the errors of simulations in float64. The motion is first simulated
-    in float64 with the smallest tolerance. An iteration in many digits then refines it.
+    The result serves to measure the errors of simulations in float64. The motion is first
+    simulated in float64 with the smallest tolerance. An iteration in many digits then
+    refines it.
 
     Parameters
     ----------
@@ -49,7 +50,7 @@ def reference_simulation(
         Expression of the driving torque (N m) at the input, such as ``"10*sin(2*t)"``. By
         default the input turns freely.
     input_pair
-        Name of the driven R pair, by default that of the file.
+        Name of the driven R pair, by default the input in the file.
     assembly_mode
         Number of the assembly mode (way to assemble the links) at the start.
     arithmetic

@@ -51,7 +51,7 @@ class PathStates(ArrayRows):
     rate_weights
         (n, m, variables) the weights: the matrix W in u = W v'.
     turns
-        (n, variables) numbers of the whole revolutions by which the variables are reduced.
+        (n, variables) how many whole revolutions were subtracted from each variable.
     """
 
     states: Floats
@@ -128,7 +128,7 @@ def _divide_rows(group_of_row: Indices, max_size: int) -> list[Indices]:
     Parameters
     ----------
     group_of_row
-        (n,) number of the group of each row, for one or more rows.
+        (n,) index of the group of each row, for one or more rows.
     max_size
         Largest number of rows in a block.
 
@@ -155,8 +155,8 @@ def make_collocation_path(
     steps
         The steps in order of time.
     turns
-        (variables,) numbers of whole revolutions of the pair variables (joint angles). The
-        states of the steps do not contain them.
+        (variables,) how many whole revolutions each pair variable (joint angle) has made.
+        The states of the steps do not contain these revolutions.
     max_closure_residual
         Largest closure residual (opening of a loop) that was removed by corrections of the
         configuration between steps, rad.
@@ -194,9 +194,9 @@ class MomentumConversion(Protocol):
     """
 
     def convert_momenta(self, states: Floats, state_rates: Floats) -> None:
-        """Replace the momenta of the compiled engine by those of a simulation, in place.
+        """Replace the momenta of the compiled engine by momenta of a simulation, in place.
 
-        Both describe the same velocities by other numbers.
+        The two kinds of momenta describe the same velocities by different numbers.
 
         Parameters
         ----------
@@ -274,8 +274,8 @@ class CurveMomentumConversion:
     def _compute_tangents(self, pair_variables: Floats) -> Floats:
         """Return unit tangents (n, variables) of the curve of configurations.
 
-        They point in the direction in which the mechanism moves if its momentum is positive
-        in the simulation.
+        The tangents point in the direction in which the mechanism moves if its momentum is
+        positive in the simulation.
 
         Parameters
         ----------
@@ -394,8 +394,9 @@ def make_taylor_path(
 ) -> StatePath:
     """Return the states over time of a simulation by the compiled engine, from its runs.
 
-    A run is an integration of one compiled equation. It consists of segments, and a segment
-    of several steps. Each segment is a part of the path, evaluated by one function.
+    A run is an integration of one compiled equation. A run consists of segments, and a
+    segment consists of several steps. Each segment is a part of the path, evaluated by one
+    function.
 
     Parameters
     ----------

@@ -105,7 +105,7 @@ class EngineReport:
         Computing time for compiling the equation of motion, s. It is 0 if the equation had
         been compiled before.
     seconds
-        Computing time for solving it, s.
+        Computing time for solving the equation of motion, s.
     steps
         Number of integration steps.
     forecast
@@ -138,9 +138,9 @@ class Checks:
         Largest difference between the rate of the kinetic energy and the power of the
         loads, W.
     momentum
-        Largest error of the momenta that a step adds, relative to the largest momentum. It
-        is the length of the step times the error of dp/dt (the difference between the
-        computed path and the equation of motion).
+        Largest error of the momenta that a step adds, relative to the largest momentum. The
+        error that a step adds is the length of the step times the error of dp/dt (the
+        difference between the computed path and the equation of motion).
     closure
         Largest closure residual (opening of a loop), rad. Residuals that were removed by
         corrections during the integration are included.
@@ -163,8 +163,8 @@ class History(InputMotion):
 
     Some quantities belong to the m coordinates of the integration, where m is the number of
     degrees of freedom. With one degree of freedom the coordinate is the arc length of the
-    curve of configurations in the space of all pair variables (joint angles). With several,
-    each coordinate is a weighted sum of pair variables.
+    curve of configurations in the space of all pair variables (joint angles). With several
+    degrees of freedom, each coordinate is a weighted sum of pair variables.
 
     Attributes
     ----------
