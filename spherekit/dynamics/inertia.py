@@ -270,7 +270,8 @@ def _inertia_by_rounding(mechanism: Mechanism, motion: CoordinateMotion) -> floa
         if mass.link != mechanism.ground:
             # This norm of an inertia tensor is its largest moment of inertia.
             total_inertia += float(np.linalg.norm(mass.tensor, 2))
-    w_at_start = motion.w[0]  # (m, links, 3) angular velocities per unit rate of each coordinate
+    # (m, links, 3) angular velocities per unit rate of each coordinate
+    w_at_start = motion.w[0]
     largest_speed_square = np.max(np.sum(w_at_start**2, axis=-1))
     return float(MIN_RELATIVE_SPEED**2 * total_inertia * largest_speed_square)
 

@@ -497,8 +497,7 @@ class StoredModel:
 
     @cached_property
     def evaluate_configuration(self) -> SingleFunction:
-        """Function that returns, at one point, the stored functions on which torques
-        depend.
+        """Function that returns, at a point, the stored functions on which torques depend.
 
         These functions depend on the configuration alone, such as the inertia. With one
         coordinate x, the first two values are the inertia B and its derivative dB/dx, which

@@ -275,8 +275,7 @@ class StoredHeading:
 
     @cached_property
     def _locations(self) -> Mapping[str, tuple[int, int]]:
-        """The index of the group, and the index in this group, by the name of a
-        function."""
+        """Index of the group, and index in this group, by the name of a function."""
         return {
             function.name: (k, column)
             for k, group in enumerate(self.groups)

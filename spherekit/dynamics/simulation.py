@@ -402,8 +402,8 @@ class Simulation:
         power_errors = np.vecdot(momenta, rate_errors)
         momentum_errors = np.linalg.norm(rate_errors, axis=1) * step_lengths
         momentum_scale = _choose_momentum_scale(momenta, dynamics.roots.eigenvalues)
-        # The integration closes loops after each step. The path has the largest opening
-        # before that.
+        # The integration closes loops after each step. The path has stored the largest
+        # opening before these corrections.
         closure_error = max(
             self.path.max_closure_residual, float(np.max(closed.closure_residual))
         )
@@ -419,8 +419,8 @@ class Simulation:
     def _choose_check_times(self) -> tuple[Floats, Floats]:
         """Return times (n,) at which errors are computed, and (n,) lengths of their steps.
 
-        They are three times within each step of a selection (`checked_steps`), and the end
-        of the simulation. The end gets the step length 0.
+        The check times are three times within each step of a selection (`checked_steps`),
+        and the end of the simulation. The end gets the step length 0.
         """
         starts = self.path.starts[self.path.checked_steps]
         lengths = self.path.lengths[self.path.checked_steps]
@@ -441,7 +441,7 @@ class Simulation:
         t
             (n,) times, s.
         second
-            Whether second derivatives are needed, from which accelerations follow. They
+            Whether to compute second derivatives, from which accelerations follow. They
             take more time.
 
         Returns
@@ -495,16 +495,17 @@ def _accelerations_by_time(dynamics: StateDynamics) -> Floats:
 def _choose_momentum_scale(momenta: Floats, root_eigenvalues: Floats) -> float:
     """Return the size relative to which errors of the momenta are judged.
 
-    It is the largest momentum during the simulation. For a mechanism at rest this would be
-    zero. So the result is at least a typical momentum, that at coordinate rates of 1 rad/s.
+    The size is the largest momentum during the simulation. For a mechanism at rest this
+    would be zero. So the result is at least a typical momentum: the momentum at coordinate
+    rates of 1 rad/s.
 
     Parameters
     ----------
     momenta
         (n, m) momenta p = R u at n times, with the rates u of m coordinates.
     root_eigenvalues
-        (n, m) eigenvalues of R, the symmetric root of the inertia matrix. Each of them is
-        the momentum at a rate of 1 rad/s. NaN if the inertia matrix is not positive.
+        (n, m) eigenvalues of R, the symmetric root of the inertia matrix. Each eigenvalue
+        is the momentum at a rate of 1 rad/s. NaN if the inertia matrix is not positive.
     """
     momentum_sizes = np.linalg.norm(momenta, axis=1)
     unit_momentum_sizes = root_eigenvalues.ravel()

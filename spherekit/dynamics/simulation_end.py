@@ -103,8 +103,9 @@ def no_step_end(
 ) -> SimulationEnd:
     """Return the reason why a simulation ends if its next step would become too short.
 
-    The end is "no_inertia" if the smallest principal inertia at its time is tiny compared
-    with the largest one so far. Otherwise it is "too_fast" with the text `message`.
+    The end is "no_inertia" if the smallest principal inertia at the time of the end is tiny
+    compared with the largest principal inertia so far. Otherwise it is "too_fast" with the
+    text `message`.
 
     Parameters
     ----------

@@ -79,8 +79,9 @@ Torques = Torque | Mapping[str, Torque]
 class PoseStart:
     """The start of a simulation from a whole configuration, with rates of chosen pairs.
 
-    It can be a dead centre of the input. The input cannot move there, so its rate would not
-    determine the speed of the mechanism. The rate of another pair (joint) does.
+    The configuration can be a dead centre of the input. The input cannot move there, so its
+    rate would not determine the speed of the mechanism. The rate of another pair (joint)
+    determines it.
 
     Attributes
     ----------
@@ -118,7 +119,7 @@ class Problem:
         (variables,) pair variables (rad) of a closed configuration at the start. Angles are
         reduced by whole turns, because a float64 stores large angles with larger errors.
     turns
-        (variables,) the numbers of these whole turns.
+        (variables,) how many whole turns were subtracted from each variable.
     rate_weights
         (m, variables) the matrix W. Row i has the weights of the rates of the pair
         variables in the rate of coordinate i.
@@ -132,10 +133,10 @@ class Problem:
         cannot represent a kink.
     passes_crossings
         Whether the motion continues straight on at a crossing: a configuration in which
-        curves (or surfaces) of configurations cross, as the flat state of a four-bar. By
-        default the simulation ends there.
+        curves (or surfaces) of configurations cross, such as the flat state of a four-bar.
+        By default the simulation ends there.
     on_progress
-        Called with the simulation so far while it is computed.
+        A function that is called with the simulation so far while it is computed.
     compact
         Whether the compiled engine uses heyoka's compact mode, which compiles faster and
         runs slower.
@@ -280,8 +281,8 @@ def _solve_start_speed(
     """Return the velocity at the start, at which some pair variables have known rates.
 
     Pair variables are joint angles. Each possible velocity is a sum of m basis velocities
-    (the rows of `velocity_basis`) times coefficients. The coefficients are the result. They
-    follow from m linear equations, one for each variable with a known rate.
+    (the rows of `velocity_basis`) times coefficients. The coefficients are the result.
+    These follow from m linear equations, one for each variable with a known rate.
 
     Parameters
     ----------
@@ -463,7 +464,7 @@ def _find_configuration(
     Returns
     -------
     (variables,) the pair variables (joint angles, rad) reduced by whole turns, and
-    (variables,) the numbers of these turns.
+    (variables,) how many turns were subtracted from each.
     """
     name = mechanism.name
     if not all_finite(q):
@@ -499,7 +500,7 @@ def _compute_configuration(
     Returns
     -------
     (variables,) the pair variables (joint angles, rad) reduced by whole turns, and
-    (variables,) the numbers of these turns.
+    (variables,) how many turns were subtracted from each.
     """
     if len(q) == 1:
         # With one input, modes are numbered along the range of the input, so an analysis of
@@ -553,11 +554,12 @@ def _check_mode_exists(
 def _count_turns(
     position_analysis: PositionAnalysis, mode_number: int, values: Floats, q: Floats
 ) -> Floats:
-    """Return the numbers (variables,) of whole turns in the angles of a configuration.
+    """Return how many whole turns (variables,) the angles of a configuration contain.
 
     Loads such as springs depend on whole turns. The turns of an input are known from its
-    full value. Those of other angles are counted along a path of configurations. It leads
-    from one without whole turns, such as the reference pose, to this one.
+    full value. The turns of other angles are counted along a path of configurations. This
+    path leads from a configuration without whole turns, such as the reference pose, to the
+    given configuration.
 
     Parameters
     ----------
@@ -596,8 +598,8 @@ def _check_joint_limits(mechanism: Mechanism, values: Floats) -> None:
 def _list_table_knots(mechanism: Mechanism, until: float) -> Iterable[float]:
     """Yield the times (s) at which torques given by tables have kinks.
 
-    A table is linear between its knots, and a step of the integration must end at each of
-    them.
+    A table is linear between its knots, and a step of the integration must end at each
+    knot.
     """
     for load in mechanism.loads:
         if isinstance(load, TorqueTable):

@@ -95,7 +95,7 @@ def _derive_momentum_rates(
     Parameters
     ----------
     layout
-        Has the symbol of 1 / P.
+        The layout, which has the symbol of 1 / P.
     load_state
         The motion on which the loads depend, as expressions.
     inverse_root_inertia
@@ -116,9 +116,9 @@ def _derive_events(
     """Return the events of the motion, except those of joint limits and of loads.
 
     The configurations of the mechanism form a curve with a parameter x. The derivatives of
-    all pair variables (joint angles) v are tau = dv/dx. They are a tangent of the curve,
-    but not one of unit length: tau is computed from determinants of the velocity equations.
-    At a singularity these equations depend on each other, and tau is zero.
+    all pair variables (joint angles) v are tau = dv/dx. They form a tangent vector of the
+    curve, but not one of unit length: tau is computed from determinants of the velocity
+    equations. At a singularity these equations depend on each other, and tau is zero.
 
     An event occurs where its function crosses zero. The functions are:
 
@@ -129,7 +129,7 @@ def _derive_events(
     Parameters
     ----------
     layout
-        Has the symbols of the momentum and of the limit.
+        The layout, which has the symbols of the momentum and of the limit.
     input_rate, input_variable
         The derivative dq/dx of the input q, and the index of its variable.
     tau_square

@@ -65,9 +65,9 @@ def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
     Parameters
     ----------
     probe
-        Compares steps with indices (n,) with the equation of motion at places (n,). It
-        returns the errors (n,) of the steps as multiples of the allowed error, and the
-        values (n, arguments) of the steep arguments.
+        A function that compares steps with indices (n,) with the equation of motion at
+        places (n,). It returns the errors (n,) of the steps as multiples of the allowed
+        error, and the values (n, arguments) of the steep arguments.
     step_count
         Number of the steps.
 
@@ -118,8 +118,8 @@ def _find_critical_places(
     Parameters
     ----------
     probe
-        Returns the errors of steps (n,) at places (n,) and the values (n, arguments) of the
-        steep arguments. Only the arguments are used.
+        A function that returns the errors of steps (n,) at places (n,) and the values (n,
+        arguments) of the steep arguments. Only the arguments are used.
     arguments
         (steps, places, arguments) values of the arguments at evenly spaced places.
     even_places
@@ -139,9 +139,9 @@ def _find_critical_places(
     def evaluate_differences(steps: Indices, places: Floats) -> Floats:
         """Return differences of the arguments that vanish at extrema, (n, arguments).
 
-        They are central differences at n places (fractions of a step) over `END_DISTANCE`.
-        This is a small part of a step, over which an argument still changes by more than
-        its rounding error.
+        These are central differences at n places (fractions of a step) over `END_DISTANCE`,
+        a small part of a step over which an argument still changes by more than its
+        rounding error.
         """
         after = evaluate_arguments(steps, places + END_DISTANCE)
         before = evaluate_arguments(steps, places - END_DISTANCE)
@@ -172,7 +172,7 @@ def _add_middles(critical: ProbePlaces) -> ProbePlaces:
 
     A critical place is a fraction of a step at which a load may jump. A load may jump up at
     one critical place and down at the next. The step may agree with the equation of motion
-    at both, and miss the load between them. So the middle is probed too.
+    at both places, and miss the load between them. So the middle is probed too.
     """
     order = np.lexsort((critical.places, critical.steps))
     steps = critical.steps[order]
@@ -201,7 +201,8 @@ def _find_zeros(
     Parameters
     ----------
     evaluate
-        Returns the values (n, functions) for indices of steps (n,) and places (n,).
+        A function that returns the values (n, functions) for indices of steps (n,) and
+        places (n,).
     values
         (steps, k + 1, functions) values of the functions in the order of rising places, or
         differences.

@@ -95,7 +95,8 @@ class TaylorStep:
     start, length
         Time at the start, and length, s.
     series
-        (states, order + 1) Taylor coefficients of the state by the time since the start.
+        (states, order + 1) Taylor coefficients of the state, in powers of the time since
+        the start.
     event_count
         Number of events that had occurred before the step.
     switch_signs
@@ -138,9 +139,10 @@ class Segment:
     starts, lengths
         (k,) start times and lengths of the k steps, s.
     series
-        (k, states, order + 1) Taylor coefficients of the normalised state by time.
+        (k, states, order + 1) Taylor coefficients of the normalised state, in powers of
+        time.
     turns
-        (variables,) numbers of whole turns that were subtracted from the variables.
+        (variables,) how many whole turns were subtracted from each variable.
     momentum_unit
         Unit (square root of J) of the momenta in the series. A momentum is the root of an
         inertia times a rate, so its square is an energy. The unit of the works in the
@@ -162,7 +164,7 @@ class Segment:
 
         A state has the pair variables, the momenta and the work of each load, in SI units.
         The variables are without the whole turns that were taken off for this segment
-        (group of steps). Works are those since the start of the simulation.
+        (group of steps). Works are counted from the start of the simulation.
         """
         step = np.searchsorted(self.starts[1:], t, side="right")
         states, rates = _evaluate_series(self.series[step], t - self.starts[step])
@@ -196,7 +198,7 @@ class TaylorRun:
     max_independence
         Largest measure of independence of the loop-closure equations in the run. The
         measure is zero where sets of configurations cross. Small values are judged relative
-        to this largest one, also in a run that continues this one.
+        to this largest value, also in a run that continues this run.
     """
 
     equation: CompiledEquation
@@ -211,8 +213,8 @@ class TaylorRun:
     def last_state(self) -> Floats:
         """The state (states,) at the end: pair variables, momenta and works, in SI units.
 
-        Whole turns are taken off the pair variables. The last segment (group of steps) has
-        their numbers (`turns`).
+        Whole turns are taken off the pair variables. The last segment (group of steps)
+        states how many (`turns`).
         """
         states, _ = self.segments[-1].evaluate(np.array([self.end_time]))
         return states[0]
@@ -244,7 +246,7 @@ class StepProbe:
 
     The series of a step is computed at its start. It does not show a load that changes
     abruptly later in the step, such as tanh(1000 x) where x passes zero. The rates of the
-    momenta by the series then differ from those by the equation of motion.
+    momenta in the series then differ from the rates that the equation of motion gives.
 
     Attributes
     ----------
@@ -254,7 +256,8 @@ class StepProbe:
     starts, lengths
         (k,) start times and lengths of the steps, s.
     series
-        (k, states, order + 1) Taylor coefficients of the state by the time since the start.
+        (k, states, order + 1) Taylor coefficients of the state, in powers of the time since
+        the start.
     common_parameters
         (parameters,) the parameters of the equation that are the same in all steps.
     switch_signs
@@ -302,7 +305,7 @@ class StepProbe:
     def _evaluate_equation(
         self, steps: Indices, times_in_step: Floats, states: Floats
     ) -> tuple[Floats, Floats]:
-        """Return momentum rates by the equation, and the arguments of steep functions.
+        """Return momentum rates from the equation, and the arguments of steep functions.
 
         Parameters
         ----------
@@ -346,7 +349,7 @@ class RunStart:
         (variables,) pair variables (joint angles, rad) of a configuration with closed
         loops, reduced by whole revolutions.
     turns
-        (variables,) numbers of these whole revolutions.
+        (variables,) how many whole revolutions were subtracted from each variable.
     momenta
         (m,) momenta, in the unit square root of joule. With one degree of freedom the
         momentum is sqrt(B) u, with the inertia B and the rate u along the curve of
@@ -359,9 +362,9 @@ class RunStart:
         inertia of all links.
     momentum_unit
         A typical size of the momenta, not zero, in the same unit. The integrator's state
-        has the momenta divided by it, or by their norm if that is larger. They are then at
-        most about 1, like the angles. This matters because the errors of a step are
-        relative to the largest number in the state.
+        has the momenta divided by this size, or by their norm if the norm is larger. The
+        divided momenta are then at most about 1, like the angles. This matters because the
+        errors of a step are relative to the largest number in the state.
     previous_run
         The run that is continued, with other coordinates or a smaller tolerance, if any.
     closure_residual
@@ -479,8 +482,9 @@ class TaylorIntegration:
         progress = ProgressReporter("simulating")
         # The integrator has only one state, so a second run has to wait.
         with self.equation.lock:
-            # Some loads change abruptly with the sign of a condition, as dry friction with
-            # that of the sliding rate. Set the signs at the start.
+            # Some loads change abruptly with the sign of a condition, such as dry friction
+            # with the sign of the sliding rate. Set the signs of the conditions at the
+            # start.
             self._set_switch_signs(targets[0])
             # Parameters of the equation, such as values and slopes of torque tables, are
             # constant between two targets. `_integrate_to` changes them for later targets.
@@ -507,7 +511,7 @@ class TaylorIntegration:
         last_target: float,
         progress: ProgressReporter,
     ) -> RunEnd:
-        """Integrate up to a target, segment by segment, and return why it ended.
+        """Integrate up to a target, segment by segment, and return why this ended.
 
         A segment is a number of successive steps. After each segment, progress is reported.
 
@@ -516,11 +520,11 @@ class TaylorIntegration:
         integrator
             The integrator, with the state that the run has reached.
         target
-            Time (s) up to which to integrate. The result is "time" if it is reached.
+            Time (s) up to which to integrate. The result is "time" if this time is reached.
         last_target
             Last target of the run, s.
         progress
-            Shows the progress to the user.
+            Object that shows the progress to the user.
         """
         end: RunEnd | None = None
         while end is None:
@@ -654,8 +658,8 @@ class TaylorIntegration:
     def _all_parameters(self, integrator: Integrator) -> Floats:
         """Return all parameters of the compiled equation, in the order of `EquationLayout`.
 
-        The integrator stores them up to the last one that occurs in an expression. The
-        others have no effect and are 0.
+        The integrator stores the parameters up to the last one that occurs in an
+        expression. The other parameters have no effect and are 0.
         """
         parameters = integrator.parameters
         count = self.layout.switch_parameters + len(self.switch_signs)
@@ -724,7 +728,7 @@ class TaylorIntegration:
         return kind if kind in ("coordinates", "joint_limit") else "singularity"
 
     def _normalise(self, state: Floats) -> None:
-        """Change a state so that its numbers stay small and the loops closed.
+        """Change a state so that its numbers stay small and its loops stay closed.
 
         Errors of a step are relative to the largest number in the state. Whole revolutions
         and work are therefore moved from the state to separate sums, and the unit of
@@ -772,8 +776,8 @@ class TaylorIntegration:
         In the state, momenta are multiples of `momentum_unit` (sqrt(J)), and works are
         multiples of its square (J).
 
-        The tolerance of a step is relative to the largest number in the state. Without
-        this, a growing work would make the other numbers inaccurate.
+        The tolerance of a step is relative to the largest number in the state. If works
+        stayed in the state, a growing work would make the other numbers inaccurate.
         """
         self.work = self.work + works * self.momentum_unit**2
         works[:] = 0.0
@@ -782,10 +786,10 @@ class TaylorIntegration:
         """Increase the unit of the momenta of the state, if they exceed 1.
 
         Errors of a step are relative to the largest number in the state, so momenta must
-        not exceed 1, the size of angles in rad. If their norm does, the unit grows by this
-        norm, and the momenta are changed in place. The unit never shrinks. Near rest it
-        would be tiny, and works in multiples of its square would be by far the largest
-        numbers.
+        not exceed 1, the size of angles in rad. If their norm exceeds 1, the unit is
+        multiplied by this norm, and the momenta are changed in place. The unit never
+        shrinks. Near rest a shrinking unit would become tiny, and works in multiples of its
+        square would be by far the largest numbers.
         """
         size = float(np.linalg.norm(momenta))
         if size > 1.0:
@@ -796,8 +800,8 @@ class TaylorIntegration:
         """Return the parameters of the equation from now to the time `interval_end` (s).
 
         Parameters are numbers in the compiled equation that are constant during this time,
-        such as joint limits and pieces of torque tables. `EquationLayout` defines their
-        order.
+        such as joint limits and value and slope of torque tables. `EquationLayout` defines
+        their order.
         """
         # Torque tables are linear in time during the interval.
         table_parameters = [self.time]
@@ -896,8 +900,8 @@ def _linear_piece(table: TorqueTable, start: float, end: float) -> tuple[float, 
 def _choose_sign(condition: float, condition_rate: float) -> float:
     """Return the sign (1 or -1) of a switch condition at the start of a motion.
 
-    If the condition is zero, its sign right after the start is that of its rate. The sign
-    is positive if the rate is zero too.
+    If the condition is zero, its sign right after the start is the sign of its rate. The
+    sign is positive if the rate is zero too.
 
     A load jumps where its switch condition changes its sign.
     """

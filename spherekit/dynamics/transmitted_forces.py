@@ -73,25 +73,25 @@ AXIAL_FORCE = 5
 class DrivenState(ArrayRows):
     """n samples (rows) of a moving mechanism with its driving torques.
 
-    The reactions in its pairs (joints) are computed from this.
+    The reactions in the pairs (joints) are computed from these samples.
 
     Attributes
     ----------
     mechanism
         The mechanism with its masses and loads.
     motion
-        Configurations and their derivatives by m coordinates, such as the inputs or the
-        arc length of the curve of configurations.
+        Configurations and their derivatives with respect to m coordinates, such as the
+        inputs or the arc length of the curve of configurations.
     timing
         Time, and rates and accelerations (n, m) of these coordinates.
     torques
         (n, inputs) driving torques, N m.
     carried
         (n, k) loads that k pairs with friction carry, in the order of
-        `Loads.friction_components`; their friction is proportional to these loads. For an R
-        pair (revolute joint) it is the sum of the forces (N) on its bearings. For a sliding
-        contact it is the moment (N m) of its normal force about the centre O. None without
-        such friction.
+        `Loads.friction_components`; their friction is proportional to these loads. The load
+        of an R pair (revolute joint) is the sum of the forces (N) on its bearings. The load
+        of a sliding contact is the moment (N m) of its normal force about the centre O.
+        None without such friction.
     """
 
     mechanism: Mechanism
@@ -176,7 +176,8 @@ class Equilibrium:
 class ReactionEquations:
     """A part of the equilibrium equations that can be solved by itself.
 
-    No unknown reaction (moment or force of a pair) occurs in these equations and in others.
+    No unknown reaction (moment or force of a pair) occurs both in these equations and in
+    other equations.
 
     Attributes
     ----------
@@ -209,8 +210,8 @@ class NewtonEuler:
         (n, links) whether a link can be displaced from O, because no pair prevents it.
     unit_torque_wrenches
         (pairs, 6) wrench, in pair axes, of a torque of 1 N m of a load or drive at a pair.
-        The torque is about the axis of an R pair. At a contact it is that of a force along
-        the tangent.
+        The torque is about the axis of an R pair. At a contact it is the wrench of a force
+        along the tangent.
     """
 
     def __init__(
@@ -238,8 +239,8 @@ class NewtonEuler:
             Whether to solve for forces through O as well as for moments.
         tooth_sides
             (n, pairs) +1 or -1: on which of their two sides gear teeth with a pressure
-            angle press. It is the sign of the moment about y that they transmit. Other
-            pairs do not use it. By default all are +1.
+            angle press. The value is the sign of the moment about y that the teeth
+            transmit. It has no effect for other pairs. By default all values are +1.
         """
         self.mechanism = mechanism
         self.frames = frames
@@ -300,8 +301,8 @@ class NewtonEuler:
         """Divide the equations of equilibrium into systems that are solved separately.
 
         The equations of moments have the moments of the pairs (joints) as unknowns, and
-        those of forces have the forces. They are two systems, so dependent equations are
-        found in each alone.
+        those of forces have the forces. The moments and the forces are two separate
+        systems, so dependent equations are searched in each system by itself.
 
         Parameters
         ----------
@@ -327,7 +328,8 @@ class NewtonEuler:
     def _invert_systems(self, systems: Sequence[ReactionEquations]) -> None:
         """Invert systems of equations, and find undetermined reactions and sliding links.
 
-        The equations are those of equilibrium at n rows (samples). This method sets:
+        The equations state the equilibrium of the links at n rows (samples). This method
+        sets:
 
         - `_inverse` (n, columns, equations), which gives reactions from wrenches on links;
         - `is_open` (n, columns), whether the equations leave a reaction undetermined;
@@ -425,8 +427,8 @@ class NewtonEuler:
         Parameters
         ----------
         link_wrenches
-            (n, links, 6) wrenches on links that their motion needs, minus those of loads
-            that act on links.
+            (n, links, 6) wrenches on links that their motion needs, minus the wrenches of
+            loads that act on links.
         torques
             (n, pairs) torques (N m) of loads and drives at pairs. At an R pair (revolute
             joint) a torque is about its axis. At a contact it is the moment about O of a
@@ -462,13 +464,13 @@ class NewtonEuler:
 
     @property
     def open_components(self) -> Bools:
-        """(n, pairs, 6) which components of the pairs' wrenches are not determined."""
+        """(n, pairs, 6) mask of wrench components of pairs that are not determined."""
         return self.sum_wrenches(self.is_open.astype(float)) != 0.0
 
     def sum_wrenches(self, reactions: Floats) -> Floats:
         """Return the moment and force that each pair transmits, the sum of its reactions.
 
-        They are in the axes of the pair.
+        Moment and force are in the axes of the pair.
 
         Parameters
         ----------
@@ -562,10 +564,10 @@ def links_without_centre(mechanism: Mechanism) -> list[str]:
 
 
 def _list_equations(mechanism: Mechanism, forces: bool) -> Bools:
-    """Return (links, 6) which components of moment and force on a link have an equation.
+    """Return a mask (links, 6) of the components of moment and force with an equation.
 
-    These are the equations of equilibrium of the links. The ground (link 0) has none. A
-    link without a known centre of mass has none for forces.
+    These are the equations of equilibrium of the links. The ground (link 0) has no
+    equations. A link without a known centre of mass has no equations of forces.
 
     Parameters
     ----------
@@ -584,9 +586,9 @@ def _list_equations(mechanism: Mechanism, forces: bool) -> Bools:
 def _list_moment_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
     """Return the pair and the component of each unknown moment in the equations.
 
-    A pair transmits moments about the axes about which it does not turn. The moment of
-    teeth with a pressure angle about x (component 0) follows from that about y, so it is no
-    unknown.
+    A pair transmits moments about the axes about which it does not turn. For teeth with a
+    pressure angle, the moment about x (component 0) follows from the moment about y, so the
+    moment about x is no unknown.
     """
     return [
         (pair_number, component)
@@ -604,9 +606,9 @@ def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
     `AXIAL_FORCE` along z.
 
     An R pair (revolute joint) transmits a moment about the centre O of the sphere, and a
-    force through O. They are independent, so the force is unknown. The force of a contact
-    acts at the contact point. If the distance of this point from O is known, the force
-    follows from its moment about O. Otherwise it is unknown.
+    force through O. The moment and the force are independent, so the force is an unknown.
+    The force of a contact acts at the contact point. If the distance of this point from O
+    is known, the force follows from its moment about O. Otherwise the force is an unknown.
 
     Some components are known to be zero. Bearings that let the links slide exert no axial
     force. A contact that slides without friction exerts no tangent force.
@@ -662,7 +664,7 @@ def _unknown_force_components(
 
 @dataclass(frozen=True)
 class InvertedEquations:
-    """Least-squares inverse of linear equations A x = b at n rows, and what it can't solve.
+    """Least-squares inverse of equations A x = b at n rows, and what this can't solve.
 
     Attributes
     ----------
@@ -737,8 +739,8 @@ def compute_reactions(driven: DrivenState, *, forces: bool = False) -> JointReac
         n rows (samples) of a moving mechanism, with its loads and driving torques.
     forces
         Whether to compute forces through the centre O as well as moments. Forces are not
-        determined in rows in which a link can be displaced from O, such as slide along an
-        axis, because no pair prevents it.
+        determined in rows in which a link can be displaced from O (for example slide along
+        an axis), because no pair prevents this.
     """
     reactions = _solve_reactions(driven, forces)
     # In rows in which a link can be displaced from O, only the equations of moments are
@@ -761,7 +763,7 @@ def _solve_reactions(driven: DrivenState, forces: bool) -> JointReactions:
     driven
         n rows (samples) of a moving mechanism, with its loads and driving torques.
     forces
-        Whether the equations are those of moments and forces, or of moments only.
+        Whether equations of forces are solved as well as equations of moments.
     """
     balance = solve_equilibrium(driven, forces)
     equations = balance.equations
@@ -795,7 +797,8 @@ class DrivenEquilibrium:
     """The reactions of a moving mechanism under its loads and driving torques.
 
     Gear teeth press on one of two sides, which depends on the reactions. `is_settled` (n,)
-    says whether the side is known. In other rows the reactions are not determined.
+    says whether the sides are known in a row. In other rows the reactions are not
+    determined.
     """
 
     equations: NewtonEuler
@@ -847,7 +850,7 @@ def solve_equilibrium(driven: DrivenState, forces: bool) -> DrivenEquilibrium:
 def _find_contradicted_sides(
     equations: NewtonEuler, equilibrium: Equilibrium, sides: Floats
 ) -> Bools:
-    """Return at which pairs (n, pairs) teeth do not press on the assumed side.
+    """Return a mask (n, pairs) of pairs whose teeth do not press on the assumed side.
 
     Gear teeth press on one of their two sides. The axes of the pair (contact) are z from
     the centre of the sphere to the contact, x along the common tangent of the teeth, and y
@@ -859,10 +862,10 @@ def _find_contradicted_sides(
     equations
         The equations of equilibrium that were solved with the assumed sides.
     equilibrium
-        Their solution.
+        The solution of these equations.
     sides
-        (n, pairs) assumed sides of teeth with a pressure angle, 1 or -1. Other pairs do not
-        use them.
+        (n, pairs) assumed sides of teeth with a pressure angle, 1 or -1. The values have no
+        effect for other pairs.
     """
     pairs = equations.mechanism.pairs
     has_sides = np.array([pair.pressure_angle is not None for pair in pairs])
@@ -893,8 +896,8 @@ def velocity_wrenches(
 
     A wrench is a moment about the centre O followed by a force: here gyroscopic moments and
     centripetal forces. For a link with the angular velocity w and the angular acceleration
-    a, it is L(a) + w x L(w). L(w) are the angular momentum about O and the momentum that
-    belongs to w; L is linear. The acceleration a is not zero although the rates of the
+    a, the wrench is L(a) + w x L(w). L(w) are the angular momentum about O and the momentum
+    that belongs to w; L is linear. The acceleration a is not zero although the rates of the
     coordinates are constant.
 
     Parameters
@@ -902,7 +905,7 @@ def velocity_wrenches(
     mechanism
         The mechanism with its masses.
     motion
-        Configurations in n rows, and their derivatives by m coordinates.
+        Configurations in n rows, and their derivatives with respect to m coordinates.
     rates
         (n, m) time derivatives of these coordinates.
     """

@@ -1,4 +1,4 @@
-"""The point in which lines in space nearly meet, as the axes of an imported model."""
+"""The point in which lines in space nearly meet, such as axes of an imported model."""
 
 import numpy as np
 
@@ -29,10 +29,10 @@ def find_common_point(points: Floats, axes: Floats, max_distance: float) -> Floa
     """Return the point in which most of n lines meet, with small deviations.
 
     In an imported model the lines are joint axes, and the point is the centre of the
-    spherical mechanism. It has the least sum of squared distances from the lines. If a line
-    misses the point by more than `max_distance`, the farthest line is left out and the
-    point is computed again, until all remaining lines fit. If there is only one line, or
-    all lines coincide, the result is the point of the line nearest to the origin.
+    spherical mechanism. The point has the least sum of squared distances from the lines. If
+    a line misses the point by more than `max_distance`, the farthest line is left out and
+    the point is computed again, until all remaining lines fit. If there is only one line,
+    or all lines coincide, the result is the point of the line nearest to the origin.
 
     A line has a point p, a unit vector a, and the projection P = I - a a^T onto the plane
     at right angles to it. The point c solves sum(P) c = sum(P p), summed over the lines.

@@ -1,7 +1,7 @@
 """Masses and inertia tensors of the bodies of exported models.
 
-Links without mass are given a small inertia, since general engines move none without. If no
-link of the mechanism has mass, links are wires.
+Links without mass are given a small inertia, since general physics engines cannot move a
+link without inertia. If no link of the mechanism has mass, links are taken as wires.
 """
 
 from collections.abc import Mapping
@@ -40,7 +40,8 @@ class BodyInertia(NamedTuple):
     ----------
     link
         Name of the body: a link, or a coupler (body without mass) that replaces a sliding
-        contact between two circles. It keeps the distance of their centres constant.
+        contact between two circles. The coupler keeps the distance of the centres of these
+        circles constant.
     mass
         Mass (kg).
     centre
@@ -101,7 +102,7 @@ class LinkInertias:
     ----------
     by_link
         Inertia by the name of the link. A link without a mass in the mechanism file is not
-        in it; a stated mass may be zero.
+        in this mapping; a stated mass may be zero.
     are_made_up
         True if the file has no masses. Links are then taken as wires of 1 kg/m on a sphere
         of 1 m, because programs such as MuJoCo do not move a body without mass. Such a
@@ -178,7 +179,7 @@ def make_body_inertia(
     """Return the mass, centre and inertia tensor of a body of an exported model.
 
     The body turns about O, the centre of the sphere, so its motion depends on the tensor
-    about O. Mass and centre of mass are taken from the mechanism file. In these cases they
+    about O. Mass and centre of mass are taken from the mechanism file. In two cases they
     are chosen instead, such that the tensor about O is right:
 
     - The file does not state both.
@@ -200,7 +201,7 @@ def make_body_inertia(
 
     Returns
     -------
-    The mass, and centre and tensor about it in ground axes.
+    The mass, the centre of mass, and the tensor about this centre, in ground axes.
     """
     link_inertia = link_inertias.by_link.get(link)
     # A zero tensor belongs to a point mass at O, which has no effect on the motion. It is
@@ -302,7 +303,7 @@ def _make_body_about_centre(
     tensor_about_O
         (3, 3) inertia tensor about the centre of the sphere O (kg m2), in ground axes.
     mass_centre
-        Its mass and centre of mass.
+        Mass and centre of mass of the body.
     is_stated
         Whether the mechanism file states mass and centre.
     """

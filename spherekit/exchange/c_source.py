@@ -186,8 +186,8 @@ def write_c(source: FormulaSource) -> str:
       input. It exists only if modes follow smooth curves of configurations through
       crossings with other curves.
     """
-    # In C all numbers, variables and constants, have the type double. It exists already, so
-    # no line has to define it (`type_line`).
+    # In C all numbers, variables and constants, have the type double. This type exists
+    # already, so no line has to define it (`type_line`).
     declarations = [
         f"{_function_head(source, function, 'double')};" for function in source.functions
     ]
@@ -342,8 +342,8 @@ def _write_series(
     A stored series is a table of Chebyshev coefficients by which functions of one variable
     are computed, such as the profile of a contact. The range of the variable is divided at
     the `edges` into cells, each with its own `coefficients`. On a closed curve the
-    functions are periodic, and the variable is moved into the period. Outside of an open
-    curve the results are NaN.
+    functions are periodic, and the variable is moved into the period. Beyond the ends of an
+    open curve the results are NaN.
 
     Parameters
     ----------
@@ -385,8 +385,9 @@ def _function_head(source: FormulaSource, function: SourceFunction, scalar: str)
 
     - ``motion``: the inputs and their rates;
     - ``mode`` or ``variables``: the numbers that select the assembly mode (way to assemble
-      the links). They are signs of dyads (groups of two links), or approximate pair
-      variables (joint angles). A step of Newton's method improves the variables in place;
+      the links). These numbers are signs of dyads (groups of two links), or approximate
+      pair variables (joint angles). A step of Newton's method improves the variables in
+      place;
     - ``size``: numbers of the mechanism file;
     - ``result``: the results. A step of Newton's method does not have this array; it
       returns the closure residual (how far loops are open).

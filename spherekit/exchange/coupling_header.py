@@ -236,8 +236,8 @@ def _find_example(table: CouplingTable) -> tuple[int, Floats]:
     """Return an assembly mode and inputs (rad) for the example in the header.
 
     The mode is the index of a row of the table. The inputs (inputs,) are the middle of the
-    first sure cell (box of the grid with a small error). If no cell is sure, the first cell
-    is taken.
+    first sure cell (a box of the grid in which the measured error is small enough). If no
+    cell is sure, the first cell is taken.
     """
     row, cell = np.unravel_index(int(np.argmax(table.sure)), table.sure.shape)
     cell_numbers = np.unravel_index(int(cell), np.asarray(table.count) - 1)
@@ -256,7 +256,7 @@ def _format_array(declaration: str, values: Array) -> str:
     declaration
         Type and name of the array in C.
     values
-        (modes, nodes, ...) its values.
+        (modes, nodes, ...) values of the array.
     """
     shape = "".join(f"[{length}]" for length in values.shape)
     lines = ""

@@ -51,15 +51,16 @@ class CouplingValues(NamedTuple):
     """The values of a coupling table at n points of its m inputs.
 
     The table has passive variables (joint angles that are not driven) at the nodes of a
-    grid of inputs. A cell is a box between neighbouring nodes. It is sure if the measured
-    error of interpolation in it is within the tolerance. Values in other cells are NaN.
+    grid of inputs. A cell is a box between neighbouring nodes. A cell is called sure if the
+    measured error of interpolation in it is within the tolerance. Values in other cells are
+    NaN.
 
     Attributes
     ----------
     angles
         (n, K) the K passive variables (rad).
     coefficients
-        (n, K, m) their rates per unit rate of each input.
+        (n, K, m) rates of the passive variables per unit rate of each input.
     derivatives
         (n, K, m, m) derivatives of the coefficients with respect to each input (1/rad).
     turning
@@ -79,9 +80,9 @@ class CouplingTable:
     """Passive variables and coefficients of assembly modes on a grid of m inputs.
 
     A coefficient is the rate of a passive variable per unit rate of one input. Nodes are
-    the points of the grid, and a cell is the box between neighbouring nodes. Both are
-    listed in one axis, on which the last input varies fastest. A cell has the place of its
-    corner with the smallest inputs.
+    the points of the grid, and a cell is the box between neighbouring nodes. Nodes and
+    cells are each listed along one axis of an array, on which the last input varies
+    fastest. A cell has the place of its corner with the smallest inputs.
 
     Attributes
     ----------
@@ -112,14 +113,14 @@ class CouplingTable:
     angles
         (modes, nodes, K) the variables (rad).
     coefficients
-        (modes, nodes, K, m) their rates per unit rate of each input.
+        (modes, nodes, K, m) rates of the variables per unit rate of each input.
     derivatives
         (modes, nodes, K, m, m) derivatives of the coefficients (1/rad).
     turning
         (modes, nodes, P, m, 3) angular velocities of poles per unit rate of each input.
     turning_derivatives
-        (modes, nodes, P, m, m, 3) their derivatives with respect to each input, the last
-        axis but one.
+        (modes, nodes, P, m, m, 3) derivatives of `turning` with respect to each input, the
+        last axis but one.
     error
         (modes, cells) largest error (rad) of an angle that was measured in a cell, NaN
         without a mode at all corners.
@@ -173,8 +174,8 @@ class CouplingTable:
     def at(self, q: ArrayLike, assembly_mode: int | None = None) -> CouplingValues:
         """Return the values of the table at inputs.
 
-        A cell is the box between neighbouring nodes of the grid. It is sure if the measured
-        error of interpolation in it is within the tolerance of the table.
+        A cell is the box between neighbouring nodes of the grid. A cell is called sure if
+        the measured error of interpolation in it is within the tolerance of the table.
 
         Parameters
         ----------
@@ -196,10 +197,10 @@ class CouplingTable:
         -----
         The values at the corners of a cell are extended by their derivatives and averaged.
         With the multilinear weights W of the corners, the distance d from a corner, and the
-        gradient g and Hessian H there, an angle is the sum of
-        W (f + 2/3 g d + 1/6 d H d), which is exact for cubics. A coefficient is the sum of
-        W (g + 1/2 H d), exact for quadratics (Guessab, Nouisser and Schmeisser, J. Comput.
-        Appl. Math. 196, 2006, 162-179). Both are continuous from cell to cell.
+        gradient g and Hessian H there, an angle is the sum of W (f + 2/3 g d + 1/6 d H d),
+        which is exact for cubics. A coefficient is the sum of W (g + 1/2 H d), exact for
+        quadratics (Guessab, Nouisser and Schmeisser, J. Comput. Appl. Math. 196, 2006,
+        162-179). Angles and coefficients are continuous from cell to cell.
         """
         if assembly_mode is None:
             assembly_mode = self.modes[0]
@@ -281,14 +282,14 @@ class CouplingTable:
         """Return the values at n points, extrapolated from one corner of their cells.
 
         A cell is a box between neighbouring nodes of the grid of m inputs. Each node has
-        the stored angle f of a variable, its gradient g and its Hessian H by the inputs. At
-        the distance d from the node, the angle is taken as
+        the stored angle f of a variable, and its gradient g and Hessian H with respect to
+        the inputs. At the distance d from the node, the angle is taken as
 
             f + (2/3) g d + (1/6) d H d,
 
-        and the gradient as g + (1/2) H d. These factors differ from those of a Taylor
-        series, since `interpolate` averages the values from all corners of a cell. For this
-        average they are more accurate: it is exact if f is a cubic function.
+        and the gradient as g + (1/2) H d. These factors differ from the factors of a Taylor
+        series, since `interpolate` averages the values from all corners of a cell. With
+        these factors the average is more accurate: it is exact if f is a cubic function.
 
         The angular velocities of links relative to other links (`turning`) are extrapolated
         like gradients.

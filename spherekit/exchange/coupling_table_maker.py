@@ -1,7 +1,7 @@
 """Computes a coupling table on a grid of the inputs, and measures its errors.
 
-The grid is refined until enough cells are sure. Errors of interpolation are measured on a
-finer grid, whose step is a third of that of the table.
+The grid is refined until enough cells are sure (interpolation in them is accurate enough).
+Errors of interpolation are measured on a finer grid, with a third of the step of the table.
 """
 
 import math
@@ -81,10 +81,10 @@ def coupling_table(
 ) -> CouplingTable:
     """Return passive variables and coefficients on a grid of the inputs, for controllers.
 
-    Passive variables are the variables of pairs that are not driven. Coefficients are their
-    rates per unit rate of one input. A cell of the grid is *sure* if interpolation in it is
-    accurate to the tolerance. This is measured at points between the nodes. The steps of
-    the grid are halved until enough cells are sure.
+    Passive variables are the variables of pairs that are not driven. Coefficients are the
+    rates of passive variables per unit rate of one input. A cell of the grid is *sure* if
+    interpolation in it is accurate to the tolerance. This is measured at points between the
+    nodes. The steps of the grid are halved until enough cells are sure.
 
     Parameters
     ----------
@@ -180,8 +180,8 @@ def _choose_node_counts(
     mechanism
         The mechanism with its inputs.
     samples
-        The requested numbers, or one number for all inputs. Without a request, a small
-        default is used, and the caller refines the grid as needed.
+        The requested number of nodes for each input, or one number for all inputs. Without
+        a request, a small default is used, and the caller refines the grid as needed.
     """
     input_count = len(mechanism.inputs)
     if samples is None:
@@ -284,8 +284,8 @@ def _compute_grid_values(
     """
     solver = position_analysis.solver
     good_rows = np.flatnonzero(~motion.failed)
-    # The coordinates are the variables of the m driven pairs, so rates are those per unit
-    # rate of each input.
+    # The coordinates are the variables of the m driven pairs, so rates are per unit rate of
+    # each input.
     coordinate_motion = motion_by_variables(
         solver.closure, motion.values[good_rows], variables=solver.driven
     )

@@ -63,7 +63,8 @@ def express_dependent_numbers(
     Raises
     ------
     DesignError
-        If a number is no linear function of those that vary, or nothing can vary.
+        If a number is no linear function of the numbers that vary, or if no number can
+        vary.
     """
     # The list has the symbols of sizes first, then the symbols of dependent numbers.
     number_symbols = design_expressions.size_symbols[len(varied_mechanism.size_variables) :]
@@ -97,8 +98,8 @@ def express_dependent_numbers(
         *list_numbers(masses_and_loads(symbolic_mechanism)),
     ]
     file_numbers = [*contact_numbers, *list_numbers(masses_and_loads(mechanism))]
-    # (variables, designs, numbers) slopes of all numbers by each variable, at the design of
-    # the file and at some trial designs.
+    # (variables, designs, numbers) slopes of all numbers with respect to each variable, at
+    # the design of the file and at some trial designs.
     trial_slopes = np.stack(
         [varied_mechanism.trial_slopes(k) for k in range(len(variables))]
     )
@@ -146,8 +147,9 @@ def _check_linear(varied_mechanism: VariedMechanism, slopes: Floats) -> None:
     varied_mechanism
         The mechanism, and the numbers of its file that vary.
     slopes
-        (variables, designs) slopes of the dependent number by each variable. A design is a
-        set of values of the variables; the first one has the values of the file.
+        (variables, designs) slopes of the dependent number with respect to each variable. A
+        design is a set of values of the variables; the first one has the values of the
+        file.
     """
     differences = np.abs(slopes - slopes[:, :1])
     # A relative tolerance would be too strict for zero slopes, which have rounding errors.
