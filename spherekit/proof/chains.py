@@ -132,8 +132,8 @@ def _may_be_between(
     configuration
         (v,) values of all variables (rad).
     piece
-        An arc of the curve, with a box about it that contains no other part of any curve.
-        The axis of the box is the tangent of the arc at the centre of the arc.
+        An arc (piece) of the curve, with a box about it that contains no other part of any
+        curve. The axis of the box is the tangent of the arc at the centre of the arc.
     next_piece
         The next arc. Its centre is in the box of `piece`.
     """

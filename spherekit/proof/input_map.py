@@ -224,7 +224,7 @@ class _ClassifiedBoxes:
     ----------
     boxes
         (2, n, inputs) boxes: for each input how often its range was halved [0], and the
-        index of the part [1].
+        index of the part of the halved range [1].
     kind
         (n,) `REGULAR`, `CONTAINS_TYPE_II` or `UNDECIDED`.
     modes

@@ -176,7 +176,7 @@ class ChartRoots:
         return np.max(gaps, axis=3, initial=0.0)
 
     def select_roots(self, chosen: Any) -> "ChartRoots":
-        """Return the points that an index, a mask or a slice chooses."""
+        """Return the points that an index, a mask or a Python slice chooses."""
         return ChartRoots(self.z[chosen], self.inverse[chosen], self.row[chosen])
 
     def evaluate(self, polynomials: Sequence[Complexes]) -> Complexes:

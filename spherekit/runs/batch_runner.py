@@ -88,7 +88,7 @@ MAX_BLOCK_FACTOR = 32
 
 
 class BlockRows:
-    """The rows of a block while they are computed, slice by slice.
+    """The rows of a block (group of samples) while they are computed, slice by slice.
 
     A row is one sample in one assembly mode (way to assemble the mechanism). The block
     first has the rows of the first mode, then those of the second mode, and so on. A slice
@@ -266,7 +266,8 @@ class BlockRows:
         Parameters
         ----------
         row_slice
-            The index of an assembly mode, and the indices of the rows in the block.
+            The index of an assembly mode, and the indices of the rows in the block (group
+            of samples).
 
         Returns
         -------
@@ -299,7 +300,7 @@ class BlockRows:
         mode
             Index of the assembly mode.
         rows
-            The n rows of the slice, as a range of rows of the block.
+            The n rows of the slice, as a range of rows of the block (group of samples).
         columns
             (width, n) the numbers that the kernel (compiled functions) has computed for
             these rows: closure residuals, error bounds and angular velocities. They are
@@ -413,8 +414,8 @@ class BlockRows:
         """Return empty arrays for the arguments and the results of the quality function.
 
         This function computes for n rows the numbers that decide whether they are accurate
-        enough. Both arrays are parts of one array, which suits the cache of the processor.
-        The arguments are (argument_count, n), the results (width, n).
+        enough. Both arrays share one array in memory, which suits the cache of the
+        processor. The arguments are (argument_count, n), the results (width, n).
         """
         numbers = np.empty((argument_count + self._quality_function.width, n))
         return numbers[:argument_count], numbers[argument_count:]
@@ -433,7 +434,7 @@ class BlockRows:
         mode
             Index of the assembly mode.
         rows
-            The n rows, as a range of rows of the block.
+            The n rows, as a range of rows of the block (group of samples).
         columns
             (width, n) the numbers that the kernel (compiled functions) has computed for
             these rows.
@@ -459,7 +460,7 @@ class BlockRows:
         mode
             Index of the assembly mode.
         rows
-            The n rows, as a range of rows of the block.
+            The n rows, as a range of rows of the block (group of samples).
         """
         # Only rows without a predicted configuration can be beyond the end.
         has_prediction = self._has_prediction(rows)
@@ -563,8 +564,8 @@ class BlockRows:
         Parameters
         ----------
         rows
-            (m,) numbers of rows in the block. Rows without a closure residual have no
-            configuration, and are left out.
+            (m,) numbers of rows in the block (group of samples). Rows without a closure
+            residual have no configuration, and are left out.
         """
         solved_rows = rows[np.isfinite(self.closure_residual[rows])]
         quality_function = self.kernel.row_quality
@@ -633,7 +634,7 @@ def _find_error_maxima(slices: Sequence[SliceReversals], input_count: int) -> Fl
 
 
 def _store_configuration_errors(motion: Motion, rows: BlockRows) -> None:
-    """Store the errors of the configurations in the motion of a block.
+    """Store the errors of the configurations in the motion of a block (group of samples).
 
     The kernel (compiled functions for many rows) has computed the errors of the rows that
     it certifies. To avoid a second computation, they are stored as the cached value of the
@@ -872,8 +873,8 @@ class BatchRunner:
     def has_pending_poles(self, motion: Motion) -> bool:
         """Return whether `fields` can be called for a motion.
 
-        `fields` evaluates the poles of a block. It can be called once for each motion that
-        `motion_at` has returned.
+        `fields` evaluates the poles of a block (group of samples). It can be called once
+        for each motion that `motion_at` has returned.
         """
         return id(motion) in self.pending_poles
 
@@ -1021,7 +1022,7 @@ class BatchRunner:
     def _collect_pole_facts(
         self, motion: Motion, rows: BlockRows, examined_slices: Sequence[SliceReversals]
     ) -> PendingPoles:
-        """Return what `fields` needs to know about the poles of a block.
+        """Return what `fields` needs to know about the poles of a block (group of samples).
 
         A pole is the axis about which one link rotates relative to another. A row of the
         block is one sample in one assembly mode (way to assemble the mechanism).

@@ -440,8 +440,9 @@ class ExaminedRows:
 
         The path is divided into segments. Either all rows (samples) of a segment have a
         configuration, or none has, and their angles are NaN. The first segment of a block
-        continues the last segment of the block before. Therefore `overview.last_row` keeps
-        the last row that was added; it is None if this row has no configuration.
+        (group of samples) continues the last segment of the block before. Therefore
+        `overview.last_row` keeps the last row that was added; it is None if this row has no
+        configuration.
 
         Parameters
         ----------

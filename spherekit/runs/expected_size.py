@@ -76,7 +76,7 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
         - ``velocity_equation_solves``: how often velocity equations are solved.
         - ``not_predicted``: names of the analyses for which no table sizes are predicted.
 
-        If nothing is predicted, the only entry is ``reason``, which says why.
+        If nothing is predicted, the only key is ``reason``, which says why.
 
     Raises
     ------

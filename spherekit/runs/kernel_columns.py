@@ -200,8 +200,8 @@ class UncertifiedPoles:
         input_index
             Index of the input that moves while the others are locked.
         rows
-            (k,) numbers of these rows in the block. A row is one sample in one assembly
-            mode.
+            (k,) numbers of these rows in the block (group of samples). A row is one sample
+            in one assembly mode.
         """
         # `self.rows` are the uncertified rows of the block.
         replaced = np.flatnonzero(np.isin(rows, self.rows))
@@ -235,7 +235,7 @@ class UncertifiedPoles:
         column
             (k,) the column in k successive rows.
         rows
-            These rows in the block.
+            These rows in the block (group of samples).
         """
         # The uncertified rows at the positions `first` to `end` are among the k rows.
         first, end = np.searchsorted(self.rows, [rows.start, rows.stop])
@@ -294,7 +294,7 @@ def evaluate_unsigned_poles(
     kernel
         Compiled functions that compute the poles at all rows together.
     motion
-        The configurations of the block.
+        The configurations of the block (group of samples).
     uncertified_poles
         The poles in rows where the errors of the kernel may be too large. These poles
         replace the values of the kernel.
@@ -472,7 +472,7 @@ class KernelColumns:
         mode
             Index of the assembly mode of the rows.
         rows
-            The rows in the block.
+            The rows in the block (group of samples).
         """
         for find_signs, input_columns in zip(
             self._sign_functions, self.kernel.input_columns, strict=True
@@ -501,7 +501,8 @@ class KernelColumns:
         column
             (k,) the values that the kernel has computed.
         rows
-            The k successive rows of the block to which the numbers belong.
+            The k successive rows of the block (group of samples) to which the numbers
+            belong.
         """
         result = np.where(self._failed[rows], np.nan, column)
         self.uncertified_poles.put_into_column(key, result, rows)
@@ -519,7 +520,7 @@ class LazyField:
     Parameters
     ----------
     source
-        The columns of the block.
+        The columns of the block (group of samples).
     input_index
         Index of the input that moves.
     motion

@@ -89,7 +89,8 @@ class OutputOverview:
         Number of such places that are not listed.
     last_determinant
         The place, the determinant and the sense (see `find_zero_crossings`) of the last
-        examined row, None if it has no determinant. The next block needs it.
+        examined row, None if it has no determinant. The next block (group of samples) needs
+        it.
     last_velocities
         The velocity of the output per rate of each input in the last examined row of a
         path, (inputs, 3). None if it is unknown or signed ratios are used instead. The next

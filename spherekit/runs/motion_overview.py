@@ -108,8 +108,8 @@ class MotionOverview:
         """Examine the outputs in the rows that `add_block` has collected.
 
         A row is one sample in one assembly mode. It is faster to examine the rows of
-        several blocks together. This method is called if there are enough rows, and at the
-        end of the run.
+        several blocks (groups of samples) together. This method is called if there are
+        enough rows, and at the end of the run.
 
         Parameters
         ----------

@@ -74,7 +74,7 @@ class PendingRows:
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
-        """Return the rows of several parts as one, in the order of their samples."""
+        """Return the rows of several groups as one, in the order of their samples."""
         times = [part.times for part in parts if part.times is not None]
         return cls(
             np.concatenate([part.sample for part in parts]),

@@ -105,7 +105,7 @@ class SliceReversals:
     mode
         Index of the assembly mode.
     first_row, last_row
-        Numbers of the first and the last examined row in the block.
+        Numbers of the first and the last examined row in the block (group of samples).
     by_input
         The result for each input that moves while the others are locked.
     """

@@ -92,7 +92,7 @@ class RecordingSession:
         analyses
             Names of the analyses, which the recording states.
         recorder
-            Receives the scenes.
+            Receives the scenes (drawings).
         every
             Number of successive samples of which one is recorded. By default it is chosen
             for at most `MAX_RECORDED_SAMPLES` in each assembly mode.
@@ -211,7 +211,7 @@ class RecordingSession:
         self._sampling = final_sampling
 
     def record_motion(self, motion: Motion) -> None:
-        """Record the links of a block, and the plots that every recording has."""
+        """Record the links of a block (samples), and the plots that every recording has."""
         motion, _ = self._recorded_part(motion)
         if not motion.samples:
             return
@@ -247,7 +247,7 @@ class RecordingSession:
         return (index_in_row % self._every == 0) | is_last_of_path
 
     def _log(self, scene: Scene, motion: Motion) -> None:
-        """Pass a scene to the recorder, with the samples of a block.
+        """Pass a scene (drawing) to the recorder, with the samples of a block.
 
         Some scenes are drawn over a quantity such as a frequency or a parameter of a curve
         (`over`). All others are drawn over the samples.
@@ -267,8 +267,8 @@ class RecordingSession:
     def _log_over_own_axes(self, scene: Scene) -> None:
         """Pass a scene to the recorder that has axes of its own, not those of the samples.
 
-        Such a scene belongs to no sample. To be shown with the recording, its rows are
-        spread evenly over the inputs and times of the recording.
+        Such a scene (drawing) belongs to no sample. To be shown with the recording, its
+        rows are spread evenly over the inputs and times of the recording.
         """
         # The axes of a scene have one value for each row of the scene.
         count = len(scene.over[0].values)

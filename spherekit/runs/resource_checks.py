@@ -95,10 +95,10 @@ def need_disk_for_run(
 ) -> None:
     """Raise `OutputError` if the disk has no room for the tables of a run.
 
-    The rows of a run are first stored in a work folder, block by block. At the end the
-    tables are written from them, and only then the stored rows are removed. So the stored
-    rows and the tables need space at the same time. The sizes are extrapolated from the
-    rows stored so far.
+    The rows of a run are first stored in a work folder, one block (group of samples) after
+    another. At the end the tables are written from them, and only then the stored rows are
+    removed. So the stored rows and the tables need space at the same time. The sizes are
+    extrapolated from the rows stored so far.
 
     Parameters
     ----------

@@ -93,7 +93,7 @@ class RunResult:
     files
         Files that a run with a folder has written.
     views
-        Creates figures and recordings.
+        Creates figures and recordings (files for the viewer).
     """
 
     results: Mapping[str, AnalysisResult]

@@ -47,7 +47,7 @@ def evaluate_sample(motion: Motion, request: Request, max_poles: int) -> PoleFie
     Returns
     -------
     PoleField
-        With entries for all poles of the request.
+        With values for all poles of the request.
     """
     # Poles on pair axes are evaluated in any case. Of all other poles, every `step`-th pole
     # is evaluated.

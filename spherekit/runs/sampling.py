@@ -132,7 +132,7 @@ class Sampling:
         return self.position_analysis.block
 
     def blocks(self, size: int, first_sample: int = 0) -> Iterator[Motion]:
-        """Yield the motion in blocks of `size` successive samples."""
+        """Yield the motion in blocks (groups) of `size` successive samples."""
         for start in range(first_sample, len(self), size):
             yield self.motion_at(np.arange(start, min(start + size, len(self))))
 
@@ -260,8 +260,9 @@ class Sampling:
     def mean_axis_direction(self) -> Floats | None:
         """Mean direction of the axes and contact points in the first assembly mode.
 
-        It is a unit vector (3,) in ground axes, from which recordings are viewed. About 24
-        samples are used, to save time. The result is None if the axes cancel each other.
+        It is a unit vector (3,) in ground axes, from which recordings (files for the
+        viewer) are viewed. About 24 samples are used, to save time. The result is None if
+        the axes cancel each other.
         """
         spread_samples = np.arange(0, len(self), max(1, len(self) // 24))
         motion = self.motion_at(spread_samples)
@@ -315,8 +316,9 @@ class Sampling:
 
         Returns
         -------
-        An entry ``time`` with the duration and the time laws of the inputs. For a
-        simulation an entry ``simulation`` instead, with its start, its end and its checks:
+        A key ``time`` with the duration and the time laws of the inputs. For a simulation a
+        key ``simulation`` instead, with the start, the end and the checks of the
+        simulation:
 
         - ``achieved_error_rad``: difference from a more accurate simulation;
         - ``missed``: a message if the requested tolerance is missed, otherwise None;

@@ -65,7 +65,7 @@ def choose(
     run). If there are stored trades, the setting is chosen from them. Otherwise a short
     trade is made if the run has at least `MIN_SAMPLES_FOR_TRADE` samples, and a run with
     fewer samples has the ordinary setting. If no setting meets the tolerance, the most
-    accurate one is used, and the entry ``met`` of the record is false.
+    accurate one is used, and the key ``met`` of the record is false.
 
     Parameters
     ----------

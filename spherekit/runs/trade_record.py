@@ -250,10 +250,10 @@ class Trade:
     def _setting_as_dict(self, measured: Measured) -> Facts:
         """Return one setting with its times and errors as data for JSON.
 
-        A setting is a way to compute a run. The entry "what" describes the setting in
-        words. "applies" is false if the setting cannot compute this run. "pareto" is true
-        if no other setting has both a shorter time and a smaller error. NaN becomes None,
-        because JSON has no NaN.
+        A setting is a way to compute a run. The key "what" describes the setting in words.
+        "applies" is false if the setting cannot compute this run. "pareto" is true if no
+        other setting has both a shorter time and a smaller error. NaN becomes None, because
+        JSON has no NaN.
         """
         values = {}
         for key, value in asdict(measured).items():

@@ -52,7 +52,7 @@ def format_verification(verification: Facts) -> list[str]:
     Parameters
     ----------
     verification
-        The result of `Verifier.verify`. It has an entry "problem" if nothing was verified.
+        The result of `Verifier.verify`. It has a key "problem" if nothing was verified.
     """
     if "problem" in verification:
         return [f"not verified: {verification['problem']}"]
@@ -124,7 +124,7 @@ def verification_failures(verification: Facts) -> list[str]:
     Parameters
     ----------
     verification
-        The result of `Verifier.verify`. It has an entry "problem" if nothing was verified.
+        The result of `Verifier.verify`. It has a key "problem" if nothing was verified.
     """
     sentences = []
     if "problem" in verification:

@@ -640,7 +640,7 @@ def title_with_unit(label: str, unit: str) -> str:
 
 
 def convert_to_degrees(scene: Scene) -> Scene:
-    """Return a scene with angles, angular rates and accelerations in degrees."""
+    """Return a scene (drawing) with angles, angular rates and accelerations in degrees."""
     # Marked inputs are in the units of the axes. Without axes they are angles.
     axis_factors = [_degrees_of_unit(axis.unit)[0] for axis in scene.over]
     factors = np.array(axis_factors or [np.degrees(1.0)])
