@@ -35,23 +35,24 @@ SINGULAR_NODE_VALUE = 1e-8
 """A configuration with a smaller singular value is singular and belongs to no aspect.
 Larger: aspects lose configurations near singularities."""
 START_SAMPLES_PER_INPUT = 5
-"""Samples along each input at which modes of mechanisms with groups larger than dyads are
-searched. Larger: more aspects are found; smaller: faster."""
+"""Number of samples along each input at which modes of mechanisms with groups larger
+than dyads are searched. Larger: more aspects are found; smaller: faster."""
 SAME_ASPECT_CONFIGURATION_RAD = 1e-6
-"""Configurations whose variables differ by less are the same one. Larger: different modes
-near a singularity are taken for one; smaller: one configuration is counted twice."""
+"""Configurations whose variables differ by less count as the same configuration.
+Larger: different modes near a singularity are taken for one; smaller: one configuration
+is counted twice."""
 MAX_ASPECT_CONFIGURATIONS = 200_000
 """Number of configurations after which no more are connected."""
 NO_CONFIGURATION = -1
-"""Stands for a missing configuration in arrays of numbers of configurations."""
+"""Stands for a missing configuration in arrays of indices of configurations."""
 
 
 @dataclass(frozen=True)
 class Aspects:
-    """n configurations over an input grid, and the aspect of each.
+    """n configurations over a grid of inputs, and the aspect to which each of them belongs.
 
-    An aspect is a part of the configurations that is connected without a singularity. At
-    singularities of type II the output can move while the inputs rest, at those of type I
+    An aspect is a part of the configurations that is connected without a singularity.
+    At singularities of type II the output can move while the inputs rest, at type I
     inputs can move while the output rests.
 
     Attributes
@@ -63,17 +64,17 @@ class Aspects:
     values, inputs
         The variables (n, V) and inputs (n, g), rad.
     label
-        (n,) number of the aspect, the one with most configurations first.
+        (n,) number of the aspect; aspect 0 has the most configurations.
     sizes
         (aspects,) numbers of configurations.
     sign_two, sign_one
-        (aspects,) sign of the determinant that vanishes at type II, and of that of type I.
-        Both refer to a basis of the rates that close the loops. A sign is 0 if it has no
-        meaning, in two cases. If the loop equations are redundant, the sense of the basis
-        can jump from configuration to configuration. If the output has more degrees of
-        freedom than there are inputs, the matrix of type I is not square. `sign_one` is
-        also 0 if an aspect has both signs, which is possible if only type II divides
-        aspects.
+        (aspects,) sign of the determinant that vanishes at type II, and of the one that
+        vanishes at type I. Both determinants refer to a basis of the rates that close
+        the loops. A sign is 0 if it has no meaning, in two cases. If the loop equations
+        are redundant, the sense of the basis can jump from configuration to
+        configuration. If the output has more degrees of freedom than there are inputs,
+        the matrix of type I is not square. `sign_one` is also 0 if an aspect has both
+        signs, which is possible if only type II divides aspects.
     modes
         (aspects,) largest number of configurations of the aspect at one sample. These are
         different assembly modes (ways to assemble the mechanism at the same inputs). If the
@@ -135,8 +136,8 @@ def aspects(
         inputs rest) always does; type I (inputs can move while the output rests) does if it
         is named.
     output, pointing
-        The output that rests at type I: its name, and the direction of it that has to rest;
-        see `spherekit.singularities.stationarity.output_of`.
+        The output that rests at type I: the name of the output, and its direction that
+        has to rest; see `spherekit.singularities.stationarity.output_of`.
     budget
         Time after which no more configurations are joined, unlimited by default.
 
@@ -240,10 +241,10 @@ class _AspectNodes(ArrayRows):
         may depend on each other. Then the value is the determinant of M^T M, which is never
         negative. It is 0 if there is no output.
     slope_one
-        (n, g) derivatives of `determinant_one` by the g inputs. They show whether the
-        determinant vanishes between two configurations. They are 0 if type I does not
-        divide aspects. Type II needs no slopes: paths between configurations are followed
-        in steps that cannot pass type II.
+        (n, g) derivatives of `determinant_one` with respect to the g inputs. They show
+        whether the determinant vanishes between two configurations. They are 0 if type
+        I does not divide aspects. Type II needs no slopes: paths between configurations
+        are followed in steps that cannot pass type II.
     """
 
     values: Floats
@@ -262,8 +263,8 @@ class _AspectGraph:
 
     Two configurations at neighbouring samples are connected if a straight path of the
     inputs leads from one to the other without a singularity. Connected parts of the graph
-    are the aspects. At singularities of type II the output can move while the inputs rest,
-    at those of type I inputs can move while the output rests.
+    are the aspects. At singularities of type II the output can move while the inputs
+    rest, at type I inputs can move while the output rests.
 
     Parameters
     ----------
@@ -288,8 +289,8 @@ class _AspectGraph:
         (samples, k) indices of the configurations at each sample. A sample with fewer than
         k configurations has `NO_CONFIGURATION` in its last columns.
     is_path_known
-        (n, directions) whether the path from a configuration in a direction was followed
-        from its other end, so that it need not be followed again.
+        (n, directions) whether the path from a configuration in a direction was
+        followed from its other end, so that it is not followed again.
     connections
         Arrays (m, 2) of the indices of connected configurations.
     """
@@ -342,7 +343,7 @@ class _AspectGraph:
         # For each configuration and direction of the grid: whether the path in this
         # direction was already followed from its other end.
         self.is_path_known = np.zeros((0, len(self.neighbours)), dtype=bool)
-        # The edges, as arrays (m, 2) of numbers of configurations.
+        # The edges, as arrays (m, 2) of indices of configurations.
         self.connections = [np.zeros((0, 2), dtype=np.intp)]
 
     def _make_nodes(self, values: Floats, samples: Indices) -> _AspectNodes:
@@ -374,8 +375,8 @@ class _AspectGraph:
         )
         # The determinant refers to a basis of the rates that close the loops. If the sense
         # of this basis is arbitrary, the sign has no meaning, and the determinant is set to
-        # 0. That of type I is kept in such a case, since it still vanishes at
-        # singularities; `label_aspects` then ignores its sign.
+        # 0. The determinant of type I is kept in such a case, since it still vanishes
+        # at singularities; `label_aspects` then ignores its sign.
         determinant_two = np.zeros(len(values))
         if measure_two.changes_sign:
             determinant_two = measure_two.value
@@ -392,8 +393,8 @@ class _AspectGraph:
                 )
                 # `gradient` has derivatives along the basis of the tangent space (all
                 # rates that close the loops). The inverse of the inputs' rates along this
-                # basis converts them to derivatives by the inputs. It exists at regular
-                # nodes.
+                # basis converts them to derivatives with respect to the inputs. The
+                # inverse exists at regular nodes.
                 is_regular = smallest_value > SINGULAR_NODE_VALUE
                 inverse = nans((*slope_one.shape, input_count))
                 inverse[is_regular] = np.linalg.inv(space.basis[is_regular][:, self.driven])
@@ -410,7 +411,7 @@ class _AspectGraph:
     def add_configurations(self, values: Floats, samples: Indices) -> Indices:
         """Add configurations at samples of the grid, unless the graph has them already.
 
-        The table `numbers_at_sample` has one row per sample, with the numbers of the
+        The table `numbers_at_sample` has one row per sample, with the indices of the
         configurations at this sample:
 
             sample 0:  configurations 4,  7
@@ -432,7 +433,7 @@ class _AspectGraph:
         (n,) indices of the configurations.
         """
         numbers = np.full(len(values), NO_CONFIGURATION)
-        # Positions of the configurations whose number is not known yet.
+        # Positions of the configurations whose index is not known yet.
         remaining = np.arange(len(values))
         column = 0
         while len(remaining):
@@ -448,14 +449,14 @@ class _AspectGraph:
         """Find configurations in one column of `numbers_at_sample`, or add them there.
 
         A sample (values of the inputs) can have several configurations. The table has a row
-        for each sample, with the numbers of its known configurations:
+        for each sample, with the indices of its known configurations:
 
             sample 0:  configurations 4,  7
             sample 1:  configuration  5,  none
 
-        The caller searches configurations in column 0, those that are not there in column
-        1, and so on. If the place of a sample in the column is free, the configuration is
-        new, and gets this place.
+        The caller searches configurations in column 0, then the remaining ones in
+        column 1, and so on. If the place of a sample in the column is free, the
+        configuration is new, and gets this place.
 
         Parameters
         ----------
@@ -476,11 +477,11 @@ class _AspectGraph:
     def _fill_free_places(self, column: int, values: Floats, samples: Indices) -> None:
         """Store one new configuration at each sample that has a free place in a column.
 
-        The table `numbers_at_sample` has a row for each sample, with the numbers of its
+        The table `numbers_at_sample` has a row for each sample, with the indices of its
         configurations in successive columns. The caller has compared the configurations
-        with all former columns. If the place in this column is free, the row ends here, and
-        the configuration is new. If several new configurations belong to one sample, only
-        the first is stored.
+        with all former columns. If the place in this column is free, the row ends here,
+        and the configuration is new. If several new configurations belong to one
+        sample, only the first is stored.
 
         Parameters
         ----------
@@ -514,9 +515,9 @@ class _AspectGraph:
         self.is_path_known = np.pad(self.is_path_known, ((0, len(samples)), (0, 0)))
 
     def _find_in_column(self, column: int, values: Floats, samples: Indices) -> Indices:
-        """Compare configurations with those that one table column has for their samples.
+        """Compare configurations with the ones that a table column has at the same samples.
 
-        The table `numbers_at_sample` has a row for each sample, with the numbers of its
+        The table `numbers_at_sample` has a row for each sample, with the indices of its
         configurations in successive columns. Two configurations are the same if their
         variables differ by whole periods only, within a tolerance.
 
@@ -624,7 +625,8 @@ class _AspectGraph:
         pairs = np.stack([starts[arrived], ends], axis=1)
         is_connected = np.all(self.nodes.is_regular[pairs], axis=1)
         if self.divides_by_type_one:
-            # Derivatives by the inputs times these changes are slopes along the path.
+            # Derivatives with respect to the inputs times these changes are slopes
+            # along the path.
             input_changes = (end_nodes.values - values)[arrived][:, self.driven]
             is_connected &= self._keeps_sign_of_type_one(pairs, input_changes)
         self.connections.append(pairs[is_connected])
@@ -645,8 +647,9 @@ class _AspectGraph:
             (n, g) changes of the g inputs along the path (rad).
         """
         start_value, end_value = self.nodes.determinant_one[pairs].T
-        # Derivatives by the position on the path, which rises from 0 to 1: the scalar
-        # products of (n, 2, g) derivatives by the inputs with the changes (n, g).
+        # Derivatives with respect to the position on the path, which rises from 0 to 1:
+        # the scalar products of (n, 2, g) derivatives with respect to the inputs with
+        # the changes (n, g).
         slopes = np.matvec(self.nodes.slope_one[pairs], input_changes)
         start_slope, end_slope = slopes.T
         coefficients = [
@@ -667,8 +670,9 @@ class _AspectGraph:
 
         Two determinants of a configuration tell aspects apart by their signs. The rates of
         the inputs in independent motions of the mechanism are a matrix. Its determinant is
-        zero at type II, where the output can move while the inputs rest. The same with the
-        rates of the output is zero at type I, where inputs can move while the output rests.
+        zero at type II, where the output can move while the inputs rest. The
+        corresponding determinant of the rates of the output is zero at type I, where
+        inputs can move while the output rests.
 
         Parameters
         ----------
@@ -679,14 +683,15 @@ class _AspectGraph:
         # Indices of the regular configurations among all, rising.
         regular_numbers = np.flatnonzero(self.nodes.is_regular)
         nodes = self.nodes.rows(regular_numbers)
-        # Connections join regular configurations. Their numbers among all configurations
-        # are converted to positions among the regular ones.
+        # Connections join regular configurations. Their indices among all
+        # configurations are converted to positions among the regular ones.
         edges = np.searchsorted(regular_numbers, np.concatenate(self.connections))
         # (n,) number of the aspect of each configuration.
         label = _number_by_size(label_components(len(regular_numbers), edges))
         sizes = np.bincount(label)
         # Some mechanisms have another determinant for type I that is never negative, for
-        # example if the matrix is not square. Its sign tells nothing, so it counts as zero.
+        # example if the matrix is not square. Its sign tells nothing, so the sign
+        # counts as zero.
         determinant_one = nodes.determinant_one
         if not self.has_sign_of_type_one:
             determinant_one = np.zeros_like(determinant_one)

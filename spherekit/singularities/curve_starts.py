@@ -27,23 +27,23 @@ from spherekit.time_limit import TimeLimit
 from spherekit.tolerances import CLOSURE_TOLERANCE
 
 CLOSING_NEWTON_STEPS = 40
-"""Most Newton steps from a random start to closed loops. Larger: more starts succeed;
-smaller: failures end sooner."""
+"""Largest number of Newton steps from a random start to closed loops. Larger: more
+starts succeed; smaller: failures end sooner."""
 RANDOM_LOCUS_NEWTON_STEPS = 30
-"""Most Newton steps from closed loops to the locus. Larger, smaller: as for the loops."""
+"""Largest number of Newton steps from closed loops to the locus. Effects as above."""
 CURVE_STARTS_PER_ROUND = 256
-"""Random starts of one round. Larger: rounds without a new result are stronger evidence;
-smaller: the search ends sooner."""
+"""Number of random starts in one round. Larger: rounds without a new result are
+stronger evidence; smaller: the search ends sooner."""
 STARTS_OF_EVERYWHERE_TEST = 64
-"""Random starts that decide whether every configuration is singular. Larger: a type that is
-regular in few configurations only is noticed."""
+"""Number of random starts that decide whether every configuration is singular. Larger:
+a type that is regular in few configurations only is noticed."""
 SLICE_CURVES_AT_ONCE = 16
-"""Curves of slices whose singular points form one batch. Larger: curves are followed from
-more points at the same time, and the time limit is checked less often."""
+"""Number of curves of slices whose singular points form one batch. Larger: curves are
+followed from more points at the same time, and the time limit is checked less often."""
 MAX_ROUNDS_WITHOUT_RESULT = 3
-"""Successive rounds of random starts without a new result after which a search ends."""
+"""Number of successive rounds of random starts without a new result that end a search."""
 MAX_RANDOM_ROUNDS = 12
-"""Rounds of random starts after which a search ends at the latest."""
+"""Largest number of rounds of random starts in a search."""
 RANDOM_SEED = 20240616
 """Seed of the random starts, fixed so that results are repeatable."""
 TIME_SHARE_OF_SLICES = 0.6
@@ -63,7 +63,7 @@ class LocusPointSearch:
     mechanism
         The mechanism.
     input_count
-        Number of inputs that it must have.
+        Number of inputs that the mechanism must have.
     kind, output, pointing
         Type of singularity, and the output (see
         `spherekit.singularities.stationarity.output_of`).
@@ -105,7 +105,7 @@ class LocusPointSearch:
         slices_of_each: int,
         time_limit: TimeLimit | None,
     ) -> None:
-        """Check the request, and follow slices if they are needed.
+        """Check the request, and follow slices if the search starts from slices.
 
         The search yields singular configurations of one type. Points are searched on
         slices, which are curves of configurations with all inputs but one locked.
@@ -151,7 +151,8 @@ class LocusPointSearch:
         self.time_limit = time_limit or TimeLimit()
         self.section = section
         self.is_everywhere = is_singular_everywhere(self.report)
-        # No points are yielded if every configuration is singular, so no slices are needed.
+        # No points are yielded if every configuration is singular, so no slices are
+        # followed.
         if section is None and slices_of_each and not self.is_everywhere:
             # The rest of the time is for following curves or surfaces from the points.
             slice_limit = self.time_limit.part(TIME_SHARE_OF_SLICES)
@@ -318,7 +319,7 @@ def closed_configurations(
 def is_singular_everywhere(report: SingularityReport) -> bool:
     """Return whether all configurations that are reached from random starts are singular.
 
-    The type of singularity is that of the report. If all configurations have this type, its
+    `report` states the type of singularity. If all configurations have this type, the
     singular configurations are no curves or surfaces that could be followed.
     """
     values = closed_configurations(
@@ -331,11 +332,12 @@ def is_singular_everywhere(report: SingularityReport) -> bool:
 def points_from(
     locus: SingularityLocus, values: Floats, driven: Sequence[int]
 ) -> LocusPoints:
-    """Return the singular configurations that Newton's method reaches from other ones.
+    """Return the singular configurations that Newton's method reaches from given ones.
 
-    Newton's method changes a configuration until it is singular. Meanwhile all inputs but
-    one are locked, so that they stay in their ranges. The free input is another one from
-    configuration to configuration. In each round all inputs are also free once.
+    Newton's method changes a configuration until it is singular. All inputs but one are
+    locked during these changes, so that the locked inputs stay in their ranges. The
+    free input differs from configuration to configuration. In turn with these, some
+    configurations have all inputs free.
 
     Parameters
     ----------
@@ -344,7 +346,7 @@ def points_from(
     values
         (n, V) closed configurations (rad).
     driven
-        Numbers of the inputs' variables.
+        Indices of the inputs' variables.
 
     Returns
     -------
@@ -369,9 +371,10 @@ def _locked_input_conditions(
 ) -> Floats:
     """Return the linear conditions that lock all inputs but one, in turn.
 
-    Newton's method takes configurations to singular ones under these conditions. With two
-    inputs, configuration 0 has the second input locked, configuration 1 the first one, and
-    configuration 2 none. Configuration 3 begins again with the second input.
+    Newton's method takes configurations to singular ones under these conditions. With
+    two inputs, configuration 0 has the second input locked, configuration 1 the first
+    input, and configuration 2 no input. Configuration 3 begins again with the second
+    input.
 
     Parameters
     ----------
@@ -380,7 +383,7 @@ def _locked_input_conditions(
     variable_count
         Number V of the pair variables.
     driven
-        Numbers of the inputs' variables.
+        Indices of the inputs' variables.
 
     Returns
     -------

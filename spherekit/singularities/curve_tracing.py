@@ -1,7 +1,7 @@
 """Curves of singular configurations, followed by verified steps.
 
-The method is that of `spherekit.positions.continuation`. The second derivative of a
-curve at a node is estimated from the last step.
+The method is the same as in `spherekit.positions.continuation`. The second derivative
+of a curve at a node is estimated from the last step.
 """
 
 from dataclasses import dataclass, replace
@@ -35,9 +35,9 @@ MAX_SINGULAR_CURVE_LENGTH_RAD = 200.0
 """Arc length after which a curve that does not close is ended in each direction. Larger:
 such curves take longer; smaller: long curves are cut."""
 CURVE_FREEDOMS = 2
-"""Degrees of freedom of the mechanisms whose loci are curves."""
+"""Number of degrees of freedom of the mechanisms in which loci are curves."""
 FIRST_CURVE_STEP_RAD = 0.05
-"""The first step that is tried. It affects the time only."""
+"""Length of the first step that is tried. It affects the computing time only."""
 
 SAME_LAP_COSINE = 0.8
 """Least size of the cosine between the singular motions at the start and at the end of a
@@ -56,7 +56,7 @@ def trace_curves(
     locus
         The singular configurations of one type, of a mechanism with two degrees of freedom.
     starts
-        n singular configurations, one on each curve.
+        n singular configurations, one for each curve.
     time_limit
         Processor time, unlimited by default. When it is reached, curves that are not
         complete end with status MODE_LOST.

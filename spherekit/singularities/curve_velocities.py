@@ -32,8 +32,8 @@ REST_ROUNDING_FACTOR = 100.0
 """Relative rates below this multiple of the bound of their rounding error are zero. Larger:
 slow links count as resting; smaller: rounding hides zeros."""
 CACHED_POSITION_SETS = 16
-"""Sets of arc lengths of a curve whose rates are kept, because all poles are needed at the
-same arc lengths."""
+"""Number of sets of arc lengths of a curve whose rates are kept, because all poles are
+computed at the same arc lengths."""
 CROSSING_DISTANCE_FACTOR = 4.0
 """Least distance of a zero of a rate from a crossing of curves, as a multiple of its error.
 Larger: zeros near crossings are lost; smaller: rounding near crossings counts as a zero."""
@@ -41,7 +41,7 @@ PROJECTION = np.array([0.5257311, 0.3090170, 0.7925405])
 """Direction on which relative rates are projected to find their zeros. It is at right
 angles to no axis, except by chance."""
 REST_NEWTON_STEPS = 3
-"""Gauss-Newton steps from a zero of the projected rate to the least relative rate."""
+"""Number of Gauss-Newton steps from a zero of the projected rate to the least rate."""
 ZERO_ROUNDING_FACTOR = 16.0
 """Error of a zero from rounding of its arc length, in EPS times the length of the curve."""
 CONFIGURATION_ERROR_FACTOR = 8.0
@@ -108,9 +108,9 @@ class LinkMotion:
         The configurations.
     w, dw
         (n, bodies, 3) angular velocity of each link (body) relative to body 0, the ground,
-        and its derivative by the parameter of the motion. Velocities are per unit rate of
-        this parameter, such as the arc length of a curve. `dw` is NaN in rows in which the
-        second derivatives of the variables are NaN.
+        and its derivative with respect to the parameter of the motion. Velocities are
+        per unit rate of this parameter, such as the arc length of a curve. `dw` is NaN
+        in rows in which the second derivatives of the variables are NaN.
     rounding
         (n,) bounds of the rounding errors of w. Near a crossing of curves, with the
         reciprocal condition number k of the equations, the configuration itself has an
@@ -121,9 +121,9 @@ class LinkMotion:
     position_analysis
         The mechanism, with one degree of freedom.
     values, tangents, bends
-        (n, variables) variables (rad) and their first and second derivatives by the
-        parameter, for example the arc length of a curve. `bends` is None at a crossing of
-        curves.
+        (n, variables) variables (rad) and their first and second derivatives with
+        respect to the parameter, for example the arc length of a curve. `bends` is None
+        at a crossing of curves.
     """
 
     def __init__(
@@ -140,8 +140,8 @@ class LinkMotion:
         position_analysis
             The mechanism, with one degree of freedom.
         values, tangents
-            (n, variables) pair variables (rad) and their derivatives by the parameter of
-            the motion, for example the arc length of a curve.
+            (n, variables) pair variables (rad) and their derivatives with respect to
+            the parameter of the motion, for example the arc length of a curve.
         bends
             (n, variables) second derivatives. None at a crossing of curves, where the
             closure equations are singular and second derivatives are unknown. Accelerations
@@ -175,7 +175,7 @@ class LinkMotion:
         return np.linalg.norm(w, axis=1), np.linalg.norm(dw, axis=1)
 
     def rests(self, pole: Pole) -> Bools:
-        """Return for n configurations whether the two links of a pole rest relatively.
+        """Return, for n configurations, whether both links of a pole move together.
 
         They rest if their relative angular speed is at most a multiple of its rounding
         error.
@@ -218,7 +218,7 @@ class LinkMotion:
         return PoleAxes(directions, errors)
 
     def _axis_by_velocity(self, pole: Pole) -> _AxisEstimate:
-        """Return the axis along the relative angular velocity of the pole's links."""
+        """Return the axis along the relative angular velocity of the links of a pole."""
         w, _ = self.relative(*pole)
         speed, _ = self.speeds(pole)
         return _AxisEstimate(direction=w / speed[:, None], error=self.rounding / speed)
@@ -226,11 +226,11 @@ class LinkMotion:
     def _axis_by_derivative(self, pole: Pole) -> _AxisEstimate:
         """Return the pole axis along the derivative of the relative angular velocity.
 
-        w is the angular velocity of the pole's second link relative to the first, and w'
-        its derivative by the arc length of a curve of configurations. w is along the axis.
-        Near a zero of w, its direction is lost in rounding, and this method is used. At the
-        zero, w' is along the axis. At the arc length x from the zero, the axis has turned a
-        little, and this adds to the error:
+        w is the angular velocity of the pole's second link relative to the first, and
+        w' its derivative with respect to the arc length of a curve of configurations. w
+        is along the axis. Near a zero of w, its direction is lost in rounding, and this
+        method is used. At the zero, w' is along the axis. At the arc length x from the
+        zero, the axis has turned a little, and this adds to the error:
 
             error = x * (1 + turning rate of the axis) + rounding error of w / |w'|
 
@@ -250,10 +250,10 @@ class LinkMotion:
     def _axis_turning_rate(self, pole: Pole) -> Floats:
         """Return the angle (n,) through which a pole axis turns per unit of arc length.
 
-        The pole axis is that of the relative rotation of two links, along their relative
-        angular velocity w. The rate is the part of w' (derivative by the arc length of a
-        curve of configurations) at right angles to the axis, divided by |w|. Where w is
-        exactly zero, the rate is NaN.
+        The pole axis is the axis of the relative rotation of two links, along their
+        relative angular velocity w. The result is the part of w' (derivative with
+        respect to the arc length of a curve of configurations) at right angles to the
+        axis, divided by |w|. Where w is exactly zero, the rate is NaN.
         """
         _, dw = self.relative(*pole)  # w'
         speed, _ = self.speeds(pole)  # |w|
@@ -292,8 +292,8 @@ def bound_velocity_rounding(
 
     Rounding is amplified near a crossing of curves of configurations, where the closure
     equations are nearly singular. With their reciprocal condition number k, a configuration
-    has an error of about EPS / k. Velocities at this configuration have one of about
-    EPS / k^2. The bound is a sum of multiples of both.
+    has an error of about EPS / k. Velocities at this configuration have an error of
+    about EPS / k^2. The bound is a sum of multiples of both.
 
     Parameters
     ----------
@@ -432,7 +432,7 @@ class CurveMotion:
         return oriented
 
     def signed_rate(self, s: Floats, pole: Pole) -> tuple[Floats, Floats]:
-        """Return the relative rate (n,) of a pole's links, and its derivative by s (n,).
+        """Return the relative rate of a pole's links, and its derivative with respect to s.
 
         The rate is the angular velocity of the second link relative to the first, along the
         axis of the pole, per unit of the arc length s of the curve.
@@ -447,12 +447,12 @@ class CurveMotion:
     def _continuous_direction(self, s: Floats, pole: Pole) -> Floats:
         """Return unit vectors (n, 3) along a pole axis, continuous on the whole curve.
 
-        The pole axis is that of the relative rotation of two links, along their relative
-        angular velocity w. Each time w passes through zero, w reverses, but the unit
-        vectors do not. At the start of the curve they have the direction of w. After the
-        first zero they are opposite to w, after the second zero they have its direction
-        again, and so on. If the links never move relative to each other, the vectors are
-        zero.
+        The pole axis is the axis of the relative rotation of two links, along their
+        relative angular velocity w. Each time w passes through zero, w reverses, but
+        the unit vectors do not. At the start of the curve they have the direction of w.
+        After the first zero they are opposite to w, after the second zero they have its
+        direction again, and so on. If the links never move relative to each other, the
+        vectors are zero.
 
         Parameters
         ----------
@@ -465,10 +465,10 @@ class CurveMotion:
         rest_points = self.rest_points(pole)
         if rest_points is None:
             return np.zeros((len(s), 3))
-        # |w| and |dw|, where dw is the derivative of w by the arc length.
+        # |w| and |dw|, where dw is the derivative of w with respect to arc length.
         speed, growth = self.links_at(s).speeds(pole)
         # The distance from a simple zero of w is about speed / growth. Near a zero, the
-        # direction of w is inaccurate, but that of dw is not.
+        # direction of w is inaccurate, but the direction of dw is not.
         is_near_rest = speed <= NEAR_REST_RAD * growth
         direction = np.where(
             is_near_rest[:, None],
@@ -509,9 +509,10 @@ class CurveMotion:
         """Return the continuous direction (n, 3) of a pole axis near zeros of velocity w.
 
         w is the relative angular velocity of the two links of the pole, and dw its
-        derivative by the arc length s of a curve of configurations. Near a zero of w, the
-        direction of w is inaccurate, but that of dw is not. Just before and just after the
-        zero, dw has the same direction: the one that w has after the zero.
+        derivative with respect to the arc length s of a curve of configurations. Near a
+        zero of w, the direction of w is inaccurate, but the direction of dw is not.
+        Just before and just after the zero, dw has the same direction: the one that w
+        has after the zero.
 
         At each zero w reverses, but the result does not. So the direction of w after the
         zero is multiplied by -1 if w has reversed an odd number of times until then.
@@ -548,10 +549,11 @@ class CurveMotion:
     def _find_rest_points(self, pole: Pole) -> RestPoints | None:
         """Return all points of a curve at which two links rest relative to each other.
 
-        First the zeros of one component of their relative angular velocity are located. The
-        component is that along `PROJECTION`, a constant vector that is hardly ever at right
-        angles to the velocity. The result has those zeros at which the whole vector
-        vanishes within its rounding error. It is None if the links rest on the whole curve.
+        First the zeros of one component of their relative angular velocity are located.
+        The component is along `PROJECTION`, a constant vector that is hardly ever at
+        right angles to the velocity. The result has those zeros at which the whole
+        vector vanishes within its rounding error. It is None if the links rest on the
+        whole curve.
 
         Zeros very near to an end at a crossing with other curves are left out. Rounding
         errors are large there, so any velocity may seem to be zero.
@@ -566,10 +568,11 @@ class CurveMotion:
         def projected_rate(s: Floats) -> tuple[Floats, Floats]:
             """Return one component of the relative angular velocity, and its derivative.
 
-            The velocity is that of the second link of `pole` relative to the first, at arc
-            lengths s (n,) of the curve. The component (n,) is that along the constant
-            vector `PROJECTION`. Where the links rest, it is zero too, and a zero of one
-            number is easy to find. The derivative is by s.
+            The velocity is the angular velocity of the second link of `pole` relative
+            to the first, at arc lengths s (n,) of the curve. The component (n,) is
+            along the constant vector `PROJECTION`. Where the links rest, it is zero
+            too, and a zero of one number is easy to find. The derivative is with
+            respect to s.
             """
             w, dw = self.links_at(s).relative(*pole)
             return w @ PROJECTION, dw @ PROJECTION
@@ -592,13 +595,14 @@ class CurveMotion:
     def _bound_zero_errors(self, s: Floats, is_double: Bools, pole: Pole) -> Floats:
         """Return bounds (k,) of the errors of zeros of a relative angular velocity (rad).
 
-        Let r be the bound of the rounding error of the velocity. The slope is the size of
-        the derivative of the velocity by the arc length.
+        Let r be the bound of the rounding error of the velocity. The slope is the size
+        of the derivative of the velocity with respect to arc length.
 
         - A simple zero moves by r over the slope at the zero. The rounding error of the arc
           length is added.
         - At a double zero the velocity touches zero like a parabola, c x^2 / 2 at the
-          distance x, with the second derivative c. It is below r up to x = sqrt(2 r / c).
+          distance x, with the second derivative c. The velocity is below r up to x =
+          sqrt(2 r / c).
 
         Parameters
         ----------
@@ -666,10 +670,10 @@ class CurveMotion:
         """Move zeros of one component of a velocity to the nearest minima of its magnitude.
 
         The vector w is the relative angular velocity of two links along a curve. The
-        component is that along the constant vector `PROJECTION`. If all components of w
+        component is along the constant vector `PROJECTION`. If all components of w
         vanish there, the minimum of |w| is the more accurate zero. Gauss-Newton steps
-        change the arc length by -(w . w') / (w' . w'), with the derivative w' by the arc
-        length.
+        change the arc length by -(w . w') / (w' . w'), with the derivative w' with
+        respect to arc length.
 
         Parameters
         ----------

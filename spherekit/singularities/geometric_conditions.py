@@ -223,11 +223,11 @@ def find_conditions(
 ) -> list[tuple[FulfilledCondition, ...]]:
     """Return the geometric conditions that are fulfilled at each of n configurations.
 
-    The relation c y' = d q' is that of the rate y' of the output and the rate q' of the
-    input. Its coefficients c and d follow from the pole axes of four links: input link i,
-    its reference r, output link o, its reference s. A condition says that some of these
-    axes are parallel, or that planes through them coincide. Then c (type II), d (type I) or
-    both (type III) vanish.
+    The relation c y' = d q' connects the rate y' of the output and the rate q' of the
+    input. Its coefficients c and d follow from the pole axes of four links: input link
+    i, its reference r, output link o, its reference s. A condition says that some of
+    these axes are parallel, or that planes through them coincide. Then c (type II), d
+    (type I) or both (type III) vanish.
 
     Parameters
     ----------
@@ -275,9 +275,9 @@ def _possible_conditions(
 ) -> Mapping[str, tuple[Condition, ...]]:
     """Return the geometric conditions under which a singularity has a certain type.
 
-    In the relation c y' = d q', y' is the rate of the output and q' that of the input. Type
-    I means d = 0, type II c = 0, and type III both. Conditions say that axes of relative
-    rotation are parallel, or that planes through them coincide.
+    In the relation c y' = d q', y' is the rate of the output and q' the rate of the
+    input. Type I means d = 0, type II c = 0, and type III both. Conditions say that
+    axes of relative rotation are parallel, or that planes through them coincide.
 
     Parameters
     ----------
@@ -309,9 +309,9 @@ def _condition_of_three_links(
     u_q, u_y and a third one, p.
 
     In the relation c y' = d q' of the rates, c is proportional to the sine of the angle
-    between u_y and p, and d to that between u_q and p. So type I (d = 0) means that u_q and
-    p are parallel, type II (c = 0) that u_y and p are parallel, and type III that all three
-    are parallel.
+    between u_y and p, and d to the sine of the angle between u_q and p. So type I (d =
+    0) means that u_q and p are parallel, type II (c = 0) that u_y and p are parallel,
+    and type III that all three are parallel.
 
     Parameters
     ----------
@@ -325,8 +325,9 @@ def _condition_of_three_links(
     The condition, by its label: the type, with a number if R. Di Gregorio's lecture on
     singularities of spherical mechanisms has one.
     """
-    # The name of a pole axis is that of its two links: "ir" for links i and r, "os" for o
-    # and s. "or_" has an underscore, because "or" is a word of Python.
+    # The name of a pole axis consists of the names of its two links: "ir" for links i
+    # and r, "os" for o and s. "or_" has an underscore, because "or" is a word of
+    # Python.
     input_axis = "ir"
     output_axis = "os" if relation.form == "i" else "or_"
     third = find_third_axis(relation.form, relation.links)
@@ -349,8 +350,8 @@ class RelationAt:
     Attributes
     ----------
     form
-        "i" if the output is the rotation of link o relative to s, "ii" if it is that
-        relative to r.
+        "i" if the output is the rotation of link o relative to s, "ii" if it is the
+        rotation relative to r.
     c, d
         The coefficients. They follow from the directions of pole axes (axes of relative
         rotation of two links) alone.
@@ -377,7 +378,7 @@ class RelationAt:
 
     @property
     def agrees(self) -> bool:
-        """Whether `type` is the type by the rates of its input and output."""
+        """Whether `type` is the type according to the rates of input and output."""
         return not self.note
 
 
@@ -400,7 +401,8 @@ def compare_with_rates(
 ) -> list[RelationAt]:
     """Return a relation c y' = d q' at n singularities, compared with the rates.
 
-    y' is the rate of the output and q' that of the input. c and d follow from pole axes.
+    y' is the rate of the output and q' the rate of the input. c and d follow from pole
+    axes.
 
     The type of a singularity can be decided in two ways. According to the relation, it is
     type I if d = 0, and type II if c = 0. According to the rates, it is type I if the
@@ -418,7 +420,7 @@ def compare_with_rates(
     axis_errors
         (n,) error bounds (rad) of the pole axes.
     types_by_rates
-        Type of each singularity by the rates.
+        Type of each singularity according to the rates.
     is_resting
         (n,) for each pole whether its two links rest relative to each other.
     """
@@ -443,7 +445,8 @@ def compare_with_rates(
     for row, kind in enumerate(types_by_coefficients):
         type_by_rates = types_by_rates[row]
         if type_by_rates == Type.SELF_MOTION:
-            # If both rest, the relation has c = d = 0, which it calls type III.
+            # If input and output rest, the relation has c = d = 0, which it calls type
+            # III.
             type_by_rates = Type.III
         note = ""
         if kind != type_by_rates:
@@ -475,16 +478,17 @@ def _explain_disagreement(
 ) -> str:
     """Return why the coefficients of c y' = d q' tell another type than the rates.
 
-    The type is that of a singularity. y' is the rate of the output, q' that of the input.
-    Each is the relative rate of two
-    links. c and d are triple products of the pole axes (axes of relative rotation) of these
-    links. By the coefficients a singularity has type I if d = 0 and type II if c = 0. By
-    the rates it has type I if y' = 0 and type II if q' = 0. Type III means both.
+    y' is the rate of the output and q' the rate of the input at a singularity. Each is
+    the relative rate of two links. c and d are triple products of the pole axes (axes
+    of relative rotation) of these links. By the coefficients a singularity has type I
+    if d = 0 and type II if c = 0. By the rates it has type I if y' = 0 and type II if
+    q' = 0. Type III means both.
 
     Parameters
     ----------
     kind, type_by_rates
-        The type by the coefficients, None if none vanishes, and the type by the rates.
+        The type according to the coefficients, None if no coefficient vanishes, and the
+        type according to the rates.
     links
         The links of the relation.
     resting_links

@@ -1,9 +1,9 @@
-"""Grashof's criterion on the sphere: which links of a spherical four-bar turn fully.
+"""Grashof's criterion on the sphere, which says which links of a four-bar turn fully.
 
 The arcs of the links, in (0, pi], are g of the fixed link, a of the input, h of the coupler
 and b of the output. While the input turns, the distance c of the two moving axes runs from
-``|g - a|`` to the smaller one of g + a and 2 pi - g - a. Coupler and output can be joined
-if c is at least ``|h - b|`` and at most the smaller one of h + b and 2 pi - h - b.
+``|g - a|`` to the smaller of g + a and 2 pi - g - a. Coupler and output can be joined
+if c is at least ``|h - b|`` and at most the smaller of h + b and 2 pi - h - b.
 
 So they can be joined at all inputs if T1 T2 >= 0 (for the smallest c) and T3 T4 >= 0 (for
 the largest c). The four sums T of arcs are defined in `class_of`, see J. M. McCarthy and

@@ -2,8 +2,8 @@
 
 Link i turns relative to r (the input), link o relative to s (the output). The pole axes of
 any three links are in one plane (Aronhold and Kennedy). A triple product of three of the
-six axes therefore eliminates the two rates that are neither that of the input nor that of
-the output.
+six axes therefore eliminates the two rates that belong neither to the input nor to the
+output.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,8 +25,8 @@ LINKS_OF_AXIS = {
     "is_": ("i", "s"),
     "rs": ("r", "s"),
 }
-"""For each field of `SixPoles`, the two fields of `FourLinks` whose pole axis it has. The
-pole of the output comes first, then that of the input."""
+"""For each field of `SixPoles`, the two fields of `FourLinks` whose pole axis it has.
+The pole of the output comes first, then the pole of the input."""
 ONE_LINE_SINE = 1e-12
 """Axes are on one line and span no plane if the sine of the angle between any two is
 smaller. Larger: more relations are not determined; smaller: a plane is determined by
@@ -36,7 +36,7 @@ rounding."""
 SIGN_OF_D_FOR_DIFFERENCE = 1.0
 """Sign in the formula of d if the third rotation is output minus input; see `ThirdAxis`."""
 SIGN_OF_D_FOR_SUM = -1.0
-"""The same if the third rotation is output plus input."""
+"""Sign in the formula of d if the third rotation is output plus input."""
 
 
 class Type(StrEnum):
@@ -60,9 +60,9 @@ Form = Literal["i", "ii"]
 class FourLinks:
     """Indices of the four links whose relative rotations are an input and an output.
 
-    The input is the rotation of link i relative to r, the output that of link o relative to
-    s. i and r are different links, and so are o and s. Apart from that, two of the four may
-    be the same link.
+    The input is the rotation of link i relative to r, the output the rotation of link o
+    relative to s. i and r are different links, and so are o and s. Apart from that, two
+    of the four may be the same link.
 
     Attributes
     ----------
@@ -95,8 +95,8 @@ class FourLinks:
     def poles(self) -> list[Pole]:
         """The poles (axes of relative rotation) of any two different links, each once.
 
-        The poles are those of the input link, the output link and their two reference
-        links. The pole of the output is first, that of the input second.
+        The poles belong to the input link, the output link and their two reference
+        links. The pole of the output comes first, then the pole of the input.
         """
         poles: list[Pole] = []
         for axis in LINKS_OF_AXIS:
@@ -193,8 +193,8 @@ class Relation:
     from the pole axes of four links i, r, o and s alone, see `make_relation`. The relation
     has two forms:
 
-    - Form "i": q' is the rate of i relative to r (input), y' that of o relative to s
-      (output).
+    - Form "i": q' is the rate of i relative to r (input), y' the rate of o relative to
+      s (output).
     - Form "ii": q' is the same, but y' is the rate of o relative to r. Here s is an
       auxiliary link. It only serves to eliminate the other rates, by its pole axes.
 
@@ -226,7 +226,8 @@ class Relation:
         Parameters
         ----------
         output_rate, input_rate
-            (n,) rates y' of the output and q' of the input, by any common parameter.
+            (n,) rates y' of the output and q' of the input, with respect to any common
+            parameter.
         """
         size = np.hypot(output_rate, input_rate)
         difference = np.abs(self.c * output_rate - self.d * input_rate)
@@ -241,8 +242,8 @@ class ThirdAxis:
 
     Input and output are rotations of one link relative to another, with the rates q' and y'
     about the pole axes u_q and u_y. If input and output share a link, there are three links
-    and a third relative rotation. It has the rate r' about the axis p, and is the
-    difference or the sum of the two:
+    and a third relative rotation. It has the rate r' about the axis p, and this
+    rotation is the difference or the sum of the other two:
 
     - y' u_y - q' u_q = r' p if the shared link is the moving link of both, or the reference
       link of both. Then c = n . (u_y x p) and d = n . (u_q x p).
@@ -262,7 +263,8 @@ class ThirdAxis:
     label_suffix
         End of the label of a condition for a singularity, after its type I, II or III. In
         R. Di Gregorio's lecture on the singularity analysis of spherical mechanisms, it
-        depends on which two of the four links are the same. Empty if the lecture has none.
+        depends on which two of the four links are the same. Empty if the lecture has no
+        suffix.
     """
 
     name: str
@@ -309,9 +311,9 @@ def _third_axis_seen_from_input_reference(links: FourLinks) -> ThirdAxis:
 def _third_axis_of_shared_link(links: FourLinks) -> ThirdAxis:
     """Return the third axis of rotation if two of the links i, r, o, s are the same.
 
-    The output is the rotation of o relative to s, the input that of i relative to r. With a
-    shared link there are three links, and a third relative rotation. It is the sum or the
-    difference of output and input.
+    The output is the rotation of o relative to s, the input the rotation of i relative
+    to r. With a shared link there are three links, and a third relative rotation. It is
+    the sum or the difference of output and input.
 
     The axis serves for a relation c y' = d q' between the rates of output and input. In the
     formula of d, the sign is -1 for a sum (`SIGN_OF_D_FOR_SUM`) and 1 for a difference.
@@ -319,7 +321,7 @@ def _third_axis_of_shared_link(links: FourLinks) -> ThirdAxis:
     A condition for a singularity is later printed with a label. For two of the cases the
     label has an end, ".2" or ".3", as in R. Di Gregorio's lecture on the subject.
     """
-    # The axis "or_", for example, is that of the rotation of link o relative to link r.
+    # The axis "or_", for example, belongs to the rotation of link o relative to link r.
     if links.i == links.s:
         # The output is o relative to i, the input is i relative to r. The sum is o relative
         # to r.
@@ -404,14 +406,15 @@ def make_relation(
 def _normal_to_third_axis(poles: SixPoles, output_name: str, third_name: str) -> Floats:
     """Return unit vectors in the plane of three axes, at right angles to the third axis.
 
-    The axes are those of the relative rotations of three links. A scalar product with such
+    The axes belong to the relative rotations of three links. A scalar product with such
     a vector eliminates the rotation about the third axis. The products with the axes of
     output and input are the coefficients of the relation between their rates.
 
     Parameters
     ----------
     poles
-        The axes. Those of the output, of the input and the third one are in one plane.
+        The axes. The axis of the output, the axis of the input and the third axis are
+        in one plane.
     output_name, third_name
         Field names of the axes of the output and of the third one.
 

@@ -2,7 +2,7 @@
 
 Let x be a unit vector of rates that close the loops. The singular configurations of a
 mechanism with g degrees of freedom are those in which an x with E x = 0 exists. E says
-that the inputs stand still (type II) or that the output does (type I), see
+that the inputs stand still (type II) or that the output stands still (type I), see
 `spherekit.singularities.stationarity`. The configuration and x together solve
 
     loops closed,  J x = 0,  E x = 0,  |x| = 1,
@@ -37,8 +37,8 @@ from spherekit.singularities.tangent_space import (
 from spherekit.tolerances import CLOSURE_TOLERANCE
 
 MAX_LOCUS_NEWTON_STEPS = 8
-"""Newton steps onto the locus. Larger: more remote starts converge; smaller: failures end
-sooner."""
+"""Largest number of Newton steps onto the locus. Larger: more remote starts converge;
+smaller: failures end sooner."""
 LOCUS_STEP_TOLERANCE = 1e-10
 """Newton's method ends after a step of variables (rad) or unit rates below this. Its error
 is then about the square of the step. Larger: less accurate points; smaller: more steps."""
@@ -54,9 +54,9 @@ shortened. Larger: faster, but points of remote parts of the locus may be reache
 class SingularityMeasure:
     """How near n configurations are to the locus, the set of singular configurations.
 
-    A configuration is singular if it can move while some rates are all zero: those of the
-    inputs (type II) or of the output (type I). The rates x of such a motion close the loops
-    and satisfy E x = 0.
+    A configuration is singular if the mechanism can move from it while the rates of the
+    inputs (type II) or of the output (type I) are all zero. The rates x of such a
+    motion close the loops and satisfy E x = 0.
 
     Attributes
     ----------
@@ -191,7 +191,7 @@ class LocusPoints(ArrayRows):
     rates that have to be zero are E x. The locus is the set of these configurations. In the
     shapes of the arrays,
 
-    - n is the number of points, and V that of the variables,
+    - n is the number of points, and V the number of variables,
     - g is the number of degrees of freedom; the locus has g - 1 dimensions,
     - m is the number of equations E x = 0,
     - k is the number of independent rates that keep the loops closed, before E x = 0 is
@@ -441,9 +441,9 @@ class SingularityLocus:
         """Return how near configurations are to being singular.
 
         In a singular configuration the inputs (type II) or the output (type I) rest in some
-        motion x (unit rates that close the loops). Their rates are E x. The measure is the
-        smallest size of E x for any x. It is the smallest singular value of E times an
-        orthonormal basis of the motions.
+        motion x (unit rates that close the loops). The rates of the inputs, or of the
+        output, are E x. The measure is the smallest size of E x for any x. It is the
+        smallest singular value of E times an orthonormal basis of the motions.
 
         Parameters
         ----------
@@ -512,7 +512,7 @@ class SingularityLocus:
             Bases at neighbouring points. Those of the result are aligned to these, so that
             they change continuously from point to point.
         max_steps
-            Most Newton steps.
+            Largest number of Newton steps.
 
         Returns
         -------
@@ -586,7 +586,8 @@ class SingularityLocus:
         3. The variables and x change so that E x = 0 and conditions @ values = targets.
            Loops stay closed, and x keeps its length, to first order.
 
-        Parts 1 and 2 are known at once. Part 3 is the solution of linear equations.
+        Parts 1 and 2 follow from the unknowns directly. Part 3 is the solution of
+        linear equations.
 
         Parameters
         ----------
@@ -675,8 +676,8 @@ class SingularityLocus:
         constraint_matrix = self.constraint.equations(space.linearisation)  # E
         rates_by_motion = constraint_matrix @ motion_space.basis
         # The lower two blocks: d|x|/du and d|x|/dz. The changes `motion_slopes` are
-        # perpendicular to x, so u does not change |x|. As |x| is 1, its derivatives by the
-        # coordinates of x are these coordinates themselves.
+        # perpendicular to x, so u does not change |x|. As |x| is 1, its derivatives
+        # with respect to the coordinates of x are these coordinates themselves.
         length_by_configuration = np.zeros((len(values), 1, space.dimension))
         length_by_motion = motion_coordinates[:, None]
         return _LinearisedLocus(
@@ -696,7 +697,7 @@ class SingularityLocus:
     def _constrained_rate_slopes(
         self, space: TangentSpace, unit_motions: Floats, motion_slopes: Floats
     ) -> Floats:
-        """Return the derivatives (n, m, g) of rates E x by changes of configuration.
+        """Return the derivatives (n, m, g) of rates E x along changes of the configuration.
 
         x are the rates of a motion that closes the loops. E x are the m rates of the inputs
         or of the output, which are zero in a singular configuration. E x changes because E
@@ -733,7 +734,7 @@ class SingularityLocus:
         directions = space.closing_step[:, :, None]
         step = ConfigurationChanges(space.linearisation, directions)
         # (n, 1, V, V) matrices by which x is multiplied to get the change of x. The second
-        # axis is that of the directions, and there is only one.
+        # axis counts the directions, and there is only one.
         correction_matrices = linearised.motion_space.rate_corrections(step)
         motion_changes = np.matvec(correction_matrices[:, 0], x)
         # (n, 1, m, V) changes of the matrix E.
@@ -800,8 +801,8 @@ def _motion_slopes(
     space
         Tangent space of n configurations: g independent changes that keep all loops closed.
     motion_space
-        Tangent space of the motions: the same, or that of a part of the mechanism. Only the
-        loops of this part are then closed by the motions.
+        Tangent space of the motions: the same space, or the tangent space of a part of
+        the mechanism. Only the loops of this part are then closed by the motions.
     motions
         (n, V) rates of the variables.
 
@@ -880,7 +881,8 @@ def _measure_regularity(
     """Return how regular n points of a locus are: 0 at irregular points, at most 1.
 
     The locus is the set of singular configurations. Its unknowns are a configuration and a
-    singular motion. A point is irregular in two cases, and a number tells how near each is:
+    singular motion. A point is irregular in two cases, and for each case a number tells
+    how near it is:
 
     - An equation of the locus depends on the others. Then the ratio of the smallest to the
       greatest singular value of the equations is 0. It is at most 1.

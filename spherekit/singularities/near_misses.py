@@ -1,8 +1,8 @@
 """Points at which an output comes near a singularity along its curves without reaching it.
 
-The distance from type I is measured by the velocity coefficient, that from type II by the
-transmission measure. Unlike c and d of a relation c y' = d q', neither vanishes if the
-links of the relation are badly chosen.
+The distance from type I is measured by the velocity coefficient, the distance from type
+II by the transmission measure. Unlike c and d of a relation c y' = d q', neither
+vanishes if the links of the relation are badly chosen.
 """
 
 from collections.abc import Callable
@@ -22,17 +22,17 @@ from spherekit.tolerances import SINGULAR_TRANSMISSION
 from spherekit.velocities.transmission_angle import distance_from_type_two
 
 EQUAL_EXTREMUM_INPUT_RAD = 1e-7
-"""Inputs of an extremum that differ by less are the same: rounding leaves half the digits
-of its position. Larger: an extremum just before the end of a full range is moved to its
-start."""
+"""Inputs of an extremum that differ by less count as the same input: rounding leaves
+half the digits of its position. Larger: an extremum just before the end of a full range
+is moved to its start."""
 RANGE_END_TOLERANCE_RAD = 1e-9
 """An input or arc length that differs from the end of a range or curve by less is at it."""
 EQUAL_TRANSMISSION_ANGLE_RAD = 1e-8
 """Transmission angles that differ by less are equal. Larger: modes that come slightly less
 near to type II are listed, too."""
 INWARD_PART = 1e-3
-"""Distance from the end of a piece of a curve, in parts of its length, at which a measure
-is compared with that at the end."""
+"""Distance from the end of a piece of a curve, in parts of its length, at which a
+measure is compared with its value at the end."""
 
 
 AngleFunction = Callable[[Floats], Floats]
@@ -61,7 +61,8 @@ class NearMiss:
         velocity coefficient. For type II it is the arcsine of the transmission measure, a
         number from 0 to 1 that states how firmly the locked input holds the output.
     velocity_coefficient
-        The absolute value of y'/q', the rate of the output divided by that of the input.
+        The absolute value of y'/q', the rate of the output divided by the rate of the
+        input.
     """
 
     type: Type
@@ -80,7 +81,7 @@ def near_misses(sampled: SampledSingularities, near: float) -> list[NearMiss]:
     The distance from a type is an angle, which is at most `near` at a near miss:
 
     - At type I the output rests while the input moves. The tangent of the angle is the
-      velocity coefficient, the rate of the output over that of the input.
+      velocity coefficient, the rate of the output divided by the rate of the input.
     - At type II the output can move although the input is locked. The sine of the angle is
       the transmission measure, which states from 0 to 1 how firmly the locked input holds
       the output.
@@ -473,7 +474,7 @@ def _find_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
 def _is_at_range_limit(
     sampled: SampledSingularities, number: int, ends: _PieceEnds
 ) -> Bools:
-    """Return which ends (k,) of pieces of a curve are at the limits of the input range.
+    """Return a mask (k,) of ends of pieces that are at the limits of the input range.
 
     A piece is a part of a curve of configurations, in one assembly mode. A range of whole
     periods has no limits, because configurations repeat.
@@ -494,7 +495,7 @@ def _is_at_range_limit(
 
 
 def _is_at_curve_end(curve: ArcCurve, ends: _PieceEnds) -> Bools:
-    """Return which of k ends of pieces (sections of a curve) are true ends of the curve.
+    """Return a mask (k,) of ends of pieces (sections of a curve) that end the curve itself.
 
     A closed curve has no ends. An end at a crossing with other curves is no true end,
     because the motion can go on there.

@@ -1,8 +1,8 @@
 """The part of a mechanism that determines the positions of some links.
 
 Links that are attached to this part multiply the assembly modes and curves, and do not
-affect the links of interest, unless they stop the input. A group is left out only if it has
-no dead centre at any input.
+affect the links of interest, unless the attached links stop the input. A group is left
+out only if it has no dead centre at any input.
 """
 
 from collections.abc import Iterable
@@ -24,8 +24,8 @@ from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 
 COMPARED_SAMPLES = 9
-"""Samples at which assembly modes of the part and of the whole are compared. Larger: modes
-that agree by chance are distinguished; smaller: faster."""
+"""Number of samples at which assembly modes of the part and of the whole are compared.
+Larger: modes that agree by chance are distinguished; smaller: faster."""
 EQUAL_TURNING_INPUT_RAD = 1e-6
 """Inputs at which modes meet are the same in the part and in the whole if they differ by
 less. Larger: other dead centres count as the same; smaller: rounding prevents the use of
@@ -73,8 +73,9 @@ def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingP
     part = _find_smaller_part(whole, links)
     if part is not None:
         return part
-    # The part is the whole mechanism. Its variables keep their numbers, and each assembly
-    # mode (way to assemble the mechanism) of the part is the same mode of the whole.
+    # The part is the whole mechanism. Its variables keep their indices, and each
+    # assembly mode (way to assemble the mechanism) of the part is the same mode of the
+    # whole.
     variable_count = len(whole.mechanism.variable_owners)
     same_modes: dict[int, tuple[int, ...]] = {}
     for mode in whole.assembly_modes:
@@ -110,7 +111,7 @@ def _find_smaller_part(whole: PositionAnalysis, links: Iterable[int]) -> Placing
         return None
     part_mechanism = part_for(mechanism, links)
     if part_mechanism is mechanism:
-        # All links are needed.
+        # All links belong to the part.
         return None
     if whole.solver.gear_phases is not None:
         # Wheels roll on each other. Their phases depend on all wheels.

@@ -1,7 +1,7 @@
 """Singularities of a mechanism with one input, and how near the rows of a motion come.
 
 Each row is located on its configuration curve. Along the curve all quantities are regular,
-also at dead centres, where rates by the input are infinite.
+also at dead centres, where rates per unit rate of the input are infinite.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -43,7 +43,7 @@ from spherekit.velocities.transmission_measure import (
 AT_CROSSING_RAD = 1e-8
 """A configuration whose distance to a crossing is smaller is taken for the crossing."""
 PIECE_END_TOLERANCE_RAD = 1e-6
-"""A piece of a curve includes points beyond its ends by less than this arc length."""
+"""A piece (section) of a curve includes points beyond its ends by less than this length."""
 
 
 class Occurrence(NamedTuple):
@@ -101,8 +101,8 @@ class SampledSingularities:
     position_analysis
         Position analysis of a mechanism with one degree of freedom.
     outputs
-        The outputs as pairs (o, s) of link numbers: the motion of link o relative to link
-        s.
+        The outputs as pairs (o, s) of link indices: the motion of link o relative to
+        link s.
     values, assembly_mode
         Configurations (n, variables) of the rows in rad, NaN for none, and the assembly
         mode (n,) of each.
@@ -113,8 +113,9 @@ class SampledSingularities:
     Attributes
     ----------
     whole, position_analysis
-        The given position analysis, and that of the part on which the outputs depend. Links
-        of the report and variables of the curves are numbered as in the part.
+        The given position analysis, and the position analysis of the part on which the
+        outputs depend. Links of the report and variables of the curves are numbered as
+        in the part.
     configurations, report
         All curves, and the singularities on them.
     curves
@@ -123,10 +124,12 @@ class SampledSingularities:
         (n,) index of the curve on which each row is, -1 if it is on none, and (n,) the arc
         length of the row on this curve.
     status
-        (n,) status of each row. OK: the row is on a curve. AT_SINGULARITY: it is so near to
-        a crossing of curves that no curve is followed to it. MODE_LOST: all other rows.
+        (n,) status of each row. OK: the row is on a curve. AT_SINGULARITY: the row is
+        so near to a crossing of curves that no curve is followed to the row. MODE_LOST:
+        all other rows.
     crossed
-        (n,) whether the row is a crossing of curves itself, at which every rate may vanish.
+        (n,) whether the row is itself a crossing of curves, at which every rate may
+        vanish.
     range
         Lowest and highest input (rad).
     """
@@ -150,7 +153,8 @@ class SampledSingularities:
         position_analysis
             Position analysis of a mechanism with one degree of freedom.
         outputs
-            Pairs of link numbers (o, s): the output is the motion of link o relative to s.
+            Pairs of link indices (o, s): the output is the motion of link o relative to
+            s.
         values, assembly_mode
             Configurations (n, variables) of the rows in rad, and the mode (n,) of each.
         passed
@@ -170,8 +174,8 @@ class SampledSingularities:
         # All curves of the part, each with its pieces in the different assembly modes.
         self.configurations: Configurations = self.position_analysis.configurations
         self.curves = [item.curve for item in self.configurations.curves]
-        # The singularities on the curves. The part numbers its links anew, so outputs are
-        # passed by names of links.
+        # The singularities on the curves. The links have other indices in the part, so
+        # outputs are passed by names of links.
         names = position_analysis.mechanism.links
         self.report = SingleFreedomSingularities(
             self.position_analysis, self.curves, [(names[o], names[s]) for o, s in outputs]
@@ -276,10 +280,10 @@ class SampledSingularities:
     def modes_of(self, pieces: Iterable[Piece]) -> list[int]:
         """Return the numbers of the assembly modes of pieces of curves.
 
-        The configuration curves are those of a submechanism: the links and pairs that
-        determine the positions of the outputs. A piece is a section of such a curve that is
-        one assembly mode of the submechanism. This mode belongs to one or several modes of
-        the whole mechanism, whose numbers are returned.
+        The configuration curves belong to a submechanism: the links and pairs that
+        determine the positions of the outputs. A piece is a section of such a curve
+        that is one assembly mode of the submechanism. This mode belongs to one or
+        several modes of the whole mechanism, whose numbers are returned.
         """
         modes: list[int] = []
         for part_mode in {piece.assembly_mode for piece in pieces}:
@@ -402,7 +406,8 @@ class SampledSingularities:
         """Yield each piece of a curve that includes an arc length, with its input (rad).
 
         A piece is a part of a curve of configurations in one assembly mode (way to assemble
-        the mechanism). The input is that at this arc length, within the range of the input.
+        the mechanism). The input is the one at this arc length, within the range of the
+        input.
 
         On a closed curve, the same configurations repeat in each lap. In a lap the arc
         length grows by the length of the curve, and the input by its `rise`.
@@ -515,15 +520,16 @@ class SampledSingularities:
 
     @property
     def is_simulation(self) -> bool:
-        """Whether the rows are a simulation, so that only what it passes is inside."""
+        """Whether the rows are a simulation: only parts that it passes are inside."""
         return self._passed_ranges is not None
 
     def angle(self, kind: Type, curve: int, s: Floats, output: int) -> Floats:
         """Return the angular distance of an output from type I or II along a curve.
 
         - At type I the output rests while the input moves. The tangent of the angle is the
-          absolute value of the velocity coefficient y'/q', the rate of the output divided
-          by that of the input. Primes are derivatives by the arc length of the curve.
+          absolute value of the velocity coefficient y'/q', the rate of the output
+          divided by the rate of the input. Primes are derivatives with respect to the
+          arc length of the curve.
         - At type II the input rests while the output moves. The sine of the angle is the
           transmission measure (`Transmission`), which states from 0 to 1 how firmly the
           locked input holds the output.
@@ -550,9 +556,9 @@ class SampledSingularities:
     def _angle_to_type_one(self, curve: int, s: Floats, output: int) -> Floats:
         """Return the angular distance (n,) of an output from singularities of type I.
 
-        The tangent of the angle is the velocity coefficient: the rate of the output divided
-        by that of the input. The angle is zero where the output rests while the input
-        moves, and NaN where both rest.
+        The tangent of the angle is the velocity coefficient: the rate of the output
+        divided by the rate of the input. The angle is zero where the output rests while
+        the input moves, and NaN where both rest.
 
         Parameters
         ----------
@@ -562,8 +568,8 @@ class SampledSingularities:
             Index of the output.
         """
         link_motion = self.report.curve_motions[curve].links_at(s)
-        # `speeds` returns the relative angular velocity of two links by the arc length, as
-        # an absolute value, and its derivative.
+        # `speeds` returns the relative angular velocity of two links per unit of arc
+        # length, as an absolute value, and its derivative.
         output_speed, _ = link_motion.speeds(self.report.outputs[output])
         input_speed, _ = link_motion.speeds(self.report.input)
         # Speeds up to `MIN_OUTPUT_MOTION` are zero up to rounding.
@@ -612,7 +618,7 @@ class SampledSingularities:
 
         - ``c`` and ``d``: the coefficients of the relation,
         - ``output_rate`` and ``input_rate``: rates of the output and the input as the
-          configuration moves along its curve, by the arc length of the curve,
+          configuration moves along its curve, per unit of arc length,
         - ``distance_I`` and ``distance_II`` (rad): angles that vanish at singularities of
           type I or II, see `angle`,
         - ``transmission`` (rad): the transmission angle of the dyad (two links in series)
@@ -649,8 +655,8 @@ class SampledSingularities:
         Returns
         -------
         The columns (m,) by name. There is a set of them for each output and each form of
-        its relation c y' = d q', in which y' is a rate of the output and q' that of the
-        input.
+        its relation c y' = d q', in which y' is a rate of the output and q' the rate of
+        the input.
         """
         curve_measures: dict[tuple[int, Form], dict[str, Floats]] = {}
         angles = self.transmission_angles(self.curves[number].at(s).values)
@@ -851,7 +857,7 @@ class SampledSingularities:
         return ends
 
     def _input_margin(self, number: int, output: int, kind: Type, s: Floats) -> Floats:
-        """Return how far the input is from that of the nearest singularity on a curve.
+        """Return how far the input is from the input of the nearest singularity on a curve.
 
         The curve consists of configurations. The singularities before and after each point
         of the curve are compared, and the smaller difference of inputs is taken.

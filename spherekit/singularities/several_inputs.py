@@ -3,9 +3,9 @@
 If input i moves alone and the others are locked, the mechanism has one degree of freedom.
 The output link then turns about the pole axis u_i with the angular velocity w_i, and
 c_i w_i = d_i q_i' (Di Gregorio 2015). The types also follow without poles from the rates
-that close the loops: let N be a basis of them, N_a its rows of the inputs, and E N the
-rates of the output. Then type II is det N_a = 0, and type I is a loss of rank of E N. All
-of these quantities are finite at singularities.
+that close the loops: let N be a basis of these rates, N_a the rows of the inputs in N,
+and E N the rates of the output. Then type II is det N_a = 0, and type I is a loss of
+rank of E N. All of these quantities are finite at singularities.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,7 +37,7 @@ Larger: more singularities are in group 1.
 """
 VANISHING_SIZE = 1e-8
 """Coefficients, sines and triple products below this are reported as zero. Larger: more
-conditions are reported as fulfilled; smaller: rounding hides those that are."""
+conditions are reported as fulfilled; smaller: rounding hides fulfilled conditions."""
 
 
 class RowType(IntEnum):
@@ -73,7 +73,7 @@ ROW_TYPE_LABELS = {
     RowType.SELF_MOTION: "self-motion",
     RowType.UNKNOWN: "",
 }
-"""Labels in tables of the types that are not labelled by their name."""
+"""Labels in tables of the types whose label differs from the name."""
 
 
 @dataclass(frozen=True)
@@ -160,10 +160,11 @@ class OutputCoefficients:
     """n rows of a motion with g inputs: coefficients of each input, and singularity types.
 
     Input i "moves alone" in the motion in which all other inputs are locked. The output
-    link then turns with the angular velocity w_i about the pole axis u_i. This is its axis
-    of rotation relative to its reference link. The relation c_i w_i = d_i q_i' holds with
-    the rate q_i' of the input. N are the independent motions that close the loops, N_a
-    their input rates. Rows in which the motion failed are NaN.
+    link then turns with the angular velocity w_i about the pole axis u_i. This axis is
+    the axis of rotation of the output link relative to its reference link. The relation
+    c_i w_i = d_i q_i' holds with the rate q_i' of the input. N are the independent
+    motions that close the loops, N_a their input rates. Rows in which the motion failed
+    are NaN.
 
     Attributes
     ----------
@@ -173,11 +174,12 @@ class OutputCoefficients:
     u
         (n, g, 3) unit vectors along the pole axes of the output, with the signs that
         `spherekit.velocities.pole_evaluation` gives them; finite at singularities too.
-        Where the plan of poles gives no axis, the sign is that of `alone`.
+        Where the plan of poles gives no axis, the sign is the sign of `alone`.
     c, d
         (n, g) coefficients of c w_i = d q_i', from the pole axes, at most 1 in size. The
         relation holds with the sign of u_i in the same row. Where the plan of poles gives
-        no axis, the common sign of both may differ from that of neighbouring rows.
+        no axis, the common sign of c and d may differ from the sign in neighbouring
+        rows.
     input_rate, output_rate
         (n, g) rates in the unit motion in which input i moves alone. The rate of the
         input vanishes with c_i and has the sign of det N_a. The size of the output's
@@ -202,9 +204,9 @@ class OutputCoefficients:
     type
         (n,) `RowType`.
     group
-        (n,) group of Di Gregorio's discussion: 1 for singularities of at least one of the
-        mechanisms in which one input moves alone, 2 for singularities of none of these, 0
-        for regular configurations.
+        (n,) group of Di Gregorio's discussion: 1 if at least one of the mechanisms in
+        which one input moves alone is singular, 2 if none of these is singular, 0 for
+        regular configurations.
     """
 
     w: Floats
@@ -231,8 +233,8 @@ class OutputCoefficients:
 class _InputCoefficients:
     """Coefficients of the motion in which one input moves and the others are locked.
 
-    The rate y' of the output and the rate q' of the input satisfy c y' = d q'. Values are
-    those of n configurations.
+    The rate y' of the output and the rate q' of the input satisfy c y' = d q'. Values
+    belong to n configurations.
 
     Attributes
     ----------
@@ -411,17 +413,17 @@ def _pole_axis(
     planned_axes
         (n, 3) axis of each pole by the plan, NaN where the plan yields none.
     input_pole, input_axis
-        Pole of the input's two links, and its axis (n, 3). The axis is that of an R pair,
-        and is also known at singularities.
+        Pole of the input's two links, and its axis (n, 3). The axis belongs to an R
+        pair, and is also known at singularities.
     angular_velocities
         (n, bodies, 3) angular velocities of all links in this motion.
 
     Returns
     -------
     (n, 3) unit vectors in ground axes; NaN where the links rest and the plan yields no
-    axis. Their sense is arbitrary, except that of the input. They serve to compute the
-    relation c y' = d q' between the rates of output and input. This relation is valid with
-    any sense of the axes.
+    axis. Their sense is arbitrary, except the sense of the axis of the input. The
+    vectors serve to compute the relation c y' = d q' between the rates of output and
+    input. This relation is valid with any sense of the axes.
     """
     if pole == input_pole:
         direction = input_axis
@@ -495,7 +497,7 @@ def _find_single_input_motions(
     input_rates = space.basis[:, _input_variables(motion)]  # N_a
     # Column i has the coefficients of the motion of input i.
     coefficients_by_input = adjugate(input_rates)
-    # The size of a column is that of all rates in the motion, as N is orthonormal.
+    # The size of a column is the size of all rates in the motion, as N is orthonormal.
     sizes = np.linalg.norm(coefficients_by_input, axis=1)
     # NaN replaces the size if links can move in several ways. All results of this motion
     # that are divided by the size are then NaN, too.
@@ -526,8 +528,9 @@ def _find_single_input_motions(
 def _discard_ambiguous_motions(sizes: Floats) -> Floats:
     """Return the sizes (n, g) of motions with NaN for those that are not unique.
 
-    Each of the g motions moves one input while the others are locked. A size is that of the
-    rates in the motion. It is zero, up to rounding, if the links can move in several ways.
+    Each of the g motions moves one input while the others are locked. A size is the
+    size of all rates in the motion. It is zero, up to rounding, if the links can move
+    in several ways.
     """
     largest_size = np.max(sizes, axis=1, keepdims=True)
     is_unique = sizes > SINGULAR_TRANSMISSION * largest_size
@@ -640,8 +643,8 @@ def _decide_groups(
 ) -> SmallIntegers:
     """Return the group (n,) of each configuration in Di Gregorio's discussion.
 
-    A configuration of type I lets inputs move while the output rests. One of type II lets
-    the output move while the inputs rest, and type III is both.
+    At type I inputs can move while the output rests. At type II the output can move
+    while the inputs rest. Type III is both at once.
 
     If all inputs but one are locked, the mechanism has one degree of freedom. There is one
     such mechanism for each input. A configuration of type I, II or III is in group 1 if at
@@ -748,7 +751,7 @@ def _smallest_output_part(occurring_rates: _OccurringRates) -> Floats:
 
 @dataclass(frozen=True)
 class _SingularityCause:
-    """A quantity that vanishes at some singularities, and what it then means.
+    """A quantity that vanishes at some singularities, and words for what this means.
 
     Attributes
     ----------

@@ -1,16 +1,17 @@
 """All singularities of a mechanism with one degree of freedom, one input and any outputs.
 
-On a configuration curve the rate of the input w_ir and that of an output w_os, per unit of
-arc length, are smooth functions. If only the rate of the output is zero at a point of the
-curve, this is a singularity of type I. If only that of the input is zero, it is of type II.
-If both are zero, it is a self-motion. Type III occurs where curves cross.
+On a configuration curve the rate of the input w_ir and the rate of an output w_os, per
+unit of arc length, are smooth functions. If only the rate of the output is zero at a
+point of the curve, this is a singularity of type I. If only the rate of the input is
+zero, the singularity is of type II. If both rates are zero, it is a self-motion. Type
+III occurs where curves cross.
 
 Each type is checked by input-output relations c y' = d q' (Di Gregorio 2012). q' is the
-rate of the input. y' is the rate of the output in the relation of form "i". In that of form
-"ii" it is the rate of the output link relative to the reference link of the input. c and d
-follow from pole axes, the axes about which links turn relative to each other. They vanish
-at all crossings. They also vanish where the links of the relation are badly chosen, which
-is no singularity.
+rate of the input. In the relation of form "i", y' is the rate of the output. In the
+relation of form "ii", y' is the rate of the output link relative to the reference link
+of the input. c and d follow from pole axes, the axes about which links turn relative to
+each other. c and d vanish at all crossings. They also vanish where the links of the
+relation are badly chosen, which is no singularity.
 """
 
 from collections.abc import Iterable, Sequence
@@ -66,8 +67,8 @@ VANISHING_RELATION = 1e-12
 """A relation whose coefficients are smaller on most of a curve vanishes on all of it.
 Larger: relations of mechanisms with small arcs are reported as useless."""
 SAMPLES_OF_FREEDOMS = 9
-"""Configurations of each mode at which the degrees of freedom of a mechanism without curves
-are computed."""
+"""Number of configurations of each mode at which the degrees of freedom of a mechanism
+without curves are computed."""
 TYPE_OF_REST = {**TYPE_OF_VANISHING, (True, True): Type.SELF_MOTION}
 """The type of a singularity, by whether the input rests and whether the output rests."""
 NO_ZERO = np.array([[np.nan], [np.nan], [np.inf]])
@@ -85,7 +86,7 @@ class CurveRelations:
     Attributes
     ----------
     input_rate, output_rate
-        (n,) rates of the input and of the output by the arc length of the curve.
+        (n,) rates of the input and of the output per unit of arc length of the curve.
     relations
         One or two relations. In the first one (form "i"), y' is the rate of the output. In
         the second one (form "ii"), y' is the rate of the output link relative to the
@@ -108,7 +109,7 @@ class SingleFreedomSingularities:
     curves
         Its configuration curves.
     outputs
-        Relative motions (o, s): numbers or names of links, or text such as ``"4/1"``.
+        Relative motions (o, s): indices or names of links, or text such as ``"4/1"``.
     input
         The input (i, r), given like an output. By default it is the second link of the
         driven pair relative to the first.
@@ -118,7 +119,7 @@ class SingleFreedomSingularities:
     curve_motions
         Velocities along each curve.
     input, outputs
-        The input as link numbers (i, r), and each output as link numbers (o, s).
+        The input as link indices (i, r), and each output as link indices (o, s).
     links
         For each output the links of its relations, by form "i" and, if it exists, "ii". A
         relation of form "ii" may use another link s than the reference link of the output.
@@ -150,8 +151,8 @@ class SingleFreedomSingularities:
         curves
             The curves of configurations that the mechanism passes.
         outputs
-            Motions of a link relative to another: a text such as ``"4/1"``, or numbers or
-            names of both links.
+            Motions of a link relative to another: a text such as ``"4/1"``, or indices
+            or names of both links.
         input
             The input, given like an output. By default it is the motion of the driven pair.
         """
@@ -170,7 +171,7 @@ class SingleFreedomSingularities:
         self.curve_motions = [
             CurveMotion(position_analysis, curve, self._plan_poles) for curve in curves
         ]
-        # From here on each motion is a pair of numbers: moving link, reference link.
+        # From here on each motion is a pair of indices: moving link, reference link.
         if input is None:
             # A pair's variable is the angle of its second link relative to its first one.
             first, second = mechanism.ends[position_analysis.assembly.input]
@@ -241,9 +242,10 @@ class SingleFreedomSingularities:
     def _choose_auxiliary_link(self, links: FourLinks) -> int | None:
         """Return the auxiliary link of the second relation of an output and the input.
 
-        The relation is an equation c y' = d q'. q' is the rate of the input link, and y'
-        that of the output link, both relative to the reference link of the input. The
-        coefficients are computed with the help of any further link, the auxiliary link.
+        The relation is an equation c y' = d q'. q' is the rate of the input link, and
+        y' the rate of the output link, both relative to the reference link of the
+        input. The coefficients are computed with the help of any further link, the
+        auxiliary link.
 
         Both coefficients contain the sine of the angle between two axes: those about which
         the output link and the input link turn relative to the auxiliary link. The relation
@@ -289,10 +291,10 @@ class SingleFreedomSingularities:
     def evaluate_relations(self, curve: int, s: Floats, output: int) -> CurveRelations:
         """Return the rates of input and output, and their relations, at points of a curve.
 
-        The curve consists of configurations of the mechanism. Rates are derivatives by its
-        arc length. A relation is an equation c y' = d q' between the rates of output and
-        input. c and d are triple products of pole axes, the axes of relative rotation of
-        links.
+        The curve consists of configurations of the mechanism. Rates are derivatives
+        with respect to the arc length of this curve. A relation is an equation c y' = d
+        q' between the rates of output and input. c and d are triple products of pole
+        axes, the axes of relative rotation of links.
 
         Parameters
         ----------
@@ -491,10 +493,10 @@ class SingleFreedomSingularities:
         """Texts about relations that say nothing about the rates on a whole curve.
 
         From a relation c y' = d q' follows the ratio y' / q' of the rates of output and
-        input, unless c and d are zero or unknown. If they are so on a whole curve of
-        configurations, the links of the relation are badly chosen. The types of
-        singularities then follow from the rates alone. Curves on which the input or the
-        output rests are left out.
+        input, unless c and d are zero or unknown. If c and d are zero or unknown on a
+        whole curve of configurations, the links of the relation are badly chosen. The
+        types of singularities then follow from the rates alone. Curves on which the
+        input or the output rests are left out.
         """
         link_names = self.position_analysis.mechanism.links
         notes: list[str] = []
@@ -574,8 +576,8 @@ class SingleFreedomSingularities:
     ) -> tuple[RelationAt, ...]:
         """Return the relations c y' = d q' on each curve through a crossing of curves.
 
-        q' is the rate of the input, and y' that of the output link. c and d follow from
-        pole axes, the axes about which links turn relative to each other.
+        q' is the rate of the input, and y' the rate of the output link. c and d follow
+        from pole axes, the axes about which links turn relative to each other.
 
         Several curves of configurations meet at a crossing, and each is another motion of
         the mechanism. The mechanism may follow any of these curves. So the configuration
@@ -608,8 +610,8 @@ class SingleFreedomSingularities:
             # The second derivatives along the curves are not known.
             bends=None,
         )
-        # `_check_types` compares c and d with the type of each of the motions. All have the
-        # type III of the configuration.
+        # `_check_types` compares c and d with the type of each of the motions. All
+        # motions have the type III of the configuration.
         types = [Type.III] * curve_count
         relations_by_curve = self._check_types(output, link_motion, types)
         relations = list(chain.from_iterable(relations_by_curve))
@@ -652,12 +654,12 @@ class SingleFreedomSingularities:
 
 
 def _note_single_curve(relation: RelationAt) -> RelationAt:
-    """Return a relation at a crossing of curves, with a note if it is that of one curve.
+    """Return a relation at a crossing, with a note if it applies to one curve only.
 
     A relation c y' = d q' of the configuration alone has c = d = 0 at a crossing. If
-    neither vanishes (the type is None), c and d belong to the motion along one curve. The
-    relation then has a general note that its type differs from that of the crossing. Here
-    this note is replaced by one that names the cause.
+    neither vanishes (the type is None), c and d belong to the motion along one curve.
+    The relation then has a general note that its type differs from the type of the
+    crossing. Here this note is replaced by one that names the cause.
     """
     neither_vanishes = relation.type is None
     return replace(relation, note=ONE_CURVE_NOTE) if neither_vanishes else relation
@@ -683,10 +685,10 @@ def _explain_vanishing_relation(
     forms. In form "i", y' is the rate of the output. In form "ii", y' is the rate of the
     output link relative to the reference link of the input.
 
-    c and d are products of pole axes, about which links turn relative to each other. The
-    coefficients of four links are zero if all axes are in one plane. Those of three links
-    are unknown if all axes are on one line. The relation then says nothing, and the types
-    of singularities follow from computed rates.
+    c and d are products of pole axes, about which links turn relative to each other.
+    With four links, the coefficients are zero if all axes are in one plane. With three
+    links, they are unknown if all axes are on one line. The relation then says nothing,
+    and the types of singularities follow from computed rates.
 
     Parameters
     ----------
@@ -719,8 +721,8 @@ class _SingularCurveEnd:
     crossing
         The crossing of curves, or None if it was not located.
     values
-        (variables,) variables of the crossing (rad). If the crossing was not located, those
-        of the last computed point of a curve.
+        (variables,) variables of the crossing (rad). If the crossing was not located,
+        the variables of the last computed point of a curve.
     places
         Indices of the curves that end at the crossing, each with the arc length (rad) of
         its end.
@@ -890,7 +892,7 @@ def _note_uncertain_self_motions(
 def _note_near_neighbours(
     notes: list[str], rests: InputOutputRests, types: Sequence[Type]
 ) -> None:
-    """Write notes for two neighbouring singularities that may be one.
+    """Write notes for two neighbouring singularities that may be one singularity.
 
     The singularities are points of a curve of configurations. At some only the input rests,
     at others only the output. If two such points are nearer to each other than their errors
@@ -957,7 +959,7 @@ def _relative_rate(
 
 
 def _explain_crossing_doubts(crossing: Crossing | None) -> str:
-    """Return why a crossing at the end of curves is not certain, or an empty text.
+    """Return why a crossing at the end of curves is uncertain, or an empty text.
 
     Curves of configurations cross where the equations that close the loops lose rank: some
     of their singular values vanish.

@@ -40,8 +40,9 @@ class SingularCurve:
     locus
         The singular configurations of the type, of which the curve is a part.
     nodes
-        The nodes in order, with tangents in the direction of the curve. The last node of a
-        closed curve is the first one, with variables that have grown by whole periods.
+        The nodes in order, with tangents in the direction of the curve. The last node
+        of a closed curve is the first node, with variables that have grown by whole
+        periods.
     periods
         (V,) growth of each variable (rad) that leaves the configuration unchanged.
     closed
@@ -69,10 +70,10 @@ class SingularCurve:
 
         Nodes are the computed points of the curve (singular configurations).
 
-        The lengths between successive nodes are those of cubic polynomials that have the
-        tangents of the curve at both nodes (Hermite). With the unit vector e of a chord of
-        length L and the unit tangents t0 and t1 at its ends, the derivative of the cubic by
-        x, which goes from 0 to 1, is
+        The lengths between successive nodes are the lengths of cubic polynomials that
+        have the tangents of the curve at both nodes (Hermite). With the unit vector e
+        of a chord of length L and the unit tangents t0 and t1 at its ends, the
+        derivative of the cubic with respect to x, which goes from 0 to 1, is
 
             L (t0 + x (b + 3 x a)),   a = t0 + t1 - 2 e,   b = 2 (e - t0 - a).
 
@@ -87,7 +88,7 @@ class SingularCurve:
         e = self.chords.directions[:, None]
         a = t0 + t1 - 2.0 * e
         b = 2.0 * (e - t0 - a)
-        # Gauss points and weights are those of the range from -1 to 1. Here the range is
+        # Gauss points and weights belong to the range from -1 to 1. Here the range is
         # from 0 to 1, half as long.
         x = 0.5 * (GAUSS_POINTS[:, None] + 1.0)
         weights = 0.5 * GAUSS_WEIGHTS
@@ -121,8 +122,8 @@ class SingularCurve:
         components_of_nodes = np.vecdot(directions, self.nodes.values[chord_numbers])
         components = components_of_nodes + parts * lengths
         # Each point also gets a basis of the rates that close its loops. Callers compare
-        # signs of determinants in this basis. So the basis is aligned with that of the
-        # first node of the chord, and no sign changes by chance.
+        # signs of determinants in this basis. So the basis is aligned with the basis of
+        # the first node of the chord, and no sign changes by chance.
         first_node_bases = self.nodes.bases.rows(chord_numbers)
         points = self.locus.correct(
             values=start_values,
@@ -150,7 +151,7 @@ class SingularCurve:
         return first_motions + parts[:, None] * motion_changes
 
     def find(self, values: Floats, motions: Floats) -> Bools:
-        """Return which configurations are on the curve.
+        """Return a mask (n,) of the configurations that are on the curve.
 
         The curve consists of singular configurations. A chord is the straight line between
         two successive nodes (computed points); chord k starts at node k. A configuration is
@@ -232,8 +233,8 @@ class SingularCurve:
         """
         node_values = function(self.nodes)
         if self.closed:
-            # The last node, as the end of the last chord (part 1). The points of a chord
-            # have bases that are aligned with that of its first node.
+            # The last node, as the end of the last chord (part 1). The points of a
+            # chord have bases that are aligned with the basis of its first node.
             last_chord = len(node_values) - 2
             last_node = self.points_on_chords(np.array([last_chord]), parts=np.ones(1))
             node_values[-1] = function(last_node)[0]

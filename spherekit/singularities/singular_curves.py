@@ -34,13 +34,13 @@ from spherekit.time_limit import TimeLimit
 from spherekit.tolerances import END_AT_SINGULARITY_CONDITION
 
 CURVES_AT_ONCE = 16
-"""Curves that are followed at the same time, from different starts. Larger: more curves are
-followed twice; smaller: slower."""
+"""Number of curves that are followed at the same time, from different starts. Larger:
+more curves are followed twice; smaller: slower."""
 
 
 @dataclass(frozen=True)
 class CurveSeen:
-    """A curve of singular configurations of one type, as it is reported and drawn.
+    """A curve of singular configurations of one type, in the form for reports and drawings.
 
     At a singularity of type I the output rests while an input moves. At type II the output
     can move while the inputs rest.
@@ -62,9 +62,9 @@ class CurveSeen:
     modes
         For a mid-plane symmetric architecture, the sign of each leg on the curve, 1 or -1.
     traced
-        Only for a curve that was followed numerically. The first object computes inputs and
-        poses of its points. The second one is the followed curve, as far as it is of this
-        type. None for a curve in closed form.
+        Only for a curve that was followed numerically. The first object computes inputs
+        and poses of the points of the curve. The second object is the followed curve,
+        as far as it is of this type. None for a curve in closed form.
     """
 
     points: SingularPoints
@@ -79,8 +79,9 @@ class CurveSeen:
     def cusps(self) -> SingularPoints:
         """Points at which the curve turns back in the plane of the inputs or of the output.
 
-        Such points are cusps. For type II they are seen in the plane of the two inputs, for
-        type I in that of the output. They are not computed for curves in closed form.
+        Such points are cusps. For type II they are seen in the plane of the two inputs,
+        for type I in the plane of the output. They are not computed for curves in
+        closed form.
         """
         if self.traced is None:
             return self.points.rows(slice(0))
@@ -306,10 +307,10 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
     def measure_other_type(points: LocusPoints) -> Floats:
         """Return a number (n,) for each point, zero at singularities of the other type.
 
-        At a singularity of type I the mechanism can move while the output rests. At one of
-        type II it can move while the inputs rest. The number is a determinant of the
-        velocity equations. It is 0 if there is such a motion. A curve of one type has the
-        other type too at its zeros.
+        At a singularity of type I the mechanism can move while the output rests. At a
+        singularity of type II it can move while the inputs rest. The number is a
+        determinant of the velocity equations, which is 0 if there is such a motion.
+        Where it is 0, a point of one type is of the other type, too.
         """
         space = other_locus.tangent_space(points.values)
         return other_locus.measure(space).value
@@ -329,7 +330,7 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
             # Arc lengths are counted from the start of the part.
             s=part.s,
             closed=is_closed,
-            # From these, further points of the part can be computed later.
+            # From these nodes, further points of the part can be computed later.
             traced=(report, part),
         )
 

@@ -10,7 +10,7 @@ from spherekit.singularities.input_output_relation import Type
 
 @dataclass(frozen=True)
 class SingularPoint:
-    """A singularity of one input and one output, by indices of links.
+    """A singularity of one input and one output, which are given by indices of links.
 
     Attributes
     ----------
@@ -30,8 +30,8 @@ class SingularPoint:
         (variables,) the configuration (rad). A crossing that was not located has the
         configuration of the last computed point of a curve that ends there.
     input_turns, output_turns
-        Whether the input and the output reverse at the singularity. They do not if their
-        rate only touches zero.
+        Whether the input and the output reverse at the singularity. A motion does not
+        reverse if its rate only touches zero.
     double
         Whether a vanishing rate only touches zero, or has two zeros that cannot be
         separated.
@@ -42,10 +42,10 @@ class SingularPoint:
         The relation c y' = d q' between the rate y' of the output and the rate q' of the
         input, where c and d follow from pole axes. In form i the output link moves relative
         to its own reference link, in form ii (if it exists) relative to the reference link
-        of the input. A crossing has those of each curve through it.
+        of the input. A crossing has the relations of each curve through it.
     crossing
         The crossing of curves, with its freedoms and the directions of its curves; None
-        if there is none or it was not located.
+        if there is no crossing or if it was not located.
     """
 
     type: Type
@@ -68,7 +68,7 @@ class SingularPoint:
 
     @property
     def s(self) -> float:
-        """The arc length on this curve (rad)."""
+        """The arc length (rad) on the first curve in `places`."""
         _, arc_length = self.places[0]
         return arc_length
 

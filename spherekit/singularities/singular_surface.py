@@ -38,7 +38,7 @@ HALVING_TIME_RATIO = 0.25
 Larger: less of the time limit is spent on the first mesh."""
 EQUAL_INPUT_TOLERANCE_RAD = 1e-9
 """If an input differs by less at the ends of an edge, the edge runs along an end of the
-range of that input. Larger: other edges are taken for such ones."""
+range of that input. Larger: other edges are taken for edges at an end of the range."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class SingularSurface:
 
     @property
     def component(self) -> Indices:
-        """(n,) number of the connected part that each vertex belongs to."""
+        """(n,) index of the connected part to which each vertex belongs."""
         edges, _ = list_edges(self.triangles)
         return label_components(len(self.nodes), edges)
 
@@ -126,7 +126,7 @@ class SingularSurface:
 
     @property
     def border(self) -> Indices:
-        """(k, 2) edges at the border of the mesh: those with one triangle.
+        """(k, 2) edges at the border of the mesh, which have only one triangle.
 
         At these edges the surface leaves the ranges, comes near to a crossing of surfaces,
         or was not completed.
@@ -205,11 +205,11 @@ class SingularSurface:
         variable = driven[input_position]
         unit_vectors = np.eye(guess.values.shape[1])
         tangents = self.nodes.tangents[ends[:, 0]]
-        # The tangent plane is that at the first end of the edge. This is accurate enough,
-        # because the second equation only selects one of the singular configurations with
-        # this input. (k, 2) is the change of the input along the two basis vectors of the
-        # plane. Turned by 90 deg in this plane, it is the direction along which the input
-        # is constant.
+        # The tangent plane at the first end of the edge is used. This is accurate
+        # enough, because the second equation only selects one of the singular
+        # configurations with this input. (k, 2) is the change of the input along the
+        # two basis vectors of the plane. Turned by 90 deg in this plane, it is the
+        # direction along which the input is constant.
         input_gradient = tangents[:, variable]
         level_coordinates = input_gradient[:, ::-1] * [-1.0, 1.0]
         second_rows = np.vecmat(level_coordinates, np.swapaxes(tangents, 1, 2))
@@ -358,7 +358,7 @@ def _subdivide_triangle(
     Parameters
     ----------
     corners
-        Indices of the three corners 1, 2, 3 of the triangle.
+        Indices of the vertices at the three corners 1, 2, 3 of the triangle.
     side_vertices
         Indices of the new vertices on the sides 12, 23 and 31; `NO_VERTEX` for a side
         without a new vertex.
@@ -403,7 +403,7 @@ def _inside_polygon(
     Parameters
     ----------
     corners
-        Indices of the three corners of the triangle.
+        Indices of the vertices at the three corners of the triangle.
     side_vertices
         For each side, from one corner to the next, its new vertex or `NO_VERTEX`.
     is_inside
@@ -454,7 +454,8 @@ def singular_surface(
     """Return the surfaces of singular configurations of a mechanism with three inputs.
 
     A search yields singular configurations. From each that is not covered yet, a mesh of
-    triangles grows over the surface. Its edges are then halved if this is wanted.
+    triangles grows over the surface. The edges of the mesh are then halved `halved`
+    times.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ ROW_TYPES_OF_LOCUS: Mapping[LocusName, tuple[RowType, ...]] = {
     "II": (RowType.II, RowType.III),
     "self-motion": (RowType.SELF_MOTION,),
 }
-"""Types of the configurations on each locus."""
+"""Types of the configurations on each locus (set of singular configurations)."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class SingularPoints(ArrayRows):
     inside
         (n,) whether all inputs are within their declared ranges.
     orientation
-        (n, 3, 3) rotation matrices, from the axes of the output link to those of its
+        (n, 3, 3) rotation matrices, from the axes of the output link to the axes of its
         reference link.
     pointing
         (n, 3) output direction in the reference link's axes. None if the output is the
@@ -117,8 +117,8 @@ class SingularityReport:
         In type I the output rests while an input moves. In type II the output can move
         while the inputs rest. A mechanism can have pairs (joints) that do not move the
         output. For types I and II these pairs are left out, so that only singularities of
-        this output are counted. Self-motions, in which inputs and output rest, are those of
-        the whole mechanism.
+        this output are counted. Self-motions, in which inputs and output rest, are
+        searched in the whole mechanism.
 
         Parameters
         ----------
@@ -152,7 +152,7 @@ class SingularityReport:
         return self._locus("II" if self.kind == "I" else "I")
 
     def _locus(self, kind: LocusName) -> SingularityLocus:
-        """Return the configurations of a type; for self-motions those of type II."""
+        """Return the configurations of a type; for self-motions the ones of type II."""
         driven = self.solver.driven if self.part is None else self.part.driven
         constraint = self.output if kind == "I" else InputsLocked(driven)
         degrees_of_freedom = len(self.solver.driven)
@@ -167,7 +167,7 @@ class SingularityReport:
         return classify_rows(motion, space, self.output).type
 
     def has_type(self, types: SmallIntegers) -> Bools:
-        """Return which of some `RowType` (n,) belong to this type of singularity."""
+        """Return a mask (n,) of the `types` that belong to this type of singularity."""
         return np.isin(types, ROW_TYPES_OF_LOCUS[self.kind])
 
     @cached_property

@@ -27,24 +27,25 @@ from spherekit.time_limit import TimeLimit
 from spherekit.wording import counted
 
 FREE_INPUT_VALUES_OF_DYADS = 181
-"""Values of the free input, over one revolution, at which modes of a mechanism of dyads are
-searched. Larger: smaller closed curves of a slice are found; smaller: faster."""
+"""Number of values of the free input, over one revolution, at which modes of a
+mechanism of dyads are searched. Larger: smaller closed curves of a slice are found;
+smaller: faster."""
 FREE_INPUT_VALUES_OF_GROUPS = 7
-"""The same for mechanisms with larger groups, whose modes take much longer to find."""
+"""The same number for mechanisms with larger groups, whose modes take longer to find."""
 MAX_SLICE_CURVE_LENGTH_RAD = 200.0
 """Arc length after which a curve of a slice is ended. Larger: curves that do not close take
 longer; smaller: long curves are cut."""
 SLICES_AT_ONCE = 12
-"""Slices of dyads whose curves are followed at the same time, which saves time per slice.
+"""Number of slices of dyads whose curves are followed together, which saves time.
 Larger: the time limit is checked less often."""
 
 
 def solver_of(mechanism: Mechanism) -> PositionSolver:
     """Return the position solver of a mechanism, without a search of assembly modes.
 
-    The solver needs as many degrees of freedom as inputs. They are first counted by the
-    numbers of links and pairs (joints). This count can be wrong for special dimensions.
-    Then they are determined from the rank of the closure equations.
+    The solver needs as many degrees of freedom as inputs. The degrees of freedom are
+    counted from the numbers of links and pairs (joints). This count can be wrong for
+    special dimensions. In that case they follow from the rank of the closure equations.
 
     Raises
     ------
@@ -79,8 +80,8 @@ def configurations(solver: PositionSolver, q: Floats) -> tuple[Floats, Indices]:
     value_parts = [np.zeros((0, len(solver.mechanism.variable_owners)))]
     row_parts = [np.zeros(0, dtype=np.intp)]
     if solver.assembly.has_closed_form:
-        # Each group of links is a dyad (two links joined by a pair). It can be closed in
-        # two ways, which are distinguished by a sign.
+        # Each group of links is a dyad (two links joined by a pair). A dyad can be
+        # closed in two ways, which are distinguished by a sign.
         for signs in product((1, -1), repeat=len(solver.assembly.groups)):
             # The number of the mode is a placeholder; `evaluate` uses only the signs.
             mode = AssemblyMode(number=0, signs=signs)
@@ -262,7 +263,7 @@ def cut(
 
 
 def _spread_order(count: int) -> list[int]:
-    """Return the numbers below `count` in an order that is spread evenly at any time.
+    """Return the numbers below `count` in an order whose beginnings are spread evenly.
 
     If a search in this order is stopped early, its values still cover the whole range.
     Numbers are sorted by their binary digits in reverse order (van der Corput). For
@@ -298,8 +299,8 @@ def singular_points_on_slice(curve: ArcCurve, locus: SingularityLocus) -> LocusP
 
         The search finds singular points of the curve as zeros of this determinant.
 
-        The derivative is by the arc length of the curve. Both arrays are (n,), for n points
-        of the curve.
+        The derivative is with respect to the arc length of the curve. Both arrays are
+        (n,), for n points of the curve.
         """
         space = locus.tangent_space(points.values)
         measure = locus.measure(space)

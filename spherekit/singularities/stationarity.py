@@ -53,8 +53,8 @@ class InputsLocked:
         E (m, V) is the matrix of the condition E x = 0 that the m inputs rest. x are the
         rates of the V variables.
 
-        They are zero. E selects the rates of the inputs, so it is the same in all
-        configurations.
+        The derivatives are zero. E selects the rates of the inputs, so it is the same
+        in all configurations.
         """
         n, variables, direction_count = changes.directions.shape
         return np.zeros((n, direction_count, self.equation_count, variables))
@@ -167,7 +167,7 @@ class OutputStationary:
         return paths[self.link] - paths[self.relative_to]
 
     def _angular_velocities(self, linearisation: Linearisation) -> Floats:
-        """Return the output's relative angular velocity (n, V, 3) per rate of a variable.
+        """Return the output's angular velocity (n, V, 3) per unit rate of each variable.
 
         There is a vector for each of V variables, with components along the axes of body 0
         (the ground).
@@ -175,7 +175,7 @@ class OutputStationary:
         return self._path_senses(linearisation)[:, None] * linearisation.vectors
 
     def _constrained_directions(self, linearisation: Linearisation) -> Floats:
-        """Return (n, m, 3) unit vectors about which the output may not turn if it rests.
+        """Return unit vectors (n, m, 3) about which the output must not turn if it rests.
 
         They are fixed in the output link, with components in the axes of body 0 (the
         ground). If the output is an orientation, they are the three axes of the link. If it
@@ -279,7 +279,7 @@ def _unit_direction(
     Raises
     ------
     AnalysisError
-        If `pointing` is neither.
+        If `pointing` is neither the name of such a pair nor such a vector.
     """
     if isinstance(pointing, str):
         axes = link_axes(mechanism)[link]

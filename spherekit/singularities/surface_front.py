@@ -43,7 +43,7 @@ RANGE_MARGIN = 0.25
 """Distance (edge lengths) beyond the ranges within which a vertex still counts as inside.
 The surface may curve back across the end of a range between vertices beyond it."""
 VERTICES_COMPUTED_TOGETHER = 32
-"""New vertices of successive edges that Newton's method computes at once, for speed."""
+"""Number of new vertices that Newton's method computes at once, for speed."""
 MAX_FRONT_VERTICES = 20_000
 """Number of vertices at which a mesh ends, before halving."""
 SURFACE_CROSSING_CONDITION = 1e-4
@@ -54,7 +54,7 @@ NEW_VERTEX = -1
 """Stands for the new vertex at the ideal apex of a triangle."""
 
 Edge = tuple[int, int]
-"""Two vertices of the mesh, the lower number first unless an order is stated."""
+"""Indices of two vertices of the mesh, the lower one first unless an order is stated."""
 
 
 class SurfaceFront:
@@ -211,7 +211,7 @@ class SurfaceFront:
         return edge in self.open_edges and has_end_inside
 
     def _add_vertex(self, point: LocusPoints) -> int:
-        """Add one singular configuration as a vertex; return its number."""
+        """Add one singular configuration as a vertex; return the index of the vertex."""
         self.vertices = LocusPoints.concatenate([self.vertices, point])
         low, high = self.report.ranges
         margin = RANGE_MARGIN * self.edge_length
@@ -223,8 +223,8 @@ class SurfaceFront:
     def _add_triangle(self, a: int, b: int, c: int) -> None:
         """Add a triangle with the same orientation as its neighbour at the edge a, b.
 
-        Each side of the new triangle is an open edge if it has no other triangle. A side
-        that already has one now has two, and is no longer open.
+        Each side of the new triangle is an open edge if it has no other triangle. A
+        side that already has a triangle now has two, and is no longer open.
 
         Parameters
         ----------
@@ -405,7 +405,7 @@ class SurfaceFront:
         return self.computed_vertices.pop(edge)
 
     def _edges_to_compute(self, edge: Edge) -> list[Edge]:
-        """Return an edge, and the next waiting ones whose new vertices are not computed."""
+        """Return an edge, and the next waiting edges without computed vertices."""
         edges = [edge]
         for waiting_edge in self.waiting_edges:
             if len(edges) == VERTICES_COMPUTED_TOGETHER:
@@ -522,8 +522,8 @@ class SurfaceFront:
         # The two new sides, from each end of the edge to the apex.
         for end in edge:
             # An edge has at most two triangles. `directed_edges` has the edges of all
-            # triangles, with their vertices in the order of the triangle. `open_edges` has
-            # those with one triangle, with the lower vertex first.
+            # triangles, with their vertices in the order of the triangle. `open_edges`
+            # has the edges with one triangle, with the lower vertex first.
             new_edge = _sorted_edge(end, apex)
             has_triangle = (
                 new_edge in self.directed_edges or new_edge[::-1] in self.directed_edges
@@ -565,7 +565,7 @@ def _tangent_plane_cosines(first: LocusPoints, second: LocusPoints) -> Floats:
 
 
 def _sorted_edge(first: int, second: int) -> Edge:
-    """Return an edge with the lower vertex number first."""
+    """Return an edge with the lower vertex index first."""
     return min(first, second), max(first, second)
 
 

@@ -38,15 +38,15 @@ class OutputPart:
         The loops that these pairs close, as a tree of links with the reference link as
         root.
     variables
-        Variables of these pairs, numbered as in the whole mechanism.
+        Variables of these pairs, by their indices in the whole mechanism.
     driven
         The variables among them that are inputs.
     variable_senses
         (V,) a factor for each variable of the whole mechanism. With these factors the
-        angular velocities of the pairs add up to that of the output. The sum runs along the
-        path in the tree from the reference link to the output link. The factor is +1 if the
-        path goes from the first to the second link of the pair, and -1 in the other sense.
-        It is 0 for a pair that is not on the path.
+        angular velocities of the pairs add up to the angular velocity of the output.
+        The sum runs along the path in the tree from the reference link to the output
+        link. The factor is +1 if the path goes from the first to the second link of the
+        pair, and -1 in the other sense. It is 0 for a pair that is not on the path.
     """
 
     tree: LoopTree
@@ -99,13 +99,13 @@ def _make_tree(
 ) -> LoopTree:
     """Return the loops of links that some pairs (joints) of a mechanism close.
 
-    A `LoopTree` numbers its bodies and pairs from 0 without gaps. The links and pairs of
-    the mechanism therefore get new numbers.
+    A `LoopTree` numbers its bodies and pairs from 0 without gaps. The links and pairs
+    of the mechanism therefore get new indices.
 
     Parameters
     ----------
     mechanism
-        The whole mechanism, with its own numbers of links, pairs and variables.
+        The whole mechanism, with its own indices of links, pairs and variables.
     pairs, variables
         Indices of the pairs, and of the variables of these pairs.
     first_links
@@ -169,7 +169,7 @@ class TangentSpace:
     """Rates that close the loops, at n configurations of a mechanism with V variables.
 
     They are the rates x with J x = 0, where J is the Jacobian of the loop closure. The
-    loops are those of the whole mechanism or of an `OutputPart` alone. The space has k
+    loops belong to the whole mechanism or only to an `OutputPart`. The space has k
     dimensions.
 
     Attributes
