@@ -166,11 +166,11 @@ def plot_series(
         Name of the curve, and title of the plot. Curves with the same title are drawn
         together.
     values
-        (n,) the quantity at each row.
+        (n,) values of the quantity, one for each row.
     unit
         Its unit.
     link
-        Number of a link, if the curve should have the colour of this link.
+        Index of a link, if the curve should have the colour of this link.
     """
     # Other characters than letters, digits and hyphens are replaced by an underscore.
     file_name = re.sub(r"[^A-Za-z0-9-]+", "_", label)
@@ -178,7 +178,7 @@ def plot_series(
 
 
 def plots_by_mode(batch: Batch, plots: Sequence[Series]) -> tuple[Scene, ...]:
-    """Return a page of plots for each assembly mode (way to assemble the mechanism).
+    """Return plots on one page for each assembly mode (way to assemble the links).
 
     `plots` have one value for each row (sample of one mode) of the batch. Each page has the
     values of its mode.
@@ -221,9 +221,9 @@ def find_largest_torques(batch: Batch, torques: Floats, key: str) -> dict[str, A
 
     Returns
     -------
-    For each input by name a record with the torque (N m), and with the sample, assembly
-    mode and inputs (rad) at which it occurs, also in words (``place``). Inputs without a
-    known torque are left out.
+    By the name of each input, a record (entry of the summary) with the torque (N m),
+    and with the sample, assembly mode and inputs (rad) at which it occurs, also in
+    words (``place``). Inputs without a known torque are left out.
     """
     records: dict[str, Any] = {}
     for number, name in enumerate(batch.moving_inputs):
@@ -249,8 +249,8 @@ def describe_largest_torques(
     Parameters
     ----------
     records
-        By the name of an input the record of its largest torque, as `find_largest_torques`
-        returns it.
+        By the name of an input, the record of the largest torque at this input, as
+        `find_largest_torques` returns it.
     key
         Key of the torque in the records.
     quantity
@@ -270,7 +270,7 @@ def describe_largest_torques(
 def merge_largest(
     first: Mapping[str, Any], second: Mapping[str, Any], key: str
 ) -> dict[str, Any]:
-    """Merge the records of largest values of two blocks of rows.
+    """Merge records (summary entries) of the largest values of two blocks of rows.
 
     For each name the record with the larger value is returned.
 
@@ -289,12 +289,12 @@ def merge_largest(
 
 
 def continue_load_angles(batch: Batch) -> Motion:
-    """Return the configurations of a batch, in which some angles have all their turns.
+    """Return the configurations of a batch, with some angles that count whole revolutions.
 
-    Loads such as springs depend on the whole rotation of a pair, with all its turns. The
-    angles of the pairs on which loads depend are therefore continued from row to row. The
-    analysis must have asked for these continued values, and for the position analysis
-    (tracer), in its needs.
+    Loads such as springs depend on the whole rotation of a pair, including whole
+    revolutions. The angles of the pairs on which loads depend are therefore continued
+    from row to row. The analysis must have asked for these continued values, and for
+    the position analysis (tracer), in its needs.
     """
     values = batch.motion.values.copy()
     for pair in batch.needs.continued_values:

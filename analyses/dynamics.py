@@ -80,7 +80,7 @@ DERIVATIVES = Column(
 
 @dataclass(frozen=True, kw_only=True)
 class Dynamics(AbstractAnalysis):
-    """Torques at all inputs as they move: by their laws, or from the motion itself.
+    """Torques at all inputs while the inputs move by their laws, or as the motion says.
 
     Without laws the inputs go along the straight path through their ranges, the fastest at
     1 rad/s. For a motion that follows from its loads they are the torques that act at the
@@ -180,9 +180,10 @@ class Dynamics(AbstractAnalysis):
         one row for each load. The second table has one row for each entry of the upper
         triangle of the inertia matrix.
         """
-        # The solution has the inertia matrix M (n, inputs, inputs) and its derivatives dM
-        # by the inputs (last axis). Q_all (n, inputs) are the generalised forces of all
-        # loads together, and Q_parts (n, inputs, loads) those of each load.
+        # The solution has the inertia matrix M (n, inputs, inputs) and its derivatives
+        # dM with respect to the inputs (last axis). Q_all (n, inputs) are the
+        # generalised forces of all loads together, and Q_parts (n, inputs, loads) those
+        # of each load.
         solution = self._inverse_solution(batch)
         mechanism = batch.mechanism
         inputs = batch.moving_inputs
@@ -246,7 +247,7 @@ class Dynamics(AbstractAnalysis):
         return _make_findings(summary)
 
     def joined(self, before: Findings, now: Findings) -> Findings:
-        """Return the larger torques of two blocks of rows."""
+        """Return the larger torques of two blocks of rows (parts of a long run)."""
         lost_rows = sum(
             findings.figures["rows_at_singularities"] for findings in (before, now)
         )

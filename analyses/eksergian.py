@@ -55,8 +55,9 @@ from .common import (
 )
 
 ZERO_TORQUE_RATIO = 1e-12
-"""Driving torque over the largest inertia and load torque of a block up to which the
-torque is reported as 0. Larger: small torques are hidden; smaller: errors are reported."""
+"""Ratio of the driving torque to the largest inertia and load torque of a block of
+rows, up to which the torque is reported as 0. Larger: small torques are hidden;
+smaller: errors are reported."""
 
 LARGEST_DRIVING_TORQUE = "largest_torque_Nm"
 """Key of the largest torque in the summary."""
@@ -67,10 +68,10 @@ have no inertia and torque. Larger: less accurate torques are given."""
 
 @dataclass(frozen=True, kw_only=True)
 class Eksergian(AbstractAnalysis):
-    """Torque that drives the input as it moves: by its law, or else at 1 rad/s.
+    """Torque that drives the input while the input moves by its law, or else at 1 rad/s.
 
-    For a motion that follows from its loads, it is the torque that acts at the input in
-    addition to them.
+    For a motion that follows from its loads, the torque is the one that acts at the
+    input in addition to the loads.
 
     Parameters
     ----------
@@ -201,7 +202,8 @@ class Eksergian(AbstractAnalysis):
 
         - the time of each row, and the rates and accelerations of the input;
         - orientations and angular velocities of the links that have mass or on whose motion
-          loads depend, and the derivatives of these velocities by the input;
+          loads depend, and the derivatives of these velocities with respect to the
+          input;
         - variables and rates of the pairs (joints) with loads. Their angles have no jumps
           of whole revolutions, because a spring counts revolutions;
         - the rate of the pair at which the torque acts;
@@ -381,9 +383,10 @@ class Eksergian(AbstractAnalysis):
         """Return a page with plots for each assembly mode (way to assemble the links).
 
         The plots show the equivalent inertia (that of all links, reduced to the input) with
-        the part of each link, its derivative by the input, and the driving torque with the
-        parts due to inertia and to each load. If the samples are times, the page also has
-        the phase portrait: the rate of the input against the input.
+        the part of each link, the derivative of the inertia with respect to the input,
+        and the driving torque with the parts due to inertia and to each load. If the
+        samples are times, the page also has the phase portrait: the rate of the input
+        against the input.
         """
         solution = self._inverse_solution(batch)
         scenes = plots_by_mode(
@@ -500,7 +503,7 @@ def _solve_torque(batch: Batch) -> InverseSolution:
 
 
 def _coordinate_motion(batch: Batch) -> CoordinateMotion:
-    """Return the configurations of a batch with their derivatives by the input.
+    """Return the configurations of a batch and their derivatives with respect to the input.
 
     The batch has only the variables and links that this analysis reads: those on which
     loads and masses depend. All others are NaN. The second derivatives of the pair

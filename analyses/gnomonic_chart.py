@@ -22,7 +22,7 @@ for no columns of the chart, while its drawing is the same as with ``"yes"``.
 
 
 def chart_axes(mechanism: Mechanism, chart: ChartAxis = "yes") -> tuple[int, int, int]:
-    """Return the numbers (0 to 2) of the ground axes that the chart uses as x, y and z.
+    """Return the indices (0 to 2) of the ground axes that the chart uses as x, y and z.
 
     The chart projects the sphere from its centre onto the plane that touches it at axis x.
     By default, x is the ground axis nearest to the middle of the pair axes on the ground,
@@ -34,7 +34,8 @@ def chart_axes(mechanism: Mechanism, chart: ChartAxis = "yes") -> tuple[int, int
         x = "xyz".index(chart)
     else:
         ground_axes = link_axes(mechanism)[mechanism.links[0]]
-        # The zero vector is needed if the ground has no pair axes, but only contacts.
+        # The zero vector makes the sum valid if the ground has no pair axes, but only
+        # contacts.
         middle = np.sum([*ground_axes.values(), np.zeros(3)], axis=0)
         x = int(np.argmax(np.abs(middle)))
     return x, (x + 1) % 3, (x + 2) % 3

@@ -40,7 +40,7 @@ ANGULAR_TERMS = frozenset(
 )
 """Terms that are angles, or components of a rotation vector."""
 NO_DIRECTION = "no direction: all its components are 0"
-"""Complaint about a direction or quaternion of length 0."""
+"""Error message about a direction or quaternion of length 0."""
 
 
 def read_pose(
@@ -174,8 +174,8 @@ CONVERSION_OF_FORM: Mapping[tuple[str, ...], Callable[[Floats], Floats]] = {
 }
 """The function that converts rows (n, k) of numbers, by the terms of their columns.
 
-Angles are in rad. The result are directions (n, 3), normals of mid-planes (n, 3), rotations
-(n, 3, 3), or axes of rotations (n, 3). Rows that are no pose give NaN."""
+Angles are in rad. The results are directions (n, 3), normals of mid-planes (n, 3),
+rotations (n, 3, 3), or axes of rotations (n, 3). Rows that are no pose give NaN."""
 
 
 def format_pose(pose: Floats) -> str:
@@ -223,8 +223,8 @@ def read_terms(
     Raises
     ------
     AnalysisError
-        If a part is not ``name=number``, or if there are several poses where only one is
-        allowed.
+        If a text is not ``name=number``, or if there are several poses where only one
+        is allowed.
     """
     poses: list[dict[str, float]] = [{}]
     for part in parts:

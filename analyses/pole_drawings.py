@@ -30,9 +30,9 @@ CHART_RANGE = 2.5
 """The chart shows tan xi and tan zeta up to this size. Larger: axes far from the centre are
 visible, and those near it are crowded."""
 PAIR_COLOUR = 0
-"""Number of the colour of axes of pairs in the chart."""
+"""Index of the colour of axes of pairs in the chart."""
 POLE_COLOUR = 2
-"""Number of the colour of other pole axes in the chart."""
+"""Index of the colour of other pole axes in the chart."""
 
 
 def short_name(mechanism: Mechanism, pole: Pole) -> str:
@@ -78,7 +78,7 @@ def draw_chart(
         The ground axis at which the chart touches the sphere: "x", "y" or "z". With "yes"
         it is the one that is nearest to the pair axes of the ground.
     """
-    # Numbers of the ground axes that the chart has as x, y and z.
+    # Indices of the ground axes that the chart has as x, y and z.
     x, y, z = chart_axes(mechanism, chart)
     with np.errstate(divide="ignore", invalid="ignore"):
         points = directions[..., [y, z]] / directions[..., [x]]
@@ -116,7 +116,7 @@ def draw_axodes(batch: Batch, pole: Pole, rows: slice) -> Iterator[Trace]:
     batch
         The rows (configurations) of a motion.
     pole
-        Numbers of the two links.
+        Indices of the two links.
     rows
         The rows that are drawn.
     """
@@ -214,8 +214,9 @@ def _list_block_steps(plan: Plan, block: BlockPoles) -> list[ConstructionStep]:
     A pole is the axis about which one link rotates relative to another. A drawing shows the
     construction of the poles step by step.
 
-    The first step has the poles that only the equations determine. As soon as these are
-    known, the others follow one by one as intersections of two great circles.
+    The first step has the poles that only the equations determine. As soon as these
+    poles are known, the other poles follow one by one as intersections of two great
+    circles.
     """
     # The description has one line for the equations and one for each pole at circles.
     equations_text, *circle_texts = describe(plan, block).split("\n")

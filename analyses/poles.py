@@ -42,8 +42,9 @@ from .gnomonic_chart import (
 from .pole_drawings import draw_axodes, draw_chart, draw_construction, short_name
 
 MAX_POLES_SHOWN_FIRST = 6
-"""With more poles than this, only poles to the ground and the one with great circles are
-visible at first. Larger: drawings of large mechanisms are crowded."""
+"""With more poles than this, only poles relative to the ground and the pole with great
+circles are visible when a drawing is opened. Larger: drawings of large mechanisms are
+crowded."""
 
 
 CHART_MEANINGS = {
@@ -73,7 +74,8 @@ class MovingPole(NamedTuple):
     Attributes
     ----------
     first_link, second_link
-        Numbers of the links. The motion is that of the second one relative to the first.
+        Indices of the links. The pole belongs to the motion of the second link relative
+        to the first.
     input_number
         Position of the moving input among the inputs.
     """
@@ -249,9 +251,9 @@ class Poles(AbstractAnalysis):
         """Return the largest velocity coefficients, as figures of merit to compare designs.
 
         A velocity coefficient is the relative angular velocity of two links per unit rate
-        of the input. The motions are those of the poles in `only`. By default they are
-        those of the declared outputs, or without outputs, those of all links relative to
-        the ground.
+        of the input. The result covers the poles in `only`. By default it covers the
+        motions of the declared outputs or, without outputs, the motions of all links
+        relative to the ground.
         """
         names = mechanism.links
         # A relative motion is a link and its reference link. Pole (i, j) is the motion of
@@ -290,14 +292,15 @@ class Poles(AbstractAnalysis):
         - `directions`: poles whose direction is computed.
         - `rates`: poles whose velocity coefficient is computed. It is the relative angular
           velocity per unit rate of the input.
-        - `derivatives`: yes, the velocity coefficients are also differentiated by the
+        - `derivatives`: yes, the velocity coefficients are also differentiated with
+          respect to the input.
+        - `turns`: poles whose direction is also differentiated with respect to the
           input.
-        - `turns`: poles whose direction is also differentiated by the input.
-        - `planes`: poles for which two great circles through the pole are computed. One
-          pole has them in the figures: that of the parameter `circles`, by default the
-          first one that is not the axis of a pair. All poles that are not axes of pairs
-          (joints) need them in two cases: for the drawing of the construction, and for
-          columns with chart coordinates.
+        - `planes`: poles for which two great circles through the pole are computed. In
+          figures, only one pole has great circles: the pole of the parameter `circles`,
+          by default the first pole that is not the axis of a pair. Great circles of all
+          poles that are not axes of pairs (joints) are computed in two cases: for the
+          drawing of the construction, and for columns with chart coordinates.
         - `rotations`: all links if the construction is drawn, otherwise the links with a
           drawn axode. An axode is the path of a pole in the axes of a link.
         """
@@ -333,8 +336,8 @@ class Poles(AbstractAnalysis):
     def _draws_construction(self, mechanism: Mechanism) -> bool:
         """Return whether the construction of the poles is drawn step by step.
 
-        It is drawn if the mechanism has one input and all poles are wanted (`only` is
-        empty).
+        It is drawn if the mechanism has one input and the user wants all poles (`only`
+        is empty).
         """
         return not self.only and len(mechanism.inputs) == 1
 
@@ -387,7 +390,7 @@ class Poles(AbstractAnalysis):
             The poles, each while one input moves.
         """
         mechanism = batch.mechanism
-        # Numbers of the ground axes that are called x, y and z in the chart.
+        # Indices of the ground axes that are called x, y and z in the chart.
         axes = list(chart_axes(mechanism, self.chart))
         values_by_name: dict[str, list[Floats]] = {name: [] for name in CHART_MEANINGS}
         for pole in moving_poles:
@@ -516,7 +519,7 @@ class Poles(AbstractAnalysis):
         input_number
             Position of the moving input among the inputs.
         pole
-            The numbers of the two links.
+            The indices of the two links.
         """
         mechanism = batch.mechanism
         # Whether a pair joins the two links. The pole is then the axis of this pair.
@@ -528,9 +531,9 @@ class Poles(AbstractAnalysis):
         second_name = mechanism.links[second_link]
         moving_input = batch.moving_inputs[input_number]
         has_several_inputs = len(batch.moving_inputs) > 1
-        # If there are many arrows, three sorts are visible at first: axes of pairs, motions
-        # relative to the ground (link 0), and the pole with drawn great circles. The last
-        # two sorts are visible for the first input only.
+        # If there are many arrows, three sorts are visible when a drawing is opened:
+        # axes of pairs, motions relative to the ground (link 0), and the pole with
+        # drawn great circles. The last two sorts are visible for the first input only.
         has_few_poles = len(self.poles(mechanism)) <= MAX_POLES_SHOWN_FIRST
         if has_few_poles or is_pair_axis:
             is_visible = True
@@ -557,9 +560,9 @@ class Poles(AbstractAnalysis):
         """Yield plots of the velocity and acceleration coefficients of a pole.
 
         The velocity coefficient is the angular velocity of the two links relative to each
-        other per unit rate of the moving input; the acceleration coefficient is its
-        derivative by this input. Nothing is yielded for the input itself, and for links
-        that the locked inputs join.
+        other per unit rate of the moving input; the acceleration coefficient is the
+        derivative of the velocity coefficient with respect to this input. Nothing is
+        yielded for the input itself, and for links that the locked inputs join.
 
         Parameters
         ----------
@@ -568,7 +571,7 @@ class Poles(AbstractAnalysis):
         input_number
             Position of the moving input among the inputs.
         pole
-            The numbers of the two links.
+            The indices of the two links.
         """
         mechanism = batch.mechanism
         pair = batch.moving_inputs[input_number]
@@ -628,7 +631,7 @@ class Poles(AbstractAnalysis):
 def _make_direction_derivative_columns(
     batch: Batch, moving_poles: Sequence[MovingPole]
 ) -> dict[str, Any]:
-    """Return the derivatives of the axes of poles by the moving input, by column name."""
+    """Return, by column, the derivatives of poles with respect to the moving input."""
     make_column = batch.of_poles(moving_poles)
     return {
         f"du{axis}_dq": make_column("direction_dq", component)

@@ -216,10 +216,11 @@ class ReactionAnalysis(AbstractAnalysis):
         )
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Declare that the analysis reads the motion in time, and variables of loads.
+        """Declare that the analysis reads the motion in time and variables of loads.
 
-        Variables of loads are those of the pairs on which loads such as springs depend.
-        They are read with whole revolutions. `tracer` gives access to the configurations.
+        Variables of loads are the variables of pairs on which loads such as springs
+        depend. These variables include whole revolutions. `tracer` gives access to the
+        configurations.
 
         Raises
         ------
@@ -244,9 +245,9 @@ class ReactionAnalysis(AbstractAnalysis):
         pair_names = [pair.name for pair in batch.mechanism.pairs]
         moments = result.moments.reshape(-1, 3)
         forces = result.forces.reshape(-1, 3)
-        # The components are along axes x, y, z of each pair. Those of an R pair are fixed
-        # in its second link, and z is the axis of the pair. At a contact, x is the tangent,
-        # y the normal, and z points from the centre to the contact.
+        # The components are along axes x, y, z of each pair. The axes of an R pair are
+        # fixed in its second link, and z is the axis of the pair. At a contact, x is
+        # the tangent, y the normal, and z points from the centre to the contact.
         #
         # For R pairs, x and y are also given along axes fixed in the first link. They are
         # NaN for contacts.
@@ -407,7 +408,8 @@ class BearingLoad:
     position
         Distance of this bearing from the centre of the sphere along the pair's axis (m).
     couple_force
-        (n,) force at right angles to the axis that the moment of the pair causes alone (N).
+        (n,) force (N) at right angles to the axis that the moment of the pair alone
+        causes.
     radial
         (n,) whole force at right angles to the axis (N). A pair transmits a moment and a
         force through the centre of the sphere, and a bearing supports a part of both.
@@ -467,7 +469,7 @@ def _bearing_columns(batch: Batch, result: Reactions) -> TableData:
     follow each other. Bearings are stated by an entry of the mechanism file. The column
     `load` has the name of this entry, because bearings cause friction and therefore are
     loads. The column `couple_force` is the force on a bearing that the moment of the pair
-    (joint) alone causes. The status is that of the reactions of the pair.
+    (joint) alone causes. The status is the status of the reactions of the pair.
 
     Parameters
     ----------
@@ -546,7 +548,7 @@ def _merge_summaries(first: Any, second: Any, key: str = "") -> Any:
     A summary is a mapping with mappings as some values. Both summaries have the same keys.
     Values with the same key are merged by their kind:
 
-    - Numbers of rows (keys ``rows_...``) are added.
+    - Row counts (keys ``rows_...``) are added.
     - Of truth values and lists the first one is used, unless it is false or empty.
     - Other numbers are maxima, None if no value is known. The larger one is used.
     - A mapping of maxima has an entry ``at``: the positions of the maxima by name.
@@ -574,8 +576,9 @@ def _merge_mappings(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict
     """Merge two mappings from the summaries of two blocks of rows.
 
     The values of each key are merged by `_merge_summaries`. The entry ``at``, if it exists,
-    has the position of each maximum. It must come from the block that has the maximum. If
-    both have the same maximum, it is the position in the first block.
+    has the position of each maximum. The position must come from the block that has the
+    maximum. If both blocks have the same maximum, it is the position in the first
+    block.
     """
     merged = {}
     for name, value in first.items():
@@ -696,7 +699,7 @@ def _describe_maximum(
     unit, quantity
         Its unit, and the quantity in words.
     are_bearings
-        Whether the records are those of bearings.
+        Whether the records are about bearings.
     """
     values = {
         name: record[key] for name, record in records.items() if record[key] is not None

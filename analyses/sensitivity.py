@@ -1,4 +1,4 @@
-"""How an output changes with sizes, and what deviations of sizes do to it."""
+"""How an output changes with sizes, and how much deviations of sizes change it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -50,8 +50,8 @@ FIRST_ORDER_TOLERANCE = 0.1
 """If the spread of draws differs from the first order by this part of it, both are
 reported."""
 MAX_LISTED = 6
-"""Most sizes that are listed, and most quantities whose derivatives are drawn. Of each
-quantity, the derivatives by as many sizes are drawn at most."""
+"""Largest number of sizes that are listed, and of quantities whose derivatives are
+drawn. Of each quantity, derivatives with respect to at most as many sizes are drawn."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class SensitivityResult:
     values
         (c, n) values of the quantities.
     gradients
-        (sizes, c, n) derivatives of the quantities by the sizes.
+        (sizes, c, n) derivatives of the quantities with respect to the sizes.
     shares
         (sizes, c, n) fraction of the variance of a quantity that the deviation of a size
         causes; all fractions add up to 1. NaN if the quantity depends on no size.
@@ -119,7 +119,7 @@ class SensitivityResult:
 
 @dataclass(frozen=True, kw_only=True)
 class SensitivityAnalysis(AbstractAnalysis):
-    """Exact derivatives of quantities by sizes, and what deviating sizes do to them.
+    """Exact derivatives of quantities with respect to sizes, and effects of deviations.
 
     Attributes
     ----------
@@ -127,9 +127,9 @@ class SensitivityAnalysis(AbstractAnalysis):
         Names of quantities, such as ``theta_41+velocity_coefficient_4_1``. By default the
         angles of the outputs.
     by
-        Sizes, or numbers of masses and loads, with respect to which derivatives are taken,
-        by their keys in the file, such as ``links.2.arc+links.3.arc``. By default all arcs
-        and angles.
+        Sizes, or numerical values of masses and loads, with respect to which
+        derivatives are taken, by their keys in the file, such as
+        ``links.2.arc+links.3.arc``. By default all arcs and angles.
     deviation
         Deviation (in Python in degrees) of every size: the standard deviation if it is
         distributed normally, the largest deviation if it is distributed uniformly.
@@ -282,7 +282,8 @@ class SensitivityAnalysis(AbstractAnalysis):
         Raises
         ------
         AnalysisError, DesignError
-            If a parameter is not valid, or a quantity has no derivative by a size.
+            If a parameter is not valid, or a quantity has no derivative with respect to
+            a size.
         """
         sensitivity = self._sensitivity(mechanism)
         # This call only raises an error if a parameter of the deviations is not valid.
@@ -291,7 +292,7 @@ class SensitivityAnalysis(AbstractAnalysis):
             # The tracer is the position analysis of the run. It has the configurations.
             tracer=True,
             time=len(mechanism.inputs) == 1 or sensitivity.timed,
-            # Pairs (joints) whose angles are needed without jumps of 2 pi, because loads
+            # Pairs (joints) whose angles must have no jumps of 2 pi, because loads
             # depend on them. A wound spring, for example, counts whole revolutions.
             continued_values=frozenset(sensitivity.wound),
             # Links on which the quantities depend. The run does not compute others.
@@ -350,8 +351,8 @@ class SensitivityAnalysis(AbstractAnalysis):
         """Return derivatives and tolerances of the rows of a batch.
 
         The table `sensitivity` has a row for each row of the batch, quantity and size. It
-        lists the derivatives of the quantity by the size. A size is named by its key in the
-        mechanism file.
+        lists the derivatives of the quantity with respect to the size. A size is named
+        by its key in the mechanism file.
 
         The table `tolerances` has a row for each row of the batch and quantity. It lists
         how much the quantity deviates if the sizes deviate:
@@ -398,7 +399,7 @@ class SensitivityAnalysis(AbstractAnalysis):
         return batch.once("sensitivity", lambda: self._compute_result(batch))
 
     def _compute_result(self, batch: Batch) -> SensitivityResult:
-        """Compute derivatives of quantities by sizes, and deviations of the quantities.
+        """Compute derivatives with respect to sizes, and deviations of the quantities.
 
         The deviations are computed in two ways: to first order from the derivatives, and
         from draws, which are mechanisms with random sizes. Rows (configurations) that
@@ -529,9 +530,9 @@ class SensitivityAnalysis(AbstractAnalysis):
                 summary[name]["lost"] = float(tolerances.lost[number, row])
         findings = self._make_findings(summary, self._describe_sizes(sensitivity.keys))
         # If the two axes of a link are on one line, its arc is 0 or 180 degrees. A
-        # deviation can then tilt an axis in any direction, so the derivative by the arc is
-        # undefined. Such sizes are left out, with a warning unless the user chose the sizes
-        # (`by`).
+        # deviation can then tilt an axis in any direction, so the derivative with
+        # respect to the arc is undefined. Such sizes are left out, with a warning
+        # unless the user chose the sizes (`by`).
         if not sensitivity.left_out or self.by:
             return findings
         left_out = listing(f"links.{link}" for link in sensitivity.left_out)
@@ -627,9 +628,9 @@ class SensitivityAnalysis(AbstractAnalysis):
                 unit = "rad"
             spread_plots.append(plot_series("spread", name, title, spread, unit))
 
-        # (sizes, quantities, n) variance that each size causes. Derivatives are drawn only
-        # by the sizes that cause the largest variances in an assembly mode (way to assemble
-        # the links).
+        # (sizes, quantities, n) variance that each size causes. Derivatives are drawn
+        # only with respect to the sizes that cause the largest variances in an assembly
+        # mode (way to assemble the links).
         squares = result.shares * spreads**2
         scenes = []
         for mode, rows in batch.assembly_mode_rows().items():
@@ -649,7 +650,7 @@ class SensitivityAnalysis(AbstractAnalysis):
 
 
 def _find_largest_sizes(squares: Floats) -> list[int]:
-    """Return the numbers of at most `MAX_LISTED` sizes with the largest variances, sorted.
+    """Return the indices of at most `MAX_LISTED` sizes with the largest variances, sorted.
 
     These sizes contribute most to the deviations of a quantity.
 
@@ -709,13 +710,14 @@ def _variances_by_size(gradients: Floats, deviations: SizeDeviations) -> Floats:
     """Return the variance of each quantity that the deviation of each size causes.
 
     To first order it is (derivative times standard deviation of the size)^2. Sizes deviate
-    independently, so the variances by all sizes add up to that of the quantity.
+    independently, so the variances that all sizes cause add up to the variance of the
+    quantity.
 
     Parameters
     ----------
     gradients
-        (sizes, quantities, rows) derivatives of the quantities by the sizes, in each row
-        (configuration).
+        (sizes, quantities, rows) derivatives of the quantities with respect to the
+        sizes, in each row (configuration).
     deviations
         Deviations of the sizes.
 

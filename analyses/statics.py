@@ -1,4 +1,4 @@
-"""Mechanisms at rest: holding torques, mechanical advantage and stiffness of outputs."""
+"""Mechanisms at rest: torques that hold them, mechanical advantages, stiffness."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -234,7 +234,7 @@ class Statics(AbstractAnalysis):
         )
 
     def _output_stiffness(self, batch: Batch) -> Mapping[str, Stiffness]:
-        """Return the stiffness of each output by its name, which is computed once."""
+        """Return the stiffness by name of the output. It is computed once."""
         solution = self._holding_solution(batch)
         drive_stiffness = self._drive_stiffness(batch.mechanism)
         return batch.once(
@@ -308,7 +308,7 @@ def _make_findings(largest: Mapping[str, Any], has_loads: bool) -> Findings:
 
 
 def _interleave(arrays: Sequence[Floats], shape: tuple[int, ...]) -> Floats:
-    """Return the rows of k arrays in turn: row 0 of each array, then row 1 of each, ...
+    """Return the rows of k arrays in turn: row 0 of each array, then row 1, and so on.
 
     Parameters
     ----------

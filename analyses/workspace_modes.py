@@ -52,11 +52,11 @@ from .inverse_kinematics.pose_lists import read_poses
 from .output_poses import describe_nearest_pose, format_pose
 
 DRAWN_TILTS = 24
-"""Tilts at which orientations are drawn. Larger: smoother drawings, which take longer."""
+"""Number of tilts at which orientations are drawn. Larger: smoother, slower drawings."""
 DRAWN_AZIMUTHS = 48
-"""Azimuths at which orientations are drawn."""
+"""Number of azimuths at which orientations are drawn."""
 DRAWN_TORSIONS = 36
-"""Torsions at which orientations are drawn, at each tilt and azimuth."""
+"""Number of torsions at which orientations are drawn, at each tilt and azimuth."""
 NO_LIMIT_NAME = "the output is not determined"
 """Name of a border at which no limit is reached."""
 
@@ -90,7 +90,7 @@ class PoseFindings:
     Attributes
     ----------
     records
-        Record of each pose in each mode.
+        Entry of the summary about each pose in each working mode.
     warnings, remarks
         Sentences about poses outside, and about poses inside.
     """
@@ -121,7 +121,8 @@ class WorkspaceModes:
     bounds
         The limits that end the workspace.
     limit_names
-        Names of the limits by their numbers, then of no limit, whose number is -1.
+        Names of the limits by their indices, then the name for no limit, which has the
+        index -1.
     """
 
     def __init__(
@@ -135,8 +136,8 @@ class WorkspaceModes:
     ) -> None:
         """Store the arguments, and list the limits of the output.
 
-        Legs (chains of links) join the output to the base. The limits are those of the
-        mechanism, such as how far its legs extend, and those of `constraints`. The
+        Legs (chains of links) join the output to the base. The mechanism has limits,
+        such as how far its legs extend, and `constraints` has further limits. The
         workspace of each working mode is computed when it is first used.
 
         Parameters
@@ -157,8 +158,8 @@ class WorkspaceModes:
         self.mechanism = mechanism
         self.kinematics = kinematics
         self.limits = bounds_of(kinematics, constraints)
-        # Borders have the number of the limit that is reached there. Borders at which the
-        # output is not determined have the number -1, which selects the last name.
+        # Borders have the index of the limit that is reached there. Borders at which
+        # the output is not determined have the index -1, which selects the last name.
         self.limit_names = [limit.name for limit in self.limits] + [NO_LIMIT_NAME]
         self.modes = modes
         self.poses = poses
@@ -193,7 +194,7 @@ class WorkspaceModes:
         return judge(self.kinematics, self.limits, workspace.signs, poses)
 
     def table_parts(self) -> dict[str, list[Columns]]:
-        """Return samples, borders and sizes of all modes by table."""
+        """Return the tables of samples, borders and sizes of all working modes, by name."""
         parts: dict[str, list[Columns]] = {"workspace": [], "boundary": [], "areas": []}
         for workspace in self.workspaces:
             mode = {"working_mode": label_of(workspace.signs)}
@@ -205,7 +206,7 @@ class WorkspaceModes:
         return parts
 
     def _sample_columns(self, workspace: Workspace) -> Columns:
-        """Return the samples of a workspace with their margins and measures."""
+        """Return the columns of the sampled poses, with their margins and measures."""
         samples = self.samples[workspace.signs]
         judged = samples.judged
         return {
@@ -252,7 +253,7 @@ class WorkspaceModes:
                         **direction_or_quaternion_columns(
                             arc.points, mid_plane_architecture
                         ),
-                        # `margin` is the number of the limit that is reached on the arc.
+                        # `margin` is the index of the limit that is reached on the arc.
                         "constraint": self._name_of_limit(arc.margin),
                     }
                 )
@@ -314,7 +315,7 @@ class WorkspaceModes:
         }
 
     def summarize(self, workspace: Workspace) -> tuple[Columns, str]:
-        """Return the record of a mode in the summary, and a warning or an empty text."""
+        """Return the summary entry of a working mode, and a warning or an empty text."""
         if isinstance(workspace, DirectionWorkspace):
             record, warning = self._summarize_directions(workspace.region)
         else:
@@ -380,7 +381,7 @@ class WorkspaceModes:
         record: Columns = {
             "volume": orientations.volume,
             "error": orientations.error,
-            # The volume as a part of that of all orientations.
+            # The volume as a fraction of the volume of all orientations.
             "fraction": orientations.fraction,
             # Number of orientations whose margins were computed.
             "evaluations": orientations.evaluations,
@@ -388,7 +389,8 @@ class WorkspaceModes:
         # The depth is the smallest margin of the best orientation, `place`. If it is
         # negative, all tested orientations are outside.
         if orientations.depth < 0.0:
-            # The smallest margin of this orientation, and the number of its limit.
+            # The smallest margin of this orientation, and the index of the limit to
+            # which it belongs.
             best = self.judge(workspace, orientations.place[None])
             record["nearest_limit"] = self.limit_names[int(best.limiting[0])]
             return record, (
@@ -492,7 +494,7 @@ class WorkspaceModes:
         return record, text
 
     def scenes(self) -> tuple[Scene, ...]:
-        """Return one or two pages for each workspace that is not that of another mode."""
+        """Return one or two pages for each workspace; equal workspaces share them."""
         pages: list[Scene] = []
         distinct = [workspace for workspace in self.workspaces if workspace.same_as is None]
         for workspace in distinct:
@@ -643,7 +645,7 @@ class WorkspaceModes:
 
 
 def arcs_by_limit(region: Region) -> dict[int, list[Floats]]:
-    """Return the arcs of the border, points (k, 3) each, by the number of their limit."""
+    """Return the arcs of the border, points (k, 3) each, by the index of the limit."""
     arcs: dict[int, list[Floats]] = {}
     for boundary in region.boundaries:
         for arc in boundary.arcs:
@@ -659,7 +661,7 @@ def _to_json_numbers(values: Floats) -> list[float | None]:
 def resolved_parts(region: Region, parts: Sequence[Part]) -> list[Part]:
     """Return the parts that are larger than the unresolved area.
 
-    Smaller parts can belong to others.
+    Smaller parts may be connected to other parts.
     """
     return [part for part in parts if part.area > region.unresolved]
 

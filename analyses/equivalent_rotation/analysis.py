@@ -1,4 +1,4 @@
-"""Equivalent rotation: from one pose of an output to another about one fixed axis."""
+"""Equivalent rotation: an output turns from one pose to another about one fixed axis."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -58,10 +58,11 @@ MEANING_OF_END: Mapping[Status, str] = {
     Status.OFF_PROFILE: "a contact reaches the end of its profile; choose a nearer pose",
     Status.MODE_LOST: "no verified step continues the motion; choose another start or end",
 }
-"""Why a rotation ends before its whole angle, by its status."""
+"""Why a rotation ends before its whole angle, by the status of the end."""
 FIXED_AXIS_TOLERANCE_RAD = 1e-9
-"""A rotation that deviates by less is one about a fixed axis. Larger: rotations about a
-moving axis count as feasible; smaller: rounding makes rotations infeasible."""
+"""A rotation that deviates by less counts as a rotation about a fixed axis. Larger:
+rotations about a moving axis count as feasible; smaller: rounding makes rotations
+infeasible."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +89,8 @@ class EquivalentRotation(AbstractAnalysis):
     end
         Pose of the output link at the end of the rotation.
     mode
-        Number or signs of the configuration at the start. The summary lists them all.
+        Number or signs of the configuration at the start. The summary lists all such
+        configurations.
     end_mode
         Number or signs of the orientation at the end, if the pose `end` has several. Number
         0 is the nearest to the start. By default it is the nearest in the assembly and
@@ -268,7 +270,7 @@ class EquivalentRotation(AbstractAnalysis):
         the angle between the orientation of the output link and the exact rotation about
         the fixed axis. `drift` is the angle between the momentary axis of the link and the
         fixed axis. Both are 0 (up to rounding) if the mechanism can follow exactly.
-        `type_2` measures how surely locked inputs prevent a motion of the output link. It
+        `type_2` measures how well locked inputs prevent a motion of the output link. It
         is 0 at a type II singularity, and at most 1.
 
         The schedule is the rotation in time, within limits of speed and acceleration of the
@@ -408,7 +410,8 @@ class EquivalentRotation(AbstractAnalysis):
         angle theta that the rotation has reached at this time.
         """
         # The speeds and accelerations of the inputs are limited. The duration is as short
-        # as these limits allow. The binding one is the limit that makes it so long.
+        # as these limits allow. The binding limit is the one that prevents a shorter
+        # duration.
         binding = schedule.binding
         return {
             # The name of the law by which the angle grows in time.

@@ -36,9 +36,9 @@ from spherekit.plugin.rotations import (
 POINTS_OF_ARC = 181
 """Points with which arcs of the output and great circles are drawn. Larger: smoother."""
 PATH_COLOUR = 0
-"""Number of the colour of arcs of the output."""
+"""Index of the colour of arcs of the output."""
 SINGULARITY_COLOUR = 2
-"""Number of the colour of singularities of type II."""
+"""Index of the colour of singularities of type II."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,8 @@ class RotationResult:
     output
         The output that is turned.
     start, start_number
-        The configurations of the start, and the number of the one that is used.
+        The configurations of the start, and the index of the configuration that is
+        used.
     end
         The orientation at the end, or the axis and the angle.
     rotation
@@ -91,7 +92,7 @@ class RotationResult:
     schedule, trajectory
         The rotation in time, and its rows; None if there is no schedule.
     why_no_schedule
-        Why there is no schedule although one is wanted, or an empty text.
+        Why there is no schedule although the user asked for one, or an empty text.
     """
 
     mechanism: Mechanism
@@ -113,7 +114,7 @@ class RotationResult:
         A schedule is the rotation in time. A page has drawings, plots and a text. The plots
         over the angle theta of the rotation show:
 
-        - the driving angles and their derivatives by theta,
+        - the driving angles and their derivatives with respect to theta,
         - the angle between the actual and the exact orientation of the output link,
         - `drift`: the angle between the actual and the exact axis of rotation of this link,
         - `type_2`, a transmission measure: how well locked inputs hold this link, from 0

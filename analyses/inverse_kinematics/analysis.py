@@ -52,8 +52,9 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     window
         Grid of poses, ``NAME:FROM:TO:COUNT`` joined by ``+``.
     unit
-        Unit of angles without a unit, deg or rad. By default it is that of the mechanism's
-        file. The columns of `file` may state another one, which is then used.
+        Unit of angles without a unit, deg or rad. By default it is the unit of the
+        mechanism's file. The columns of `file` may state another unit, which is then
+        used.
     output
         Name of the output, needed if the mechanism declares several.
     working_mode
@@ -120,7 +121,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         }
 
     def findings(self, batch: Batch) -> Findings:
-        """Return how many poses have how many solutions, and how well they close."""
+        """Return how many poses have how many solutions, and how well the loops close."""
         return self._solutions(batch).findings()
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
@@ -137,9 +138,9 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         return tuple(label_of(signs) for signs in signs_of_modes)
 
     def pair_numbers(self, mechanism: Mechanism) -> list[int]:
-        """Return the numbers of the pairs (joints) that are listed in a table.
+        """Return the indices of the pairs (joints) that are listed in a table.
 
-        The parameter `pairs` has their names, or ``all``.
+        The parameter `pairs` has the names of these pairs, or ``all``.
 
         Raises
         ------

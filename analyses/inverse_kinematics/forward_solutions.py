@@ -17,7 +17,7 @@ from .solver_summary import (
 from .tables import FORWARD, forward_columns
 
 MAX_DESCRIBED_INPUTS = 3
-"""Sets of inputs whose poses are described one by one."""
+"""Largest number of sets of inputs for which each pose is described in a sentence."""
 POSE_ANGLES = ("azimuth", "tilt", "torsion", "phi", "gamma")
 """Columns with the angles of a pose."""
 
@@ -119,8 +119,8 @@ class ForwardSolutions:
     def _describe_angle(self, name: str, row: int) -> str:
         """Return a text with an angle of the pose in a row of the table.
 
-        `name` is that of the angle. Its derivatives by the inputs follow in brackets, if
-        the table has them.
+        `name` is the name of the angle. The derivatives of the angle with respect to
+        the inputs follow in brackets, if the table has them.
         """
         text = f"{name} = {format_degrees(self.columns[name][row])} deg"
         derivatives = []

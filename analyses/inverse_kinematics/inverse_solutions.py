@@ -48,13 +48,13 @@ from .solver_summary import (
 from .tables import INVERSE, PAIRS, all_pose_columns, mid_plane_rate_columns
 
 MAX_DRAWN_SOLUTIONS = 2000
-"""Solutions that are drawn, one as each sample of their page."""
+"""Largest number of solutions that are drawn, one in each sample of a page."""
 MAX_LISTED_SOLUTIONS = 40
-"""Drawn solutions that are listed next to the drawing."""
+"""Largest number of drawn solutions that are listed next to the drawing."""
 MAX_CHECKED_POSES = 200
-"""Poses whose configurations are inserted into the closure equations, spread evenly."""
+"""Largest number of poses whose solutions are inserted into the closure equations."""
 MAX_DESCRIBED_POSES = 3
-"""Poses whose configurations are described one by one."""
+"""Largest number of poses for which each configuration is described."""
 
 LARGEST_ZERO_MEASURE = 1e-9
 """Measures of singularities that are not larger are printed as 0."""
@@ -73,11 +73,11 @@ class InverseSolutions:
     poses
         (n, 3) directions or (n, 3, 3) rotations.
     grid_shape
-        Numbers of values of the grid of poses; None if they are no grid.
+        Number of values along each axis if the poses are a grid; None otherwise.
     modes
         Labels of the working modes of interest.
     pairs
-        Numbers of the pairs whose variables are listed.
+        Indices of the pairs whose variables are listed.
     max_nearest
         Number of rows out of reach for which the nearest reachable pose is computed.
 
@@ -91,7 +91,7 @@ class InverseSolutions:
         (rows, 3 or 4) the nearest reachable direction or quaternion, and its angular
         distance (rows,) in rad; NaN if not computed.
     nearest_count
-        Number of rows for which it was computed.
+        Number of rows for which the nearest reachable pose was computed.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class InverseSolutions:
         modes
             Labels of the working modes to solve for, such as "+-".
         pairs
-            Numbers of the pairs whose variables are listed.
+            Indices of the pairs whose variables are listed.
         max_nearest
             Largest number of rows for which the nearest reachable pose is computed.
         """
@@ -441,8 +441,8 @@ class InverseSolutions:
         Parameters
         ----------
         rows
-            (samples,) numbers of the solutions. Sample k of the drawing shows the mechanism
-            in solution ``rows[k]``.
+            (samples,) indices of the solutions. Sample k of the drawing shows the
+            mechanism in solution ``rows[k]``.
         """
         mechanism = self.mechanism
         solutions = self.solutions

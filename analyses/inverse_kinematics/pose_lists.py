@@ -38,9 +38,9 @@ ROTATION_TOLERANCE = 1e-6
 """A matrix whose R R^T differs from 1 by more is not a rotation. Larger: rounded numbers in
 files are accepted; smaller: they are refused."""
 MAX_POSES = 500_000
-"""Poses of one run, whose tables are in memory: with eight modes 2 GB."""
+"""Largest number of poses of one run. The tables are in memory: 2 GB with eight modes."""
 MAX_LISTED_FAULTS = 5
-"""Poses that are listed in a complaint."""
+"""Largest number of poses that are listed in an error message."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def read_poses(
     """Return the poses of a list, of a file, or of a window, or inputs instead.
 
     Exactly one of the three sources is given. If the names of the numbers are those of the
-    driven pairs, the numbers are inputs whose poses are wanted.
+    driven pairs, the numbers are inputs, for which the poses are computed.
 
     Parameters
     ----------
@@ -111,8 +111,8 @@ def read_poses(
     poses
         Texts ``name=number``. A name that occurs again begins the next pose.
     columns
-        Names of the columns of the file that are read. They are only needed if the file has
-        the columns of several descriptions of a pose.
+        Names of the columns of the file that are read. They must be given only if the
+        file has the columns of several descriptions of a pose.
     file
         Path of a CSV or Parquet file.
     window
@@ -187,7 +187,8 @@ def _read_list(
     Parameters
     ----------
     solver
-        The inverse kinematics of the output. It decides which forms are possible.
+        The inverse kinematics of the output. It decides in which forms a pose can be
+        given.
     where
         Name of the parameter with the list, for error messages.
     poses
@@ -366,7 +367,8 @@ def _convert_rows(
     AnalysisError
         If some rows do not describe a pose. The message lists these rows.
     """
-    # Rows that do not describe a pose become NaN. `fault` is the message about them.
+    # Rows that do not describe a pose become NaN. `fault` is the message about these
+    # rows.
     if form == MATRIX_TERMS:
         poses = _read_rotation_matrices(rows)
         fault = "is not a rotation matrix"

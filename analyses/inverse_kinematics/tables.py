@@ -205,12 +205,12 @@ PAIRS = Table(
 def forward_columns(
     mechanism: Mechanism, solver: OutputKinematics, inputs: Floats
 ) -> Columns:
-    """Return the table of the poses at inputs, each with its working mode if known.
+    """Return the table of the poses at given inputs, each with its working mode if known.
 
     The working mode is given by the signs of the legs. Rows are in the order of the inputs.
-    The column `pose` is the number of the inputs in this order, as in the table of given
-    poses. Inputs without a pose have one row with status OUT_OF_REACH. The column `type_2`
-    is 0 at a type II singularity, where the output can move while the inputs rest.
+    The column `pose` is the position of the set of inputs in this order. Inputs without
+    a pose have one row with status OUT_OF_REACH. The column `type_2` is 0 at a type II
+    singularity, where the output can move while the inputs rest.
 
     Parameters
     ----------
@@ -333,7 +333,7 @@ def mid_plane_rate_columns(
     directions: Floats,
     angular_velocities: Floats,
 ) -> Columns:
-    """Return the columns of the derivatives of phi and gamma by the inputs.
+    """Return the columns of the derivatives of phi and gamma with respect to the inputs.
 
     In the mechanism, base and output mirror each other in a plane (mid-plane). Its unit
     normal (x, y, z) is described by the angles phi = -2 arcsin(x) and gamma = 2 arcsin(y)

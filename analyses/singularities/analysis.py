@@ -38,15 +38,16 @@ def _compare_positions(
     """Return a declaration of how values of a parameter are compared by speed and accuracy.
 
     The analysis is run with each value of the parameter. The inputs ``q`` of its
-    singularities are compared with those of the most accurate run. Each is compared with
-    the nearest one that has the same kind of singularity and the same output.
+    singularities are compared with those of the most accurate run. Each input is
+    compared with the nearest input that has the same kind of singularity and the same
+    output.
 
     Parameters
     ----------
     parameter, values
         Name of the parameter, and the values that are compared.
     inputs
-        Whether it applies to mechanisms with one input or with several.
+        Whether the comparison applies to mechanisms with one input or with several.
     """
     # The time limit `seconds` is raised to 100 s, so that only the compared parameter
     # limits the accuracy. `samples` is for one input only, where there is no time limit.
@@ -57,8 +58,8 @@ def _compare_positions(
         table="singularities",
         column="q",
         match=("kind", "output"),
-        # Each number in the column is compared with the nearest one, not with that of the
-        # same row.
+        # Each number in the column is compared with the nearest number, not with the
+        # one in the same row.
         places=True,
         # Values of other parameters during the comparison.
         beside=(("seconds", 100.0),) if raises_time_limit else (),
@@ -124,7 +125,7 @@ class SingularityAnalysis(AbstractAnalysis):
     seconds: Seconds = 50.0
 
     def outputs(self, mechanism: Mechanism) -> tuple[tuple[int, int], ...]:
-        """Return the relative motions of interest as numbers (o, s) of links.
+        """Return the relative motions of interest as indices (o, s) of links.
 
         Link o moves relative to link s. The motions are the first of these that exist:
 
@@ -238,7 +239,7 @@ class SingularityAnalysis(AbstractAnalysis):
         return self._singularities(batch).scenes()
 
     def findings(self, batch: Batch) -> Findings:
-        """Return how many singularities there are, and where a mode comes near one."""
+        """Return how many singularities exist, and where a mode comes near one of them."""
         return self._singularities(batch).findings()
 
     def _singularities(self, batch: Batch) -> OneInput | SeveralInputs:

@@ -17,8 +17,8 @@ from spherekit.plugin.singularities import (
 from .scenes import SELF_MOTION
 
 MAX_LISTED_INPUTS = 6
-"""Most inputs of one kind of singularity that are listed. Of further inputs only the number
-is stated."""
+"""Largest number of inputs that are listed for one kind of singularity. For further
+inputs only their number is stated."""
 OUTPUT_SAMPLES_PER_CURVE = 721
 """Points of a curve among which the extremes of an output are searched. Larger: extremes
 between singularities are more accurate."""
@@ -161,7 +161,7 @@ def describe_output_ranges(sampled: SampledSingularities, names: list[str]) -> l
         sentences.append(sentence)
     # The sentences are about whole curves. If the input is limited to a range below a full
     # revolution, a remark says so. In a simulation (motion caused by loads), `range` is not
-    # a limit, but what the motion has passed. So there is no remark.
+    # a limit, but the part that the motion has passed. So there is no remark.
     low, high = sampled.range
     is_limited = high - low < 2.0 * np.pi - 1e-9
     if is_limited and not sampled.is_simulation:
@@ -183,12 +183,13 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
     sampled
         The singularities on all curves.
     number, output
-        Number of the curve, and position of the output.
+        Index of the curve, and position of the output.
     """
     # 1. The angle of the output at samples of the curve, which include all singularities.
     curve = sampled.curves[number]
     links = sampled.report.outputs[output]
-    # Number of the variable of the pair between both links, None if there is no such pair.
+    # Index of the variable of the pair between both links, None if there is no such
+    # pair.
     variable = sampled.position_analysis.mechanism.angle_between(*links)
     points = [
         point
@@ -251,7 +252,7 @@ def describe_accuracy(points: Mapping[str, Any]) -> list[str]:
 
     The sentence is in a list, which is empty if no singularity has an error bound. For
     example, if the output rests on a whole curve, the curve is listed as one singularity.
-    It has no place, and so no error bound.
+    Such a row has no place, and so no error bound.
 
     Parameters
     ----------

@@ -62,10 +62,11 @@ Columns = dict[str, Any]
 """Columns of a table, or one row of it, by the names of columns."""
 
 RESTING_RATE = 1e-8
-"""A rate by arc length below this is zero in the table of relations. Larger: rows near
-singularities are called singular; smaller: rounding hides singular rows."""
+"""A rate (derivative with respect to arc length) below this is zero in the table of
+relations. Larger: rows near singularities are called singular; smaller: rounding hides
+singular rows."""
 CURVE_COLOUR = 4
-"""Number of the colour of configuration curves."""
+"""Index of the colour of configuration curves."""
 POINTS_PER_CURVE = 721
 """Points with which a whole configuration curve is drawn. Larger: smoother lines."""
 LABEL_OF_AXIS = {
@@ -102,7 +103,7 @@ class OneInput:
     batch
         The rows, which are configurations of the mechanism along its assembly modes.
     outputs
-        The relative motions of interest: each is the numbers of two links.
+        The relative motions of interest: each is given by the indices of two links.
     near
         Angle to a singularity (deg) below which a warning is given.
     """
@@ -133,7 +134,7 @@ class OneInput:
 
     @cached_property
     def names(self) -> list[str]:
-        """The outputs by names of links."""
+        """The outputs as texts with names of links, such as ``4/1``."""
         return [self._name_links(links) for links in self.sampled.report.outputs]
 
     def _name_links(self, links: Iterable[int]) -> str:
@@ -263,23 +264,25 @@ class OneInput:
     def relation(self) -> Columns:
         """The table of the relation c y' = d q' and of the nearness of singularities.
 
-        y' is the rate of an output, q' that of the input, both by the arc length of the
-        configuration curve. The coefficients c and d follow from the pole axes, about which
-        links turn relative to each other: c = 0 at type II, d = 0 at type I. There are up
-        to two forms, which use different pole axes. In form i, y' is the rate of the output
-        link relative to its own reference s, in form ii relative to the reference r of the
-        input. The table has every row of the batch once for each output and form.
+        y' is the rate of an output, q' the rate of the input. Both are derivatives with
+        respect to the arc length of the configuration curve. The coefficients c and d
+        follow from the pole axes, about which links turn relative to each other: c = 0
+        at type II, d = 0 at type I. There are up to two forms, which use different pole
+        axes. In form i, y' is the rate of the output link relative to its own reference
+        s, in form ii relative to the reference r of the input. The table has every row
+        of the batch once for each output and form.
 
-        A row has type I if the rate of the output is zero, and type II if that of the input
-        is. If both are zero, other links move (a self-motion). Where configuration curves
-        cross, all rates may be zero, and the type is III.
+        A row has type I if the rate of the output is zero, and type II if the rate of
+        the input is zero. If both rates are zero, other links move (a self-motion).
+        Where configuration curves cross, all rates may be zero, and the type is III.
         """
         batch = self.batch
         sampled = self.sampled
         # Smallest singular value of the loop equations with the input locked, and its ratio
         # to the largest one. They are 0 if a link can move although the input is locked.
         sigma, reciprocal_condition = sampled.singular_values()
-        # A problem of the row itself comes before one of its singularity measures.
+        # A status of the row itself takes precedence over the status of a singularity
+        # measure.
         status = np.where(batch.status == Status.OK, sampled.status, batch.status)
         tables: list[Columns] = []
         for (output, form), columns in sampled.measures().items():
@@ -330,12 +333,12 @@ class OneInput:
         return ASPECTS.stacked(self.batch.mechanism)
 
     def findings(self) -> Findings:
-        """Return how many singularities there are, and where a mode comes near one.
+        """Return how many singularities exist, and where an assembly mode comes near one.
 
         The result has three parts:
 
-        - The summary: numbers of singularities by type, near misses (modes that come near a
-          singularity without reaching it), and uncertain results.
+        - The summary: how many singularities of each type exist, near misses (modes
+          that come near a singularity without reaching it), and uncertain results.
         - Warnings: singularities that may be missed, type II in the range, near misses.
         - Remarks: sentences on all other results.
         """
@@ -400,12 +403,12 @@ class OneInput:
     def _describe_counts(
         self, counts_inside: Mapping[str, int], counts_outside: Mapping[str, int]
     ) -> str:
-        """Return a sentence with the numbers of singularities and of searched curves.
+        """Return a sentence that counts the singularities and the searched curves.
 
         Parameters
         ----------
         counts_inside, counts_outside
-            Numbers of singularities by kind (type I, II, ...) inside and outside of the
+            Counts of singularities by kind (type I, II, ...) inside and outside of the
             range of the input.
         """
         sampled = self.sampled
@@ -474,7 +477,7 @@ class OneInput:
 
     @cached_property
     def curve_lines(self) -> dict[tuple[int, int], Floats]:
-        """Drawn points of all configuration curves, by number of the curve and the output.
+        """Drawn points of all configuration curves, by indices of curve and output.
 
         A configuration curve consists of all configurations that one continuous motion
         passes. Each value is an array (`POINTS_PER_CURVE`, 2) of input and output angles in
@@ -483,8 +486,8 @@ class OneInput:
         lines: dict[tuple[int, int], Floats] = {}
         sampled = self.sampled
         for number, curve in enumerate(sampled.curves):
-            # At its end, a closed curve would begin the next lap. The last point is just
-            # before it.
+            # At its end, a closed curve would begin again. The last point is just
+            # before the end.
             s = np.linspace(0.0, curve.length * (1.0 - 1e-12), POINTS_PER_CURVE)
             for output in range(len(self.names)):
                 angle = sampled.output_angle(number, output, s)
@@ -512,14 +515,14 @@ class OneInput:
         """Return a plot of an output angle against the input angle.
 
         It shows all configuration curves, marks at singularities, and a point that moves
-        along the rows of the batch. The moving point has the input of its row. Its output
-        angle is that of the nearest drawn point of the curve. An exact angle would take
-        long: it is an integral of the output's rate along the curve.
+        along the rows of the batch. The moving point has the input of its row. Its
+        output angle is the one at the nearest drawn point of the curve. An exact angle
+        would take long: it is an integral of the output's rate along the curve.
 
         Parameters
         ----------
         output
-            Number of the output among all outputs.
+            Index of the output among all outputs.
         rows
             Rows of the batch at which the moving point is drawn.
         """
@@ -723,7 +726,7 @@ def _count_kinds(kinds: Any) -> dict[str, int]:
 
 
 def _format_counts(counts: Mapping[str, int]) -> str:
-    """Return numbers of singularities by kind in words, such as ``2 of type II``."""
+    """Return the counts of singularities by kind in words, such as ``2 of type II``."""
     return ", ".join(f"{count} {of_kind(kind)}" for kind, count in counts.items())
 
 

@@ -19,16 +19,17 @@ SELF_MOTION: Final = "self-motion"
 """The kind of singularity in which links move while inputs and output rest."""
 
 COLOUR_OF_KIND = {"I": 1, "II": 2, "III": 3, "self-motion": 4}
-"""Number of the colour of each kind of singularity."""
+"""Index of the colour of each kind of singularity."""
 
 
 @dataclass(frozen=True)
 class PlottedColumn:
-    """The appearance in plots of one column of the table of relations.
+    """How one column of the table of relations appears in plots.
 
     The table has two kinds of columns. The coefficients c and d belong to the relation c y'
-    = d q'. y' is the rate of an output, and q' that of the one input that moves while the
-    others are locked. The other columns are angles that measure how near singularities are.
+    = d q'. y' is the rate of an output, and q' the rate of the one input that moves
+    while the others are locked. The other columns are angles that measure how near
+    singularities are.
 
     Attributes
     ----------

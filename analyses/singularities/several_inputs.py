@@ -77,33 +77,34 @@ Columns = dict[str, Any]
 OUTPUT_KINDS: tuple[LocusName, ...] = ("II", "I")
 """Kinds of singularities that are searched for every output."""
 SLICE_TIME_SHARE = 0.4
-"""Part of the time limit that slices may take. The rest is for following loci and
-aspects. Larger: more loci are found; smaller: more of each locus is followed."""
+"""Part of the time limit that slices (searches with all inputs but one locked) may
+take. The rest is for following loci and aspects. Larger: more loci are found; smaller:
+more of each locus is followed."""
 SAME_TYPE_THREE_POINT_RAD = 1e-6
 """Points of type III whose variables differ by less are one point, met on two curves.
 Larger: points near each other are listed once; smaller: one point is listed twice."""
 ANGLE_DECIMALS = 9
 """Decimals of an angle in degrees that are not rounding."""
 DEFAULT_SLICES = 12
-"""Values of each of two inputs at which mechanisms of dyads are cut by default. Larger:
-smaller loci are found, in more time."""
+"""Default number of values at which each of two inputs is locked in mechanisms of
+dyads. Larger: smaller loci are found, in more time."""
 EDGES_PER_RANGE = 4.0
-"""Edges of the first mesh along the narrowest range of an input, at least. Larger: smaller
-triangles, and more time."""
+"""Smallest number of edges of the first mesh along the narrowest range of an input.
+Larger: smaller triangles, and more time."""
 MAX_EDGE_HALVINGS = 2
-"""How often edges are halved afterwards at most, with vertices on the surface. Larger:
-finer surfaces, in more time."""
+"""Largest number of times that the edges are halved afterwards, with vertices on the
+surface. Larger: finer surfaces, in more time."""
 PARTS_PER_CHORD = 8
 """Parts into which each chord between two nodes of a drawn curve is divided. Larger:
 smoother curves."""
 LONGEST_EDGE_RAD = np.radians(15.0)
 """Longest edge of the first mesh."""
 MAX_OUTPUT_FREEDOMS = 3
-"""Degrees of freedom that an output has at most."""
+"""Largest number of degrees of freedom of an output."""
 CURVE_INPUT_COUNT = 2
-"""Number of inputs with which singular configurations of one kind form curves."""
+"""With this number of inputs, singular configurations of one kind form curves."""
 SURFACE_INPUT_COUNT = 3
-"""Number of inputs with which singular configurations of one kind form surfaces."""
+"""With this number of inputs, singular configurations of one kind form surfaces."""
 DEFAULT_ASPECT_SAMPLES = 11
 """Values of each input for aspects by default. Larger: narrow aspects are found, in more
 time."""
@@ -119,7 +120,7 @@ EFFECTS_EVERYWHERE: Mapping[str, str] = {
     **EFFECTS,
     "I": "the inputs can always move while the output rests",
 }
-"""What a kind means that occurs in every configuration."""
+"""What a kind of singularity means if it occurs in every configuration."""
 MAX_LISTED_REACHES = 4
 """Number of curves or surfaces whose inputs are printed; the table of points has all."""
 
@@ -144,11 +145,11 @@ class SearchResult:
     Attributes
     ----------
     loci
-        The loci (curves or surfaces of singular configurations) of each output, by its
-        name.
+        The loci (curves or surfaces of singular configurations), by the name of the
+        output.
     aspects
         The aspects (connected sets of configurations without singularities), or None if
-        they are not wanted.
+        the user does not want aspects.
     """
 
     loci: dict[str, list[Locus]]
@@ -241,7 +242,7 @@ class SeveralInputs:
         The set of all singular points of one kind is called a locus. Its `claim` states how
         complete the search for it was, for example certified or only sampled. The column
         `inside` states whether all inputs are within their declared ranges. The column
-        `curve` numbers the curves of an output, or the connected surfaces.
+        `curve` has a number for each curve of an output, or for each connected surface.
         """
         tables: list[Columns] = []
         for output in self.batch.mechanism.outputs:
@@ -425,7 +426,7 @@ class SeveralInputs:
         output
             The output.
         input_number
-            Number of the input among the moving inputs.
+            Index of the input among the moving inputs.
         """
         batch = self.batch
         # Coefficients, rates and distances of all n rows, arrays (n, inputs, ...).
@@ -490,14 +491,15 @@ class SeveralInputs:
         return ASPECTS.stacked(mechanism, [columns])
 
     def findings(self) -> Findings:
-        """Return which singularities and aspects exist, and rows near a singularity.
+        """Return which singularities and aspects exist, and rows near singularities.
 
         A locus is the set of all singular configurations of one kind: curves if there are
         two inputs, surfaces if there are three. An aspect is a connected set of
         configurations without singularities.
 
-        - The summary has for each output the kinds that occur in every configuration, the
-          numbers of curves or of vertices of surfaces, and the guarantee of each search.
+        - The summary has for each output the kinds that occur in every configuration,
+          how many curves or vertices of surfaces were found, and the guarantee of each
+          search.
         - The table for the screen has the number of curves or surfaces of each kind, and
           the inputs that they reach over.
         - Warnings concern rows near a singularity.
@@ -643,7 +645,7 @@ class SeveralInputs:
 
     @property
     def loci(self) -> dict[str, list[Locus]]:
-        """The loci of each output, by its name."""
+        """The loci (sets of singular configurations) by name of the output."""
         return self._search_result.loci
 
     @cached_property
@@ -763,7 +765,7 @@ class SeveralInputs:
 
     @cached_property
     def coefficients(self) -> dict[str, OutputCoefficients]:
-        """Coefficients and types of the rows for each output, by its name."""
+        """Coefficients and types of the rows for each output, by the name of the output."""
         position_analysis = self.batch.tracer
         mechanism = self.batch.mechanism
         return {
@@ -848,7 +850,7 @@ class SeveralInputs:
         for locus in loci:
             colour = COLOUR_OF_KIND[locus.kind]
             for curve in locus.curves:
-                # For smooth lines, further points between the computed ones are needed.
+                # Further points between the computed ones make the drawn lines smooth.
                 line = break_at_jumps(self._dense_points(curve).inputs)
                 curves.append(PlaneCurve(line, colour, name_kind(locus.kind)))
                 # `both` are the points of type III on the curve.
@@ -877,7 +879,7 @@ class SeveralInputs:
         """
         parts: list[Primitive] = []
         for locus in loci:
-            # For smooth lines, further points between the computed ones are needed.
+            # Further points between the computed ones make the drawn lines smooth.
             lines = [
                 _output_directions(self._dense_points(curve)) for curve in locus.curves
             ]
@@ -924,8 +926,9 @@ def _certainty_columns(claim: Completeness) -> Columns:
 def _summarize_locus(locus: Locus) -> dict[str, Any]:
     """Return numbers about a locus (all singularities of one kind), for the summary.
 
-    The singularities are on curves or on surfaces. The entries for curves are the numbers
-    of curves inside and outside of the ranges of the inputs. The entries for surfaces are:
+    The singularities are on curves or on surfaces. The entries for curves state how
+    many curves are inside and outside of the ranges of the inputs. The entries for
+    surfaces are:
 
     - ``vertices``: the number of vertices of the meshes that cover the surfaces.
     - ``irregular``: the number of singular configurations at which no mesh could be made,
@@ -977,9 +980,9 @@ def _reach_text(parts: Sequence[Floats], inputs: Sequence[str]) -> str:
 def _locus_table(rows: Sequence[tuple[str, ...]]) -> ScreenTable:
     """Return a table for the screen about the loci (singularities of one kind each).
 
-    The column "in the ranges" has the number of curves or surfaces of a locus in the ranges
-    of the inputs, the column "outside" that of others. The last column lists the intervals
-    of input angles over which they reach.
+    The column "in the ranges" has the number of curves or surfaces of a locus in the
+    ranges of the inputs, the column "outside" the number of the others. The last column
+    lists the intervals of input angles over which they reach.
 
     With one output, its name is in the title. With several, it is a column.
 

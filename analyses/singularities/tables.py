@@ -295,8 +295,8 @@ def configuration_columns(
     """Return the columns of configurations: variables, pose, signs of groups and modes.
 
     A group is a set of links that is assembled at once, such as a dyad (two links between
-    two known axes). A dyad can be assembled in two ways, which its sign distinguishes: the
-    sign of the triple product of its three axes.
+    two known axes). A dyad can be assembled in two ways, which differ in the sign of
+    the triple product of its three axes.
 
     Parameters
     ----------
@@ -305,13 +305,13 @@ def configuration_columns(
     values
         (n, variables) configurations (rad).
     links
-        Numbers of the output link and of its reference link.
+        Indices of the output link and of its reference link.
     pointing
         (n, 3) output directions in axes of the reference link. Without them the pose is
         the orientation of the output link in the reference link.
     part
-        Position analysis of a part of the mechanism, if values and links are those of the
-        part. Otherwise they are those of the whole mechanism.
+        Position analysis of a part of the mechanism, if `values` and `links` belong to
+        the part. Otherwise they belong to the whole mechanism.
 
     Returns
     -------
@@ -324,7 +324,7 @@ def configuration_columns(
     position_analysis = part or whole_position_analysis
     mechanism = position_analysis.mechanism
     solver = position_analysis.solver
-    # Numbers of the variables that are angles of R pairs; others are not wrapped.
+    # Indices of the variables that are angles of R pairs; others are not wrapped.
     angles = set(mechanism.angles.values())
     columns: dict[str, Any] = {}
     for variable, name in enumerate(mechanism.variable_names):
@@ -355,10 +355,10 @@ def _format_signs(
     """Return the signs of the groups of the whole mechanism as text, one for each row.
 
     A group is a set of links that are assembled together, such as a dyad (two links joined
-    by a pair). A dyad can be assembled in two ways. Its sign is that of a determinant of
-    its axes, which has different signs in the two ways. A text has one character for each
-    group: + or -, or 0 if the determinant is zero (singular). It is * for a group outside
-    of the part of the mechanism to which `signs` belong.
+    by a pair). A dyad can be assembled in two ways. The sign of a dyad is the sign of a
+    determinant of its axes, which differs between the two ways. A text has one
+    character for each group: + or -, or 0 if the determinant is zero (singular). It is
+    * for a group outside of the part of the mechanism to which `signs` belong.
 
     Parameters
     ----------
@@ -371,8 +371,8 @@ def _format_signs(
         (n, groups) signs 1 or -1 of the groups of `position_analysis`, 0 for a singular
         group.
     """
-    # The names of its pairs (joints) identify a group. They are the same in a part and in
-    # the whole mechanism.
+    # A group is identified by the names of its pairs (joints), which are the same in a
+    # part and in the whole mechanism.
     groups = [
         set(position_analysis.mechanism.names_of(group.pairs))
         for group in position_analysis.solver.assembly.groups
@@ -413,7 +413,8 @@ def _format_modes(batch: Batch, signs: NDArray[np.int8]) -> list[str]:
     group_count = signs.shape[1]
     # (modes, groups)
     mode_signs = np.reshape([mode.signs for mode in modes], (len(modes), group_count))
-    # (rows, modes, groups) whether the sign of a group is that of the mode. 0 fits both.
+    # (rows, modes, groups) whether a group has the sign of the mode. The sign 0 fits
+    # both signs.
     row_signs = signs[:, None]
     agrees = (row_signs == mode_signs) | (row_signs == 0)
     belongs = np.all(agrees, axis=2)  # (rows, modes) whether all groups agree

@@ -14,7 +14,7 @@ SOFTWARE_MARK = "spherekit"
 """Name of the program in pictures, by which its files are recognised."""
 
 MAX_MARK_OFFSET_BYTES = 1 << 24
-"""Beginning of a file in which its mark is looked for.
+"""Length of the beginning of a file in which the mark of spherekit is looked for.
 
 Larger: more time for large files. Smaller: marks in large files are not found, and the
 files are not replaced.
@@ -63,7 +63,7 @@ def make_folder(path: AnyPath) -> Path:
     Raises
     ------
     OutputError
-        If it cannot be created.
+        If the folder cannot be created.
     """
     with _raise_output_error(path, "made"):
         Path(path).mkdir(parents=True, exist_ok=True)
@@ -76,7 +76,7 @@ def check_folder(path: AnyPath) -> None:
     Raises
     ------
     OutputError
-        If it cannot be created, or if no files can be written into it.
+        If the folder cannot be created, or if no files can be written into it.
     """
     with _raise_output_error(path, "made"):
         # Find the innermost folder of the path that exists. The rest is created in it
@@ -93,7 +93,7 @@ def check_file(path: AnyPath) -> None:
     Raises
     ------
     OutputError
-        If it cannot.
+        If the file cannot be created or replaced.
     """
     with _raise_output_error(path, "written"):
         _check_replaceable(Path(path))

@@ -1,4 +1,4 @@
-"""Locks on files, of which one program at a time can have one.
+"""Locks on files; only one program at a time can have the lock of a file.
 
 The operating system releases a lock when the program ends, whatever the reason.
 """

@@ -6,7 +6,7 @@ from typing import Any
 
 
 def as_json(value: Any) -> Any:
-    """Return a value as it would be after writing it to JSON and reading it again.
+    """Return a value in the form that it has after it is written to JSON and read again.
 
     Sets become sorted lists, and objects of other types become their `repr`.
     """

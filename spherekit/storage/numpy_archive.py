@@ -3,8 +3,8 @@
 The heading is text in JSON that says what the arrays are. An archive ends with its own
 SHA-256 sum as hexadecimal digits after a mark. Both are the comment of the zip archive,
 which other programs ignore. A change of any byte, or a program that writes the archive
-anew, invalidates the checksum. Without it, a changed heading could cause any amount of work
-before a fault is noticed.
+anew, invalidates the checksum. Without the checksum, a changed heading could cause any
+amount of work before a fault is noticed.
 """
 
 import hashlib

@@ -17,8 +17,8 @@ from spherekit.symbolic.expression_evaluation import ArrayFunction
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, rewrite
 
 EngineChoice = Literal["auto", "numpy", "compiled"]
-"""What evaluates expressions: NumPy, heyoka, or the one of them that is expected to take
-less time."""
+"""What evaluates expressions: NumPy, heyoka, or whichever of the two is expected to
+take less time."""
 
 ENGINE_CHOICES: tuple[EngineChoice, ...] = ("auto", "numpy", "compiled")
 """All values of `EngineChoice`."""

@@ -28,13 +28,13 @@ def differentiate(
     expressions
         Numbers, and nodes of expression graphs. A node is a variable or an operation.
     rates
-        Known derivatives, by node: those of variables, or of whole operations. The
-        arguments of such an operation are then not differentiated. Variables without an
-        item have the derivative zero.
+        Known derivatives of variables or of whole operations, by node. The arguments of
+        such an operation are then not differentiated. Variables without an item have
+        the derivative zero.
     """
-    # If a known node is -1 * x, the derivative of x is needed, too. The reason is that
-    # minus signs are moved outwards: (-1 * x) * y is stored as -1 * (x * y),
-    # which has x alone.
+    # If a known node is -1 * x, the derivative of x must be known, too. The reason is
+    # that minus signs are moved outwards: (-1 * x) * y is stored as -1 * (x * y), which
+    # has x alone.
     known_rates: dict[Any, Expr] = {}
     for node, rate in rates.items():
         negated_node = negated_operand(node)  # None if the node is not -1 * x

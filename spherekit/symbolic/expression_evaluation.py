@@ -1,8 +1,8 @@
 """Evaluation of symbolic expressions on NumPy arrays and on floats, without a compiler.
 
 Arrays are evaluated in blocks of samples that fit into the cache of the processor. Each
-operation is one NumPy call for a whole block. It writes into a row of a small work array
-that is no longer needed, so nothing is allocated in between.
+operation is one NumPy call for a whole block. It writes into a row of a small work
+array whose content is no longer used, so no memory is allocated in between.
 """
 
 import math
@@ -17,7 +17,7 @@ from spherekit.arrays import Array
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, iterate_nodes
 
 BLOCK_SAMPLES = 8192
-"""Samples that are evaluated together.
+"""Number of samples that are evaluated together.
 
 Larger: the work array no longer fits into the cache. Smaller: the time of the NumPy calls
 dominates.
@@ -30,7 +30,7 @@ _NUMPY_NAMES = {
     "/": "divide",
     "**": "power",
 }
-"""NumPy's names of the operations that it calls differently."""
+"""NumPy's names of the operations that have other names in NumPy."""
 
 _INFIX_OPERATIONS = ("+", "-", "*", "/", "positive")
 """Operations that Python code writes between, or before, their arguments."""
@@ -57,8 +57,8 @@ def array_function(
     inputs
         Variables, in the order of the rows of the argument.
     number
-        Number type in which to compute, at least. The function uses the type of its
-        argument if that has more digits.
+        Type of numbers with which to compute. The function uses the type of its
+        argument instead if that type has more digits.
     """
     # The operations are a list that a loop processes. Python code with one line for each
     # operation would have to be compiled first. Compiling takes longer than running the
@@ -140,7 +140,7 @@ def _write_maximum(a: Array, b: Array, result: Array) -> None:
 
 
 def _float_maximum(a: float, b: float) -> float:
-    """Return the larger number, or NaN if one of both is NaN, as NumPy's maximum does."""
+    """Return the larger of two numbers, or NaN if either is NaN, like NumPy's maximum."""
     # Only NaN differs from itself. If b is NaN, both comparisons are false.
     if a >= b or a != a:
         return a

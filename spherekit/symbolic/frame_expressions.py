@@ -1,8 +1,9 @@
 """Frames of R pairs in their links, as symbolic expressions of the sizes of a design.
 
 The frames are those of `spherekit.mechanism.pair_frames`, except that chosen sizes may be
-expressions. They differ in one respect: the zero direction of a pair whose axis is given in
-a reference pose is arbitrary, because its variable counts from its value in that pose.
+expressions. The frames differ in one respect: the zero direction of a pair whose axis
+is given in a reference pose is arbitrary, because its variable counts from its value in
+that pose.
 """
 
 from collections.abc import Mapping

@@ -13,7 +13,7 @@ PERIODIC_FUNCTIONS = ("sin", "cos", "tan")
 """Functions whose value does not change if the argument grows by 2 pi."""
 
 PRESERVES_WHOLE_REVOLUTIONS = ("+", "-", "negative")
-"""Operations whose result changes by whole revolutions if their arguments do."""
+"""Operations that turn whole revolutions of arguments into whole revolutions."""
 
 
 @dataclass(frozen=True)

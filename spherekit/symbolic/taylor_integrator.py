@@ -15,7 +15,7 @@ from spherekit.symbolic.compiler import heyoka, heyoka_expressions, heyoka_varia
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode
 
 CHATTERING_EVENT_COUNT = 100_000
-"""A run ends at a switch if it has had this many events: its switches chatter.
+"""A run ends at a switch after this many events: its switches are then taken to chatter.
 
 Larger: a chattering run takes longer until it ends. Smaller: runs with many legitimate
 events end early.
@@ -53,7 +53,8 @@ class EventFunction:
     kind
         What a zero means.
     variable
-        Number of the pair (joint) variable to which the event belongs, or -1 without one.
+        Index of the pair (joint) variable to which the event belongs, or -1 without a
+        variable.
     sense
         Only for ending events: the sign that the function must have after the zero, or 0
         for any sign.
@@ -91,7 +92,7 @@ class Integrator:
     Parameters
     ----------
     equations
-        Each state variable and its rate by time.
+        Each state variable and its time derivative.
     time_symbol
         Variable that represents the time in the expressions.
     parameter_symbols

@@ -24,7 +24,7 @@ small but real angles are lost.
 """
 
 ROTATION_SWEEPS = 5
-"""Sweeps over all pairs of three columns after which they are orthogonal up to rounding."""
+"""Number of sweeps over all pairs of three columns that make them orthogonal."""
 
 
 def vector(items: Sequence[Expr]) -> Exprs:
@@ -51,7 +51,7 @@ def cross(a: Exprs, b: Exprs) -> Exprs:
 
 
 def constants(matrix: Floats | Exprs) -> Exprs:
-    """Return a matrix in which numbers close to 0, 1 or -1 are replaced by these.
+    """Return a matrix in which numbers close to 0, 1 or -1 are replaced by 0, 1 or -1.
 
     This simplifies expressions, because products with exactly 0 and 1 are dropped.
     Expressions are not changed.

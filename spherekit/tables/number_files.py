@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 PARQUET_SUFFIX = ".parquet"
 
 MAX_BAD_CELLS_SHOWN = 5
-"""Bad cells of a file that a message names. Of the others it gives the number."""
+"""Largest number of bad cells that a message names. The others are counted."""
 
 _UNIT_IN_HEADER = re.compile(r" \[(deg|rad)\]$")
 """The unit of an angle at the end of a header, as in ``q [deg]``."""
@@ -127,7 +127,7 @@ def _read_units_of_folder(path: Path) -> dict[str, str]:
 
 
 def _parse_number(cell: Any) -> float:
-    """Return a cell as a number; NaN if it is none."""
+    """Return a cell as a number; NaN if the cell is not a number."""
     try:
         return float(cell)
     except (TypeError, ValueError):

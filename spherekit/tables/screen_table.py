@@ -35,9 +35,9 @@ class ScreenTable:
     columns
         The columns from left to right.
     rows
-        For each row the text of each cell.
+        For each row, the texts of its cells.
     title
-        A line above the table; empty if the table needs none.
+        A line above the table; empty for a table without a title.
     """
 
     columns: tuple[ScreenColumn, ...]

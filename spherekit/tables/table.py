@@ -20,7 +20,7 @@ Kind = Literal["number", "integer", "text", "status"]
 """What the cells of a column are."""
 
 Scale = Literal["unit", "absolute", "largest", "none"]
-"""By what errors of a column are measured, see `Column`."""
+"""How errors of a column are scaled, see `Column`."""
 
 Turns = Literal["no", "vector", "otherwise"]
 """How a column changes if the whole mechanism is rotated, see `Column`."""
@@ -29,7 +29,7 @@ DTYPE_BY_KIND = {"number": np.float64, "integer": np.int64, "status": np.int8}
 """Array types of the columns of each kind, except text."""
 
 BLANK_BY_KIND = {"number": np.nan, "text": ""}
-"""Values of the rows of a part of a table that lacks a column."""
+"""Values for rows in a part of a table (group of rows) without the column."""
 
 IN_DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2"}
 """Units of angles, and those in tables in degrees. Quantities per angle stay per rad."""
@@ -38,7 +38,7 @@ COLUMNS = "columns.csv"
 """Name of the file with the unit and meaning of every column in a folder of tables."""
 
 CHUNK_ROWS = 1 << 17
-"""Rows that are written and read at once. Larger: more memory. Smaller: more time."""
+"""Number of rows written and read at once. Larger: more memory. Smaller: more time."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Declaration of a table with one row for each sample, assembly mode and subject.
+    """Declaration of a table that has one row for each sample, assembly mode and subject.
 
     A subject is what a row is about, such as a pole or a pair. An assembly mode is one of
     the ways to assemble the mechanism.
@@ -150,8 +150,8 @@ class Table:
           are not driven. The name of the column is the name of the variable. The variable
           of an R pair (revolute joint) is an angle. Those of a contact are arc lengths.
 
-        The meaning (the text for users) of such a column names its pair. For arc lengths it
-        is `contact_meaning`.
+        The meaning (the text for users) of such a column names the pair. For arc
+        lengths the meaning is `contact_meaning`.
         """
         driven_pairs = mechanism.input_pairs
         pair_of_variable = dict(

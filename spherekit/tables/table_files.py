@@ -220,7 +220,7 @@ def write_table(
     table
         Declaration of the table.
     pieces
-        Columns of the rows, piece after piece.
+        Columns of the rows, one piece (group of rows) after another.
     notes
         Notes for the Parquet file.
     degrees
@@ -284,7 +284,7 @@ def _needs_quotes(rows: "pa.Table", separator: str) -> bool:
 
 
 def read_chunks(groups: Iterable[tuple[Path, int]]) -> Iterator[Mapping[str, Any]]:
-    """Yield the rows of several Parquet files in pieces of `CHUNK_ROWS` rows.
+    """Yield the rows of several Parquet files in pieces (groups) of `CHUNK_ROWS` rows.
 
     This way a large table is never in memory as a whole. The rows of a Parquet file are
     divided into row groups, which can be read in any order.
@@ -345,7 +345,7 @@ def _open_parquet_writer(
 ) -> "Iterator[pq.ParquetWriter]":
     """Open a Parquet file for writing in a ``with`` block.
 
-    If the block raises an error, no file remains, and an older file is not changed.
+    If the block raises an error, no new file remains, and an older file is not changed.
 
     Parameters
     ----------
@@ -362,8 +362,8 @@ def _open_parquet_writer(
     # Each distinct text is stored once, in a dictionary.
     texts = [item.name for item in schema if not pa.types.is_primitive(item.type)]
     # Floats are stored byte by byte: their first bytes together, then their second bytes,
-    # and so on. This alone saves nothing, but equal bytes next to each other compress
-    # better.
+    # and so on. This does not save space by itself, but equal bytes next to each other
+    # compress better.
     byte_by_byte: list[str] | bool = False
     if compression == "zstd":
         byte_by_byte = [item.name for item in schema if pa.types.is_floating(item.type)]
@@ -592,7 +592,8 @@ def read_frame(
     Raises
     ------
     FileError
-        If a file is damaged, lacks its notes, or has other columns than the first file.
+        If a file is damaged, lacks the required notes, or has other columns than the
+        first file.
     """
     import pyarrow as pa
 
@@ -615,7 +616,7 @@ def read_frame(
 
 
 def read_parquet(path: Path) -> "pd.DataFrame":
-    """Return a file of `write_table` as a frame, with its units in `attrs`."""
+    """Return a Parquet file of `write_table` as a frame, with the units in `attrs`."""
     return read_frame([path])
 
 
@@ -681,7 +682,7 @@ def format_column_list(
     degrees
         Whether the files have angles in degrees.
     formats
-        Formats of the files. They decide about the separator in `columns.csv`.
+        Formats of the files. They determine the separator in `columns.csv`.
     """
     rows = [
         (file_stem, column.header(degrees), column.stated_unit(degrees), column.meaning)

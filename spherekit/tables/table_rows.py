@@ -1,4 +1,4 @@
-"""The rows of tables in memory: stored as blocks, joined in order when they are read."""
+"""The rows of tables in memory: stored in blocks, which are joined in order when read."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -53,8 +53,9 @@ class MemoryTables:
 class JoinedBlocks(Mapping[str, Array]):
     """The columns of a table whose rows are in several blocks.
 
-    Rows are sorted by assembly mode, then by sample, if the table has these columns. A
-    column is joined when it is first read. To join many columns at once, `join` is faster.
+    Rows are sorted by assembly mode, then by sample, if the table has these columns.
+    The blocks of a column are joined when the column is first read. To join many
+    columns at once, `join` is faster.
 
     Parameters
     ----------
@@ -71,7 +72,8 @@ class JoinedBlocks(Mapping[str, Array]):
         self._table = table
         self._dtypes = {c.name: DTYPE_BY_KIND.get(c.kind) for c in table.columns}
         self._joined_columns: dict[str, Array] = {}
-        # For each block: its slices of rows and where they belong in the joined column.
+        # For each block: its slices (ranges of successive rows) and where they belong
+        # in the joined column.
         self._spans: list[list[Span]] = []
 
     def join(self, names: Iterable[str]) -> dict[str, Array]:
@@ -93,8 +95,8 @@ class JoinedBlocks(Mapping[str, Array]):
         joined: dict[str, Array] = {}
         for name in names:
             parts = [block[name] for block in self._blocks]
-            # Columns of texts have no declared type. The longest text decides about their
-            # width.
+            # Columns of texts have no declared type. The longest text determines the
+            # width of the column.
             dtype = self._dtypes[name] or np.result_type(*(part.dtype for part in parts))
             joined[name] = np.empty(sum(map(len, parts)), dtype=dtype)
         # Write the rows of each block to their positions. A span is a slice of rows of the
