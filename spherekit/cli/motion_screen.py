@@ -32,8 +32,10 @@ TRANSMISSION_ERROR_DEG = 1e-9
 """Transmission angles that are not larger are rounding errors, and printed as 0."""
 
 TRANSMISSION_DIFFERENCE_RAD = 1e-6
-"""A dyad is named beside the outputs only if its least transmission angle is smaller than
-theirs by more than this. Larger: the note on such a dyad is left out more often."""
+"""A dyad is named in a note only if its angle is smaller by more than this.
+
+Its least transmission angle is compared with the angles of the outputs. Larger: the note is left out more often.
+"""
 
 TRANSMISSION_DIGITS = 3
 """Significant digits of transmission angles."""

@@ -208,7 +208,7 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def find_recording(name: str, quiet: bool = False) -> Path:
-    """Return the path of a recording; for a folder, that of the newest recording in it."""
+    """Return the path of a recording; for a folder, of its newest recording."""
     from spherekit.display.rerun.viewer_program import recording_at
 
     path = Path(name)

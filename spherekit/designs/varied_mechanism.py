@@ -579,7 +579,7 @@ class VariedMechanism:
         """Whether the file allows other values of at least one variable."""
         if self._trials:
             return True
-        # Some variables are whole numbers, and some allow only a change of their own.
+        # Some variables are whole numbers, and some can be changed only one at a time.
         unit_steps = np.eye(len(self.nominal_values))
         steps = np.concatenate([size * unit_steps for size in (1.0, *TRIAL_DEVIATIONS)])
         return any(

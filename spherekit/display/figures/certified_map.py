@@ -1,6 +1,6 @@
 """A figure of a proven map of two inputs.
 
-It shows how many modes there are, and where they are singular.
+The figure shows how many assembly modes there are, and at which inputs they are singular.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,7 +35,7 @@ REGULAR_COLOURS = (
 """Colours of regular boxes, from few modes to many."""
 
 BOX_CORNERS = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
-"""(4, 2) corners of a box in half widths from its centre."""
+"""(4, 2) corners of a box, in half widths of the box from its centre."""
 
 
 def draw_certified_map(
@@ -45,16 +45,17 @@ def draw_certified_map(
 
     The plane of the inputs is divided into boxes. An assembly mode is one way to assemble
     the mechanism. A box is regular if it provably has no singularity of type II (at which
-    locked inputs do not hold the output). Its number of assembly modes is then constant.
+    locked inputs do not hold the output). The number of assembly modes in a regular box is
+    constant.
 
     Parameters
     ----------
     areas
-        Centres and half widths (n, 2) of boxes (deg), by the label of their area. Regular
-        boxes are labelled with their number of modes, the others with `TYPE_II_LABEL` or
-        `UNDECIDED_LABEL`.
+        Centres and half widths (n, 2) of boxes (deg), by the label of their area. The label
+        of regular boxes is their number of modes. The label of other boxes is
+        `TYPE_II_LABEL` or `UNDECIDED_LABEL`.
     names
-        Names of both inputs.
+        Names of the two inputs.
     """
     with style.look():
         # A square figure with the width of one column of a journal.

@@ -1,4 +1,4 @@
-"""Finds paths in a plane or on the sphere of which one hides another.
+"""Finds paths, in a plane or on the sphere, that hide each other.
 
 Curves over a common axis are compared sample by sample in `curve_plots`. Paths are compared
 as sets of points, since two modes often follow one path in different directions.
@@ -22,9 +22,9 @@ Larger: curves are dashed that can be told apart; smaller: one of two curves is 
 """
 
 COINCIDING_QUANTILE = 0.9
-"""Part of a curve that has to be so near to the other one.
+"""Least fraction of a curve that must be within this distance of another curve.
 
-Single rows may differ, as those at jumps.
+Single rows may be farther away, such as the rows at a jump.
 """
 
 MAX_COMPARED_POINTS = 200
@@ -57,14 +57,14 @@ class DashPosition(NamedTuple):
 def dash_positions(leaders: Sequence[int]) -> list[DashPosition]:
     """Return for each curve its position among the curves that coincide with it.
 
-    Curves that coincide are drawn with dashes side by side, for which their number and the
-    position of each are needed.
+    Curves that coincide are drawn with dashes side by side, for which the number of
+    coinciding curves and the position of each curve must be known.
 
     Parameters
     ----------
     leaders
         For each curve the index of the first curve that coincides with it. For a curve
-        without an earlier one, its own index.
+        without an earlier coinciding curve, its own index.
     """
     return [
         DashPosition(
@@ -78,7 +78,7 @@ def find_coinciding_paths(paths: Sequence[Floats], size: float) -> list[DashPosi
     """Return for each drawn path its position among the paths that coincide with it.
 
     Paths at different positions get different dashes, so that none hides another one. Two
-    paths coincide if nearly all points of one path are on the other one, up to the
+    paths coincide if nearly all points of the first path are on the second path, up to the
     thickness of a line. The first of several coinciding paths is their leader.
 
     Parameters
@@ -129,7 +129,8 @@ def _lies_on(path: Floats, other_path: Floats, size: float) -> bool:
     # Compare only some of the points, to save time.
     step = max(1, len(points) // MAX_COMPARED_POINTS)
     points = points[::step]
-    # Nearest point of each segment: its start plus a part, from 0 to 1, of the segment.
+    # Nearest point of each segment: the start of the segment plus a fraction, from 0 to 1,
+    # of the segment.
     segments = ends - starts
     squared_lengths = np.vecdot(segments, segments)
     from_starts = points[:, None] - starts

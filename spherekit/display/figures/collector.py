@@ -1,4 +1,4 @@
-"""A recorder that keeps the scenes of a run, and joins their blocks to whole scenes."""
+"""A recorder that keeps the blocks of samples of a run, and joins them to scenes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -19,13 +19,13 @@ class LoggedBlock(NamedTuple):
     """Drawings of some successive samples of a motion: the arguments of `Recorder.log`.
 
     A recorder is a viewer or file that receives the drawings of a run, block by block. A
-    block belongs to one page of the recording. A page shows one assembly mode (way to
-    assemble the mechanism), or has a title of its own.
+    block belongs to one page of the recording. A page (tab of the viewer's window) shows
+    one assembly mode (way to assemble the mechanism), or has a title of its own.
 
     Attributes
     ----------
     scene
-        The objects that are visible in the block, and their page.
+        The objects that are visible in the block, and the page on which they are shown.
     samples
         (n,) numbers of the samples of the motion, from 0. Empty if the scene does not move.
     inputs
@@ -44,14 +44,15 @@ class LoggedBlock(NamedTuple):
 class Collector:
     """A recorder that keeps the drawings of a run in memory.
 
-    First comes a head, which has the titles of the assembly modes and the scenes that do
-    not move. Then blocks come: each has the scene (drawing) of some successive samples.
+    The recorder first receives a head, with the titles of the assembly modes and the scenes
+    (drawings) that do not move. Then it receives blocks, each with the scene of some
+    successive samples.
 
     Attributes
     ----------
     another
-        A recorder that receives everything too. Attributes that this object does not have,
-        such as `finish`, are read from it.
+        Another recorder, which receives the same calls. Attributes that this object does
+        not have, such as `finish`, are read from it.
     """
 
     another: "Recorder | None" = None
@@ -78,7 +79,7 @@ class Collector:
         inputs: Floats | None = None,
         times: Floats | None = None,
     ) -> None:
-        """Keep one block of one page; parameters as of `LoggedBlock`."""
+        """Keep one block of one page; the parameters are the fields of `LoggedBlock`."""
         block = LoggedBlock(scene, samples, inputs, times)
         self._blocks.append(block)
         if self.another is not None:
@@ -129,8 +130,8 @@ def _join_scenes(parts: Sequence[Scene]) -> Scene:
     axes: list[Axis] = []
     for axis_parts in zip(*(scene.over for scene in parts), strict=True):
         values = np.concatenate([axis.values for axis in axis_parts])
-        # A single block needs the range (`span`) of the whole run. The joined axis does
-        # not.
+        # A single block needs the range (`span`) of the whole run. The joined axis does not
+        # need it.
         axes.append(Axis(axis_parts[0].label, axis_parts[0].unit, values))
     primitives = tuple(map(_join_primitives, primitive_parts.values()))
     return Scene(parts[0].page, primitives, tuple(axes), parts[0].source)
@@ -139,8 +140,8 @@ def _join_scenes(parts: Sequence[Scene]) -> Scene:
 def _join_primitives(parts: Sequence[Any]) -> Primitive:
     """Join one drawn object (primitive) in successive blocks of samples to one object.
 
-    Attributes with one row for each sample are joined. Others are taken from the first
-    block.
+    Attributes with one row for each sample are joined. Other attributes are taken from the
+    first block.
     """
     first: Primitive = parts[0]
     joined_attributes: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""Figures of one column of a table against another one."""
+"""Figures of one column of a table against another column."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -28,19 +28,19 @@ def draw_columns(
     degrees: bool,
     sheet: Sheet,
 ) -> Figure:
-    """Return a figure of one column of a table against another one.
+    """Return a figure of one column of a table against another column.
 
     A table with rows of samples has a curve for each assembly mode. If its text columns
     tell several subjects apart, such as pairs of links, each subject has a panel. The rows
-    of a table without samples, and those on a grid of several inputs, do not follow each
-    other. They are drawn as points.
+    of a table without samples, and rows on a grid of several inputs, do not follow each
+    other and are drawn as points.
 
     Parameters
     ----------
     table
         Names, units and kinds of the columns.
     frame
-        Its rows, with angles in the unit that `degrees` says.
+        The rows of the table, with angles in the unit that `degrees` states.
     x, y
         Names of the columns on the axes.
     degrees
@@ -57,7 +57,8 @@ def draw_columns(
     x_unit = column_by_name[x].unit_in(degrees)
     y_unit = column_by_name[y].unit_in(degrees)
     are_curves = table.in_assembly_modes and not _is_on_grid(table, frame)
-    # All panels have the same range on the axis x, that of the points that are drawn.
+    # All panels have the same range on the x axis, which contains all points that are
+    # drawn.
     has_point = np.isfinite(frame[x].to_numpy(float)) & np.isfinite(
         frame[y].to_numpy(float)
     )

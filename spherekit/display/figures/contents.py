@@ -1,4 +1,4 @@
-"""The figures of a run: which ones its scenes give, by name, drawn on request."""
+"""The figures of a run by name: planned from its scenes, and drawn on request."""
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -50,7 +50,7 @@ class PlannedFigure(NamedTuple):
     subject
         Name of the figure within its analysis.
     draw
-        Function that draws it.
+        Function that draws the figure.
     """
 
     subject: str
@@ -82,13 +82,13 @@ class Figures(Mapping[str, Figure]):
     def __getitem__(self, name: str) -> Figure:
         """Return the figure with a full or short name, and draw it if necessary.
 
-        The full name is ``analysis/subject``. The subject alone is accepted if only one
-        figure has it. The analysis alone is accepted if it has only one figure.
+        The full name is ``analysis/subject``. The subject is enough if only one figure has
+        this subject. The analysis is enough if it has only one figure.
 
         Raises
         ------
         AnalysisError
-            If no figure has this name, or several have it.
+            If no figure has this name, or several figures have it.
         """
         subject_by_name = {key: key.partition("/")[2] for key in self}
         names = [key for key, subject in subject_by_name.items() if name in (key, subject)]
@@ -217,8 +217,8 @@ def _plan_series(
                 subject = group if label == group else f"{group}: {label}"
                 yield from _divide(subject, maps, _page_of, draw_maps, sheet)
             continue
-        # Several inputs that do not form a grid form a path. Curves are drawn over its
-        # length.
+        # Samples of several inputs that do not form a grid form a path. Curves are drawn
+        # over the length of the path.
         curves = [
             (replace(scene, over=(path_axis(scene.over),)), series)
             for scene, series in shown_series
@@ -244,8 +244,8 @@ def _find_marks(scenes: Sequence[Scene], axis_label: str) -> list[tuple[Page, In
     scenes
         Scenes (drawn objects of one page) of all analyses. `over` has the axes of the plot.
     axis_label
-        Label of the quantity on the x axis. Scenes over another quantity, or over several,
-        are left out.
+        Label of the quantity on the x axis. Scenes over another quantity, or over several
+        quantities, are left out.
     """
     marks: list[tuple[Page, InputMarks]] = []
     for scene in scenes:
@@ -278,9 +278,10 @@ def _divide(
     draw: Callable[[Sequence[Any], Sheet], Figure],
     sheet: Sheet,
 ) -> Iterator[PlannedFigure]:
-    """Plan one figure of drawn objects, or several if it would have too many panels.
+    """Plan a figure of drawn objects, or several figures if there are too many panels.
 
-    Each figure has at most `MAX_PANELS` panels. They are divided evenly among the figures.
+    Each figure has at most `MAX_PANELS` panels. The panels are divided evenly among the
+    figures.
 
     Parameters
     ----------
@@ -325,8 +326,8 @@ def _plan_planes(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigur
 def _plan_spheres(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
     """Plan the figures of curves and maps on the sphere, one for each page.
 
-    A page is the number of an assembly mode (way to assemble the mechanism), or a title.
-    Several scenes of one page may have the same object. It is drawn once.
+    A page is the number of an assembly mode (way to assemble the mechanism), or a title. If
+    several scenes of one page have the same object, the object is drawn once.
 
     Parameters
     ----------
@@ -369,7 +370,7 @@ def _plan_surfaces(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFig
 def _plan_paths(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
     """Plan the figures of the paths of pole axes on the sphere.
 
-    A pole axis is the axis about which one link turns relative to another one. Axes of
+    A pole axis is the axis about which one link turns relative to another link. Axes of
     pairs (joints) are left out. A path is drawn for each assembly mode (way to assemble the
     mechanism). Samples over several inputs are not successive points of one motion, so they
     have no path.
@@ -405,8 +406,8 @@ def _plan_paths(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure
 def _plan_axodes(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
     """Yield a figure of the axodes for each assembly mode (way to assemble the links).
 
-    Axodes are the paths of the axes of relative rotation (poles), as seen from a link. They
-    are drawn with the link in its first pose.
+    Axodes are the paths of the axes of relative rotation (poles), as seen from a link. The
+    axodes are drawn with the link in its first pose.
     """
     for scene in scenes:
         traces = [item for item in scene.primitives if isinstance(item, Trace)]

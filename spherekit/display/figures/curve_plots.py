@@ -53,10 +53,10 @@ def draw_curves(
     quantity. A page shows one assembly mode (way to assemble the mechanism), or one
     analysis.
 
-    - With several pages, each label has a panel. Each page has its colour and dashes, and
-      the legend names the pages.
-    - With one page and few labels, all curves share one panel. Each label has its colour
-      and dashes, and the legend names the labels if there are several.
+    - With several pages, each label has a panel. Each page has a colour and dashes of its
+      own, and the legend names the pages.
+    - With one page and few labels, all curves share one panel. Each label has a colour and
+      dashes of its own, and the legend names the labels if there are several.
     - With one page and many labels, each label has a panel, and there is no legend.
 
     Parameters
@@ -121,7 +121,7 @@ def _draw_panel(
         The panel (axes of matplotlib).
     curves
         For each curve its scene, which has the values on the horizontal axis, and its
-        series, which has those on the vertical axis. All series have one unit.
+        series, which has the values on the vertical axis. All series have one unit.
     scale
         Largest magnitude of the quantities of the whole figure. Rounding errors are this
         magnitude times `resolution`, the relative error of a series.
@@ -189,9 +189,9 @@ def _draw_curve(
 
 
 def _has_no_neighbour(has_value: Bools) -> Bools:
-    """Return which samples (n,) have a value while the samples before and after have none.
+    """Return a mask (n,) of the samples with a value that have no neighbour with a value.
 
-    A line connects at least two values. A single value would not be visible in it, so a
+    A line connects at least two values. A single value would not be visible in a line, so a
     point is drawn.
     """
     value_before = np.zeros_like(has_value)
@@ -230,7 +230,7 @@ def _note_spread_of_rounding(
 def _draw_marks(panel: Axes, curve: Curve, input_marks: InputMarks) -> None:
     """Draw marks at inputs, such as singular ones, on a curve.
 
-    If the curve has no value at the input, or one outside the frame, a vertical line is
+    If the curve has no value at the input, or a value outside the frame, a vertical line is
     drawn.
 
     Parameters
@@ -256,7 +256,7 @@ def _draw_marks(panel: Axes, curve: Curve, input_marks: InputMarks) -> None:
             continue
         value = np.interp(position, axis_values[order], series.values[order])
         if low <= value <= high:
-            # With a zorder above 2, that of lines, the marker covers the curve.
+            # With a zorder above 2, the zorder of lines, the marker covers the curve.
             look = marker_look(input_marks.tone) | {"label": label}
             panel.plot([position], [value], zorder=4.0, **look)
         else:

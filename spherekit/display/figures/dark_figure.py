@@ -20,10 +20,10 @@ DARK_INK_LIGHTNESS = 0.87
 """Lightness of text that is black in light figures."""
 
 MIN_CONTRAST = 4.5
-"""Least contrast of colours with the background, that of the guidelines WCAG for text."""
+"""Least contrast of colours with the background, from the WCAG guidelines for text."""
 
 MAX_GREY_SATURATION = 0.12
-"""Saturation up to which a colour is a grey, which exchanges light and dark."""
+"""Saturation up to which a colour counts as a grey. Light and dark greys are exchanged."""
 
 COLOUR_PROPERTIES = (
     "color",
@@ -49,7 +49,7 @@ def dark_copy(figure: Figure) -> Figure:
     dark: Figure = pickle.loads(pickle.dumps(figure))
     artists = {id(artist): artist for artist in dark.findobj()}.values()
     for artist in artists:
-        # Panels and figure have no colours of their own. Their background patches have.
+        # Panels and figure have no colours of their own, but their background patches have.
         if not isinstance(artist, Axes | Figure):
             _darken(artist)
     # Texts can share a halo (outline). It must be changed only once.
@@ -60,8 +60,8 @@ def dark_copy(figure: Figure) -> Figure:
     }
     for effect in effects.values():
         _darken_halo(effect)
-    # By now a background that was white has this colour. It becomes transparent. Other
-    # backgrounds stay. They mark where a colour map has no values.
+    # By now a background that was white has this colour, and becomes transparent. Other
+    # backgrounds stay, because they mark where a colour map has no values.
     darkened_white = _dark_rgba("white")
     for patch in (dark.patch, *(panel.patch for panel in dark.axes)):
         was_white = np.allclose(to_rgba(patch.get_facecolor()), darkened_white)
@@ -71,9 +71,9 @@ def dark_copy(figure: Figure) -> Figure:
 
 
 def _darken_halo(effect: Any) -> None:
-    """Replace the colour of a halo (outline of a text) by that for a dark background.
+    """Replace the colour of a halo (outline of a text) by a colour for a dark background.
 
-    matplotlib has no public way to change the colour. It is in the mapping `_gc`.
+    matplotlib has no public way to change the colour, which is in the mapping `_gc`.
     """
     stroke = getattr(effect, "_gc", {})
     if "foreground" in stroke:
@@ -81,7 +81,7 @@ def _darken_halo(effect: Any) -> None:
 
 
 def _darken(artist: Any) -> None:
-    """Replace all colours of a drawn object by those for a dark background.
+    """Replace all colours of a drawn object by colours for a dark background.
 
     The object is an artist of matplotlib, such as a line, a text or a filled area. Each
     kind of artist has some of the properties in `COLOUR_PROPERTIES`.

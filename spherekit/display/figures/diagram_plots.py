@@ -1,4 +1,4 @@
-"""Figures of points that move in a plane with one scale on both axes."""
+"""Figures of points that move in a plane with equal scales on the two axes."""
 
 from collections.abc import Sequence
 
@@ -18,7 +18,7 @@ DIAGRAM_RATIO = 0.95
 INFINITE_STEP_RATIO = 0.5
 """Steps of a path that lead through infinity, relative to the frame.
 
-Larger: a line across the frame joins both ends of such a path; smaller: fast paths have
+Larger: a line across the frame joins the two ends of such a path; smaller: fast paths have
 gaps.
 """
 
@@ -75,7 +75,7 @@ def _path_look(diagram: Diagram, point: int) -> Look:
 def _name_starts(panel: Axes, diagram: Diagram) -> None:
     """Draw a dot with a name at the place where the path of each point enters the frame."""
     low, high = np.transpose([diagram.x_range, diagram.y_range])
-    # (rows, points) whether a point is in the frame.
+    # Mask (rows, points) of the points that are in the frame.
     is_inside = np.all((diagram.places >= low) & (diagram.places <= high), axis=2)
     visible_points = np.flatnonzero(is_inside.any(axis=0)).tolist()
     if not visible_points:

@@ -25,7 +25,7 @@ MAP_RATIO = 0.95
 """Height of a panel, relative to its width."""
 
 SIGNED_COLOURS = "RdBu_r"
-"""Colours of quantities with both signs, white at zero."""
+"""Colours of quantities that have positive and negative values, white at zero."""
 
 SIGN_JUMP_RATIO = 0.3
 """Difference of neighbours of opposite signs that is a jump, relative to the range.
@@ -59,10 +59,10 @@ def find_grid(axes: Sequence[Axis]) -> list[Floats] | None:
 
 
 def path_axis(axes: Sequence[Axis]) -> Axis:
-    """Return one axis for a plot over samples on a path of the inputs: its length so far.
+    """Return one axis for a plot over samples on a path of the inputs: the path length.
 
-    With one input it is the axis of this input. With several inputs it is the distance
-    along the path in the space of the inputs.
+    With one input, the result is the axis of this input. With several inputs, it is the
+    distance along the path in the space of the inputs.
     """
     if len(axes) == 1:
         return axes[0]
@@ -75,14 +75,14 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
     """Return a figure with maps of a quantity over two inputs, one for each assembly mode.
 
     With more than two inputs, there are maps at the first, the middle and the last value of
-    each further input. If a quantity has both signs, its colours are symmetrical about
-    zero, and its zeros are drawn as a line.
+    each further input. If a quantity has positive and negative values, its colours are
+    symmetrical about zero, and its zeros are drawn as a line.
 
     Parameters
     ----------
     maps
-        For each mode its scene, and the series of the quantity. Their rows are a grid of
-        the inputs.
+        For each mode the scene, and the series of the quantity. The rows of the series are
+        a grid of the inputs.
     sheet
         Size of the figure, and titles of modes.
     """
@@ -90,7 +90,8 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
     axes = first_scene.over
     grid = find_grid(axes)
     assert grid is not None
-    # Maps are drawn at a few values of each further input: a slice is one index for each.
+    # Maps are drawn at a few values of each further input. A slice (one map) is given by
+    # one index for each further input.
     indices_by_input = [
         np.round(np.linspace(0, len(values) - 1, min(MAX_SLICES, len(values)))).astype(int)
         for values in grid[2:]
@@ -160,7 +161,8 @@ def _draw_zeros(panel: Axes, x: Floats, y: Floats, table: Floats, span: float) -
     span
         Range of the colours, in the unit of the quantity.
     """
-    # Where a value jumps along x or y, both neighbours of the jump are removed (NaN).
+    # Where a value jumps along x or y, the values on the two sides of the jump are removed
+    # (NaN).
     continuous_table = table.copy()
     for axis in (0, 1):
         step_before = np.abs(np.diff(table, axis=axis, prepend=np.nan))

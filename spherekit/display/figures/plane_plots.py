@@ -30,7 +30,7 @@ FRAME_MARGIN_RATIO = 0.03
 """Distance of the frame from the curves, relative to their range."""
 
 CONSTANT_MARGIN_RATIO = 0.05
-"""Distance of the frame from a constant quantity, relative to its value, or to 1."""
+"""Distance of the frame from a constant value, relative to the value or, if larger, 1."""
 
 PlaneItem = tuple[Scene, Portrait]
 """A portrait with its scene."""
@@ -45,7 +45,7 @@ def is_path(item: PlaneItem) -> bool:
 def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
     """Return a figure with one panel, in which one quantity is plotted against another.
 
-    A `Portrait` has the values of both quantities in all samples of one assembly mode (a
+    A `Portrait` has the values of the two quantities in all samples of one assembly mode (a
     way to assemble the mechanism). If the samples follow each other along one input, the
     values are drawn as a path. A portrait may also have curves and marks that do not depend
     on the samples, such as the singular curves of a mechanism with two inputs.
@@ -54,8 +54,8 @@ def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
     ----------
     items
         The portraits, all of the same two quantities, each with its scene. Usually there is
-        one for each assembly mode. An analysis may also give a portrait of no mode. Curves
-        and marks that occur in several portraits are drawn once.
+        one for each assembly mode. An analysis may also give a portrait that belongs to no
+        mode. Curves and marks that occur in several portraits are drawn once.
     sheet
         Size of the figure, and titles of modes.
     """
@@ -69,7 +69,8 @@ def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
         for mark in portrait.marks:
             mark_by_place[mark.label, mark.place.tobytes()] = mark
     marks = list(mark_by_place.values())
-    # With few kinds of marks the legend names them, otherwise each one has its name.
+    # With few kinds of marks the legend names the kinds. Otherwise each mark has its name
+    # beside it.
     is_named_in_legend = len({mark.label for mark in marks}) <= MAX_LEGEND_KINDS
     paths = [item for item in items if is_path(item)]
     with style.look():
@@ -95,8 +96,8 @@ def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
             look = marker_look(mark.tone) | {"label": label}
             panel.plot(*mark.place, zorder=4.0, **look)
         _set_frame(panel, first_portrait)
-        # If both quantities have one unit, as two inputs have, the scale is the same on
-        # both axes. A path fills the frame instead.
+        # If the two quantities have one unit, as two inputs have, the two axes have the
+        # same scale. A path fills the frame instead.
         has_one_unit = first_portrait.x_unit == first_portrait.y_unit
         if not paths and has_one_unit and not first_portrait.logarithmic:
             panel.set_aspect("equal")
@@ -151,7 +152,7 @@ def _draw_path(panel: Axes, line: Floats, look: Look, has_start_dot: bool) -> No
 
 
 def _set_frame(panel: Axes, portrait: Portrait) -> None:
-    """Set ranges, names and ticks of both axes of a panel.
+    """Set ranges, names and ticks of the two axes of a panel.
 
     Parameters
     ----------
@@ -179,7 +180,7 @@ def _set_frame(panel: Axes, portrait: Portrait) -> None:
 
 
 def _widen(low: float, high: float) -> tuple[float, float]:
-    """Return a range with a margin on both sides."""
+    """Return a range with a margin below and above."""
     margin = FRAME_MARGIN_RATIO * (high - low)
     margin = margin or CONSTANT_MARGIN_RATIO * max(abs(low), 1.0)
     return low - margin, high + margin

@@ -29,7 +29,7 @@ DEGREE_TICK_STEPS = (1, 1.2, 1.5, 1.8, 3, 4.5, 6, 9, 10)
 """Steps of ticks, times powers of ten, that divide a revolution in degrees."""
 
 DEGREE_TICK_RANGE = 60.0
-"""Smallest range (deg) of an axis with these ticks. Shorter axes have decimal ones."""
+"""Smallest range (deg) of an axis with these ticks. Shorter axes have decimal ticks."""
 
 LEGEND_ROW_IN = 0.17
 """Height (inches) of a row of the legend."""
@@ -76,7 +76,7 @@ def as_data_url(figure: Figure) -> str:
 
 @dataclass(frozen=True)
 class Sheet:
-    """Makes the figures of a run; it has their width and the titles of the assembly modes.
+    """Makes the figures of a run, with a given width and titles of the assembly modes.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class Sheet:
         return style.WIDTHS[self.columns]
 
     def title(self, page: Page) -> str:
-        """Return the name of a page in legends: the title of a mode, or its own name."""
+        """Return the name of a page (a mode or a title) in legends."""
         if isinstance(page, int):
             title = self.titles.get(page, f"Mode {page}")
             return plot_text(title.replace("Mode", "mode").replace("-", "−"))
@@ -164,7 +164,7 @@ class Sheet:
         column_count = self._count_panel_columns(panel_count, longest_title)
         row_count = -(-panel_count // column_count)  # rounded up
         # A single panel over the whole width of a journal page would be too high, so its
-        # height is reduced to about that of a panel of half the width.
+        # height is reduced to about the height of a panel of half the width.
         is_wide = column_count == 1 and self.columns == 2
         height_factor = 0.55 if is_wide else 1.0
         panel_height = self.width / column_count * ratio * height_factor
@@ -180,7 +180,7 @@ class Sheet:
         """Return how many panels are beside each other in a figure.
 
         A figure is one or two text columns of a journal wide (`self.columns`). Usually it
-        has as many panels beside each other.
+        has the same number of panels beside each other.
 
         Parameters
         ----------
@@ -200,7 +200,7 @@ class Sheet:
 
 
 def label_shared_axes(panels: Sequence[Any], x_label: str, y_label: str) -> None:
-    """Name the axes of panels once: x below the last panels, y beside all of them."""
+    """Name the axes of panels once: x below the last row of panels, y beside all panels."""
     column_count = panels[0].get_gridspec().ncols
     for panel in panels[-column_count:]:
         panel.set_xlabel(plot_text(x_label))
@@ -285,8 +285,8 @@ def _points_on_lines(panel: Axes, distance: float) -> Floats:
         for start, end in pairwise(corners):
             length = np.linalg.norm(end - start)
             has_gap = not np.isfinite(length)  # NaN separates the parts of a line
-            # Only the start of a segment is tested. Segments are short, so the rest hardly
-            # matters.
+            # Only the start of a segment is tested. Segments are short, so the rest of a
+            # segment hardly matters.
             if has_gap or not frame.contains(*start):
                 continue
             # Positions along the segment: 0 at its start, 1 at its end.
@@ -322,7 +322,7 @@ def add_colour_bar(
     label
         Name and unit of the quantity.
     distance
-        Distance of the bar from the panels, relative to their width.
+        Distance of the bar from the panels, relative to the width of the panels.
 
     Returns
     -------

@@ -44,7 +44,7 @@ CIRCLE_STEP_RAD = np.radians(30.0)
 """Angle between circles of the graticule, and the smallest rim of a map with areas."""
 
 FINE_CIRCLE_STEP_RAD = np.radians(15.0)
-"""The same on maps of small regions, and the step of the rim."""
+"""Angle between circles of the graticule on maps of small regions; step of the rim."""
 
 FINE_RIM_RAD = np.radians(45.0)
 """Rim up to which the graticule has the fine step."""
@@ -52,7 +52,7 @@ FINE_RIM_RAD = np.radians(45.0)
 MAX_RIM_RAD = np.radians(120.0)
 """Largest rim. Directions farther from the centre are shown on two hemispheres.
 
-Larger: maps reach nearer to the point opposite to their centre, where both projections
+Larger: maps reach nearer to the point opposite to their centre, where the two projections
 distort most. Smaller: more figures have two hemispheres.
 """
 
@@ -60,7 +60,7 @@ RIM_ROUNDING_RAD = 1e-9
 """Angle by which rounding may move a direction across a rim."""
 
 RIM_ROUNDING_STEPS = 1e-9
-"""The same as a part of `FINE_CIRCLE_STEP_RAD`.
+"""Angle by which rounding may move a direction, as a part of `FINE_CIRCLE_STEP_RAD`.
 
 Larger: more directions that are close to a circle, but inside, get the next circle as rim.
 """
@@ -75,7 +75,7 @@ GRATICULE_LOOK: Look = {"color": "#909090", "alpha": 0.55, "linewidth": 0.4}
 """Lines of the graticule."""
 
 POLAR_PANEL: Look = {"projection": "polar", "axisbelow": "line"}
-"""The kind of panel of maps: polar axes have the circles, and cut drawings at the rim."""
+"""The kind of panel of maps. Polar axes have circles, and cut off drawings at the rim."""
 
 
 def draw_sphere(
@@ -84,8 +84,8 @@ def draw_sphere(
     """Return a figure of quantities and curves on the sphere, in two projections.
 
     The equal-area and the stereographic projection are drawn side by side. The maps are
-    centred on the axis of the ground that is nearest to the directions shown. All these
-    directions are on the maps. If a map would become too large, both hemispheres are drawn
+    centred on the axis of the ground that is nearest to the directions shown, and contain
+    all these directions. If a map would become too large, the two hemispheres are drawn
     instead.
 
     Parameters
@@ -103,7 +103,8 @@ def draw_sphere(
     farthest_angle = np.max(angles, initial=0.0)
     rim = _choose_rim(farthest_angle)
     if not maps:
-        # Curves alone are drawn on at least a hemisphere. Areas may fill a smaller map.
+        # Curves without areas are drawn on at least a hemisphere. Areas may fill a smaller
+        # map.
         rim = max(rim, HEMISPHERE_RAD)
     frames = [frame]
     if rim > MAX_RIM_RAD:
@@ -131,7 +132,7 @@ def _choose_rim(farthest_angle: float) -> float:
 
     The rim is one of the circles of the grid, and contains all directions to be shown. If
     the farthest direction is on a circle, the next larger circle is the rim. Otherwise
-    rounding would decide between the two.
+    rounding would decide between the two circles.
 
     Parameters
     ----------
@@ -146,8 +147,8 @@ def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
     """Return a figure of the paths of axes on the sphere.
 
     There is a panel for each axis and a colour for each assembly mode (way to assemble the
-    mechanism). All panels show the same hemisphere. An axis that leaves it is drawn by its
-    opposite direction.
+    mechanism). All panels show the same hemisphere. An axis that leaves this hemisphere is
+    drawn by the opposite direction.
 
     Parameters
     ----------
@@ -199,8 +200,8 @@ def _visible_path(arrow: Arrow, view: SphereView) -> Floats:
     """Return the path of an axis on the hemisphere that a map shows.
 
     An axis meets the sphere at two opposite points, of which one is visible. At the rim the
-    path continues at the opposite point. There the result (samples and gaps, 3) has a row
-    of NaN.
+    path continues at the opposite point. The result (samples and gaps, 3) has a row of NaN
+    at such a jump.
     """
     path = turn_to_side(arrow.directions, view.frame[2])
     is_jump = np.vecdot(path[1:], path[:-1]) < 0.0
@@ -362,7 +363,7 @@ def _draw_sphere_map(
 
 
 def _cartesian_mesh(polar_points: Floats, triangles: Indices) -> Triangulation:
-    """Return a mesh of triangles in Cartesian coordinates from points in polar ones.
+    """Return a mesh of triangles in Cartesian coordinates from points in polar coordinates.
 
     Parameters
     ----------
@@ -380,8 +381,8 @@ def _cartesian_transform(panel: Any) -> Any:
     """Return the transform from Cartesian map coordinates to the paper in a polar panel.
 
     Shaded triangles need an affine transform. matplotlib transforms polar coordinates in
-    four parts. The first part makes them Cartesian and is not affine. The other three are
-    affine, and are put together here.
+    four parts. The first part makes them Cartesian and is not affine. The other three parts
+    are affine, and are put together here.
     """
     return panel.transProjectionAffine + panel.transWedge + panel.transAxes
 

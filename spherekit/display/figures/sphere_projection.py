@@ -2,8 +2,8 @@
 
 Lambert's equal-area and the stereographic projection keep the azimuth about the centre of
 the map. A direction at the angle t from the centre is at the radius 2 sin(t/2) in the
-former, which keeps areas, and 2 tan(t/2) in the latter, which keeps angles (J. P. Snyder,
-Map Projections: A Working Manual, USGS 1395, 1987, chapters 21 and 24).
+equal-area projection, and at 2 tan(t/2) in the stereographic projection, which keeps angles
+(J. P. Snyder, Map Projections: A Working Manual, USGS 1395, 1987, chapters 21 and 24).
 """
 
 from collections.abc import Callable, Sequence
@@ -25,8 +25,8 @@ HEMISPHERE_RAD = np.radians(90.0)
 CLIPPED_BAND_RAD = np.radians(12.0)
 """Angle (rad) beyond the rim up to which directions are placed.
 
-Triangles across the rim are drawn and cut off there. Smaller: large ones are missing;
-larger: in stereographic maps of large angles triangles become huge.
+Triangles across the rim are drawn and cut off at the rim. Smaller: large triangles are
+missing; larger: in stereographic maps of large angles triangles become huge.
 """
 
 RIM_SINE = 1e-9
@@ -45,7 +45,8 @@ class Projection(NamedTuple):
     name
         Name of the projection.
     radius
-        Function that returns the radius on the map at an angle (rad) from its centre.
+        Function that returns the radius on the map at an angle (rad) from the centre of the
+        map.
     """
 
     name: str
@@ -145,7 +146,7 @@ def opposite_frame(frame: Floats) -> Floats:
 def directions_to_show(maps: Sequence[SphereMap], curves: Sequence[SphereCurves]) -> Floats:
     """Return the directions (n, 3) that a map of the sphere must contain.
 
-    They are the directions of quantities on areas (`maps`) and of marks (labelled points).
+    These are the directions of quantities on areas (`maps`) and of marks (labelled points).
     Points of curves count only if there are neither areas nor marks. Otherwise curves may
     leave the map at its rim.
 
@@ -176,9 +177,10 @@ def directions_to_show(maps: Sequence[SphereMap], curves: Sequence[SphereCurves]
 def turn_to_side(directions: Floats, out: Floats) -> Floats:
     """Return for each sample the direction of an axis that a map of a hemisphere shows.
 
-    An axis has two opposite directions. The one on the side of `out` is visible. On the
-    rim, at right angles to `out`, both are visible. There the direction nearer to that of
-    the neighbouring sample is taken, so that a path along the rim has no jump.
+    An axis has two opposite directions. The direction on the side of `out` is visible. On
+    the rim, at right angles to `out`, both directions are visible. In this case the
+    direction nearer to the direction at the neighbouring sample is taken, so that a path
+    along the rim has no jump.
 
     Parameters
     ----------
@@ -214,7 +216,7 @@ def _choose_nearer(direction: Floats, reference: Floats) -> Floats:
 
     The direction itself is returned if the reference is NaN.
 
-    On the rim of a map both ends of an axis are visible. This choice keeps its path without
-    jumps.
+    On the rim of a map the two opposite directions of an axis are visible. This choice
+    keeps the path of the axis without jumps.
     """
     return -direction if direction @ reference < 0.0 else direction

@@ -1,7 +1,7 @@
 """The style of figures: widths, letters, and the meaning of each colour.
 
 Each mode has a colour by its number, which is the same in every figure. The colours are
-those of Okabe and Ito (2008), which can be distinguished with any kind of colour vision.
+taken from Okabe and Ito (2008), which can be distinguished with any kind of colour vision.
 """
 
 from collections.abc import Mapping
@@ -110,9 +110,9 @@ def look() -> AbstractContextManager[None]:
 def page_look(page: Page) -> Look:
     """Return the line style of the curves of a page, which shows one assembly mode.
 
-    A mode has the colour of its number. If two modes have the same colour, the first has
-    solid lines and the other dashes. Curves of pages that are not for a mode have the
-    colour of text.
+    The number of a mode determines its colour. If two modes have the same colour, the first
+    mode has solid lines and the second mode has dashes. Curves of pages that are not for a
+    mode have the colour of text.
     """
     if not isinstance(page, int):
         return {"color": INK, "linestyle": "-"}

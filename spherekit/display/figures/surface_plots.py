@@ -15,7 +15,7 @@ MAX_HEIGHT_IN = 4.5
 """Largest height (inches) of the figure."""
 
 COLOUR_BAR_DISTANCE = 0.12
-"""Distance of the colour bar from the panel, beyond the labels of its axis."""
+"""Distance of the colour bar from the panel, beyond the labels of the panel's axis."""
 
 
 def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:

@@ -139,7 +139,8 @@ def _draw_merit(
                     **look,
                 )
             else:
-                # For the same reason, the points of each further mode are larger rings.
+                # Points of equal figures would cover each other, too, so the points of each
+                # further mode are larger rings.
                 axes.scatter(
                     ordered[size],
                     ordered[merit],
@@ -175,7 +176,7 @@ def _draw_two_sizes(
     merit
         Name of the column with the figure of merit.
     sizes
-        Names of the columns with both sizes.
+        Names of the columns with the two sizes.
     limits
         Least and largest value that colours distinguish.
     """
@@ -185,7 +186,7 @@ def _draw_two_sizes(
         "vmax": limits[1],
     }
     table = rows.pivot_table(index=sizes[1], columns=sizes[0], values=merit)
-    # A table of both sizes is mostly filled if the designs form a grid.
+    # A table over the two sizes is mostly filled if the designs form a grid.
     is_grid = min(table.shape) > 1 and 2 * len(rows) >= table.size
     if is_grid:
         return axes.pcolormesh(

@@ -73,14 +73,14 @@ JOINT_LIMIT_KEY = ' <span><i class="limit"></i>beyond a joint limit</span>'
 """Entry of the legend that pages of mechanisms with joint limits have."""
 
 MOTION_ARGUMENTS = ("q", "dq", "ddq")
-"""Arguments of kernels that a page can give, with whole turns of passive pairs.
+"""Names of arguments of kernels (functions in JavaScript) that a page can compute.
 
-It has no time.
+They include whole turns of passive pairs, but no time.
 """
 
 
 class PageText(NamedTuple):
-    """A page, with its numbers of curves and of assembly modes."""
+    """The text of a page, with the numbers of its curves and of its assembly modes."""
 
     text: str
     curve_count: int
@@ -115,14 +115,16 @@ class PageMaker:
         vary
             Keys of the numbers of the mechanism file that get sliders. None: all sizes.
         quantities
-            Names or patterns of the quantities that get curves. None: the default ones.
+            Names or patterns of the quantities that get curves. None: the default
+            quantities.
         input_pair
-            The driven pairs (joints). None: those of the mechanism.
+            The driven pairs (joints). None: the inputs of the mechanism.
         crossings
             How an assembly mode (way to assemble the mechanism) continues. Its
             configurations form a curve over the input, which may cross the curve of another
             mode. With "pass", a mode follows its smooth curve through a crossing. With
-            "end" it does not.
+            "end" the mode keeps the signs of its dyads (two links with three R pairs)
+            instead.
         """
         # The mechanism as the caller states it: an object, a name or a path. `formulas`
         # accepts all of them.
@@ -141,8 +143,8 @@ class PageMaker:
         self.keys = self._find_sizes() if vary is None else tuple(vary)
         # For each input that moves alone: the steps by which all pole axes (axes of
         # relative rotation of two links) are constructed. If equations are redundant,
-        # counting links and pairs gives too small a mobility. Then the rank of the
-        # equations gives it.
+        # counting links and pairs gives too small a mobility. Then the mobility follows
+        # from the rank of the equations.
         moves_by_rank = is_mobile_by_rank_only(self._mechanism)
         self._pole_plans = plans(self._mechanism, moves_by_rank)
 
@@ -151,8 +153,8 @@ class PageMaker:
 
         A kernel is a set of JavaScript functions. One kernel computes all quantities at
         every sample. Another kernel computes the picture at the cursor. A slider that
-        changes nothing is left out with a note. If the user named its key, this is an
-        error.
+        changes nothing is left out with a note, or raises an error if the user named its
+        key.
 
         Raises
         ------
@@ -188,9 +190,9 @@ class PageMaker:
             self.notes.append(f"left out: assembly {numbered('mode', names)}: {reason}")
         # The configurations of an assembly mode (way to assemble the mechanism) form a
         # curve over the input. With the option "pass", a mode continues where its curve
-        # crosses that of another mode. Only positions in closed form can do this. With the
-        # sizes of the file no curves cross, as `_make_row_formulas` has checked. With
-        # other sizes they may, so there is a note.
+        # crosses the curve of another mode. This is possible only if positions have a
+        # closed form. With the sizes of the file no curves cross, as `_make_row_formulas`
+        # has checked. With other sizes curves may cross, so there is a note.
         wants_to_pass_crossings = self._crossings == "pass"
         if wants_to_pass_crossings and not has_closed_form:
             self.notes.append(
@@ -231,9 +233,9 @@ class PageMaker:
         )
         self._check_smooth_curves(page_formulas)
         self._check_arguments(page_formulas)
-        # `mode_table` lists the assembly modes (ways to assemble the mechanism). Its entry
+        # `mode_table` lists the assembly modes (ways to assemble the mechanism). Its field
         # `smooth` says at which inputs their curves cross, for the sizes of the file. If a
-        # slider changes a size, these inputs change. So the entry is removed, and the page
+        # slider changes a size, these inputs change. So the field is removed, and the page
         # computes the crossings itself.
         return replace(
             page_formulas, mode_table=page_formulas.mode_table._replace(smooth=None)
@@ -274,7 +276,7 @@ class PageMaker:
         which cannot pass a crossing.
 
         The message names two ways out: the option "end", or the command `export`. Exported
-        source code has starting values on both sides of a crossing.
+        source code has starting values before and after a crossing.
 
         Parameters
         ----------
@@ -303,9 +305,10 @@ class PageMaker:
     def _make_row_formulas(self) -> Formulas:
         """Return the formulas that the page evaluates at every sample of every mode.
 
-        An assembly mode is one way to assemble the mechanism. The formulas are those of
-        quantities that the page shows or needs. The formulas say which further quantities
-        are needed, for example to choose directions of axes. So they are created twice.
+        An assembly mode is one way to assemble the mechanism. The formulas compute the
+        quantities that the page shows or needs. A first set of formulas tells which further
+        quantities are needed, for example to choose directions of axes. So the formulas are
+        created twice.
         """
         # Loads, such as springs, depend on the angles of `_wound_pairs`. The page counts
         # their whole revolutions.
@@ -323,11 +326,12 @@ class PageMaker:
         There are two kinds:
 
         - Angular velocities of links. A pole axis (axis of relative rotation of two links)
-          has two opposite directions. The page chooses one, which must not jump to the
-          other during the motion. For this choice it needs the relative angular velocity.
+          has two opposite directions. The page chooses one direction, which must not jump
+          to the opposite direction during the motion. This choice depends on the relative
+          angular velocity.
         - A number for each dyad (two links between two known axes), which is negative if
-          the links are too short to meet. It exists only if positions have formulas (closed
-          form).
+          the links are too short to meet. This number exists only if positions have
+          formulas (closed form).
 
         Parameters
         ----------
@@ -378,7 +382,7 @@ class PageMaker:
     def _find_sizes(self) -> Names:
         """Return the keys of all arcs and angles of the mechanism file that get a slider.
 
-        A note is added for each size that cannot have one.
+        A note is added for each size that cannot have a slider.
         """
         # An axis that the file states by two other directions has no number to vary.
         keys = self._omit_axes_by_directions(default_size_keys(self._mechanism))
@@ -402,15 +406,16 @@ class PageMaker:
         """Remove the keys of axes that the mechanism file does not state as numbers.
 
         In a P pair (joint) one link slides along an arc of a great circle on the other
-        link. Its axis is the normal of the plane of this circle. The file may state two
-        directions on the arc instead. Then no number of the axis can have a slider, and a
-        note says so.
+        link. The axis of the pair is the normal of the plane of this circle. The file may
+        state two directions on the arc instead. Then no number of the axis can have a
+        slider, and a note says so.
 
         Parameters
         ----------
         keys
-            Keys of numbers in the file. Those of the pair NAME begin with ``pairs.NAME``. A
-            P pair has no other numbers than its axis, so all its keys are removed.
+            Keys of numbers in the file. The keys of the pair NAME begin with
+            ``pairs.NAME``. A P pair has no other numbers than its axis, so all its keys are
+            removed.
         """
         pairs_without_axis = [
             name
@@ -431,7 +436,7 @@ class PageMaker:
     def _wound_pairs(self) -> list[str]:
         """The passive pairs whose whole turns the page counts.
 
-        They are the pairs (joints) on whose angle loads depend, such as those with a
+        These are the pairs (joints) on whose angle loads depend, such as pairs with a
         spring. The page counts turns only with one input. If assembly modes pass through
         crossings, no turns are counted, because the count follows a mode with constant
         signs.
@@ -498,8 +503,8 @@ class PageMaker:
             The quantities that the page computes at every sample.
         has_closed_form
             Whether positions are computed in closed form, from the signs of dyads (two
-            links with three R pairs). If not, modes are followed by Newton steps, which
-            pass no crossings.
+            links with three R pairs). If not, modes are followed by steps of Newton's
+            method, which cannot pass crossings.
         """
         mechanism = self._mechanism
         page_quantities = self._page_quantities

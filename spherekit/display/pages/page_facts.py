@@ -49,10 +49,11 @@ def input_facts(mechanism: Mechanism, driven: Input) -> Facts:
 def link_facts(mechanism: Mechanism, link: str) -> Facts:
     """Return the description of a link for the scripts of an interactive page.
 
-    It has the names of the pairs (joints) with an axis in the link, and its contact
-    profiles. A profile is the curve along which the link touches another link, here as
-    points in link axes. A circular profile also has its centre and radius. If it rolls, it
-    is drawn as a wheel. Other profiles are drawn as curves.
+    The description has the names of the pairs (joints) with an axis in the link, and the
+    contact profiles of the link. A profile is the curve along which the link touches
+    another link, here as points in link axes. A circular profile also has its centre and
+    radius. A circular profile that rolls is drawn as a wheel. Other profiles are drawn as
+    curves.
 
     Parameters
     ----------
@@ -90,8 +91,8 @@ def link_facts(mechanism: Mechanism, link: str) -> Facts:
 def pair_facts(mechanism: Mechanism) -> list[Facts]:
     """Return the descriptions of all pairs (joints) for the scripts of a page.
 
-    A revolute pair has an axis. A contact has none. It has one variable if it rolls, and
-    two if it slides.
+    A revolute pair has an axis. A contact has no axis, and one variable if it rolls, or two
+    variables if it slides.
     """
     return [
         {
@@ -107,10 +108,10 @@ def pair_facts(mechanism: Mechanism) -> list[Facts]:
 def quantity_facts(mechanism: Mechanism, name: str, unit: str) -> Facts:
     """Return the description of a quantity that has a curve on the page.
 
-    It has name, unit, label and size. The label follows from the name:
+    The description has name, unit, label and size. The label follows from the name:
     ``velocity_coefficient_4_1``, for example, becomes "velocity coefficient 4/1". The size
     is a typical value for this unit. If values vary by far less, as by rounding, the page
-    draws a level line.
+    draws a horizontal line.
 
     Parameters
     ----------
@@ -121,7 +122,7 @@ def quantity_facts(mechanism: Mechanism, name: str, unit: str) -> Facts:
     """
     # The derivative of the equivalent inertia B by the input.
     label = name.replace("dB_dq", "dB/dq").replace("_", " ")
-    # Names of links may contain underscores, so each two links are tried.
+    # Names of links may contain underscores, so all pairs of links are tried.
     for a, b in permutations(mechanism.links, 2):
         match = re.fullmatch(
             rf"(\w+_coefficient|pole)_{re.escape(a)}_{re.escape(b)}(|_.*)", name
@@ -203,12 +204,12 @@ def _step_facts(pole_plan: Plan, step: Step) -> Iterator[Facts]:
 
     A pole is the axis of the relative rotation of two bodies. Usually a step gives one pole
     and has one description. In some parts of a mechanism (`BlockPoles`), velocity equations
-    give several poles at once. If one of them is known, others follow one by one, as
+    give several poles at once. If one of these poles is known, others follow one by one, as
     intersections of great circles through known poles. The first description has the poles
-    that only the equations give. Then each of the others has a description of its own, with
-    its great circles.
+    that only the equations give. Then each of the other poles has a description of its own,
+    with its great circles.
 
-    The keys of a description are those of `_make_step_facts`.
+    A description has the keys that `_make_step_facts` lists.
     """
     if not isinstance(step, BlockPoles):
         yield _single_pole_facts(pole_plan, step)
@@ -229,8 +230,8 @@ def _single_pole_facts(pole_plan: Plan, step: PrimaryPole | LinePole) -> Facts:
     The pole of two bodies i and j is the axis of their relative rotation. It may be the
     axis of a pair (joint). Otherwise it lies on the great circle through the poles of (i,
     k) and (j, k), for each third body k. If a sliding contact joins i and j, the pole also
-    lies in the contact plane. This plane contains the centre of the sphere, and the normal
-    of both curves at the point of contact.
+    lies in the contact plane. This plane contains the centre of the sphere, and the common
+    normal of the two curves at the point of contact.
     """
     facts = _make_step_facts(pole_plan, step, [step.pole])
     if isinstance(step, LinePole):

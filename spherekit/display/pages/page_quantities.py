@@ -1,6 +1,6 @@
 """The quantities that an interactive page computes, by their names.
 
-Names are those of `spherekit.velocities.row_quantities.row_quantities`.
+The names are formed by `spherekit.velocities.row_quantities.row_quantities`.
 """
 
 from collections.abc import Iterable, Sequence
@@ -34,7 +34,7 @@ class OutputPath(NamedTuple):
 class ReversiblePole(NamedTuple):
     """A pole axis for which the page chooses one of two opposite directions.
 
-    A pole axis is the axis about which one link rotates relative to another one. The axis
+    A pole axis is the axis about which one link rotates relative to another link. The axis
     of a pair (joint) has its direction in the file. For any other axis the page chooses the
     direction. If it is reversed, the quantities along the axis change their signs.
 
@@ -43,9 +43,9 @@ class ReversiblePole(NamedTuple):
     link, reference
         Name of the link, and of the other link relative to which it moves.
     input_suffix
-        End of the names of its quantities, which says which input moves. For example, it
-        is "_by_21" in ``velocity_coefficient_4_1_by_21``, for the input at the pair 21. It
-        is empty if the mechanism has one input.
+        End of the names of the quantities of the pole, which says which input moves. For
+        example, this end is "_by_21" in ``velocity_coefficient_4_1_by_21``, for the input
+        at the pair 21. It is empty if the mechanism has one input.
     """
 
     link: str
@@ -78,8 +78,9 @@ class PageQuantities:
     unit_by_name
         Units of all quantities of the mechanism, by name.
     input_suffixes
-        For each input the end of the names of quantities while it moves and the others
-        rest, such as "_by_21" for the input at the pair 21. It is empty for the only input.
+        For each input the end of the names of quantities while this input moves and the
+        others rest, such as "_by_21" for the input at the pair 21. It is empty for the only
+        input.
     """
 
     def __init__(self, mechanism: Mechanism, inputs: Sequence[str]) -> None:
@@ -129,7 +130,8 @@ class PageQuantities:
         An output is the motion of a link relative to a reference link. It may declare a
         direction, which is a unit vector fixed on the link.
 
-        - If it does and the reference is the ground, the path of the direction is drawn.
+        - If the output declares a direction and the reference is the ground, the path of
+          the direction is drawn.
         - Otherwise the paths of the axes of all pairs (joints) of the link are drawn. Axes
           of pairs at the ground do not move and are left out.
 
@@ -175,7 +177,7 @@ class PageQuantities:
         return reversible_poles
 
     def _has_pair_axis(self, link: str, reference: str) -> bool:
-        """Return whether the axis of relative rotation of two links is that of a joint.
+        """Return whether the axis of relative rotation of two links is the axis of a joint.
 
         The mechanism file states the sense of such an axis, so the page does not choose it.
         """
@@ -210,9 +212,9 @@ class PageQuantities:
         """Return the names of the angular velocities that decide directions of pole axes.
 
         A pole axis has two opposite directions. The page chooses them so that they are
-        continuous from sample to sample. For this it needs the relative angular velocity of
-        the two links, which is the difference of their angular velocities. The ground is at
-        rest.
+        continuous from sample to sample. This choice depends on the relative angular
+        velocity of the two links, which is the difference of their angular velocities. The
+        ground is at rest.
 
         Parameters
         ----------
@@ -269,9 +271,9 @@ class PageQuantities:
     def drawn_names(self, pole_plans: Sequence[Plan]) -> list[str]:
         """Return the names of the quantities for the picture at the cursor.
 
-        They are axes of pairs (joints), orientations of links, and pole axes. Links that
-        cannot move relative to each other form one body, which has the number of its first
-        link. A pole is the axis of the relative rotation of two bodies.
+        These quantities are axes of pairs (joints), orientations of links, and pole axes.
+        Links that cannot move relative to each other form one body, which has the number of
+        its first link. A pole is the axis of the relative rotation of two bodies.
 
         Parameters
         ----------

@@ -16,11 +16,12 @@ from spherekit.mechanism.elements import SizeGeometry
 from spherekit.mechanism.mechanism import Mechanism
 
 SLIDER_REACH_DEG = 30.0
-"""Half the range of the slider of an angle (deg): it reaches so far to both sides."""
+"""Half the range (deg) of the slider of an angle, below and above the file's angle."""
 TYPED_TO_SLIDER_RATIO = 12.0
 """Half the range of typed numbers, divided by half the range of the slider.
 
-With 12 times 30 degrees, a typed angle may differ by one revolution from that of the file.
+With 12 times 30 degrees, a typed angle may differ by one revolution from the angle in the
+file.
 """
 BISECTION_STEPS = 7
 """Number of bisection steps in the search for the last number that the format accepts.
@@ -82,9 +83,9 @@ def slider_range(
 
     Returns
     -------
-    The ranges of the slider and of its text field. Both include the number of the file. An
-    angle ranges over `SLIDER_REACH_DEG` to both sides; any other number over its own
-    magnitude, or 1 if it is zero.
+    The ranges of the slider and of its text field. The two ranges include the number of the
+    file. An angle may be changed by `SLIDER_REACH_DEG` up or down; any other number by its
+    own magnitude, or by 1 if it is zero.
     """
     value = variable.value
     if variable.is_angle:
@@ -115,7 +116,7 @@ def _find_typed_limits(
 ) -> tuple[float, float]:
     """Return the smallest and the largest number that may be typed beside a slider.
 
-    This range is `TYPED_TO_SLIDER_RATIO` times as wide as that of the slider. It is
+    This range is `TYPED_TO_SLIDER_RATIO` times as wide as the range of the slider. It is
     narrower if the mechanism file cannot be read with all these numbers.
 
     Parameters
@@ -194,9 +195,9 @@ def _find_last_accepted(
 ) -> float:
     """Return the farthest number, in one direction, with which the file can still be read.
 
-    The near number is tried first, then the far one. If one is refused, bisection finds the
-    limit between this number and the last accepted one. Trying the near number first
-    shortens the range of the bisection.
+    The near number is tried first, then the far one. If one of them is refused, bisection
+    finds the limit between this number and the last accepted number. Trying the near number
+    first shortens the range of the bisection.
 
     Parameters
     ----------
@@ -209,7 +210,7 @@ def _find_last_accepted(
 
     Returns
     -------
-    The farthest accepted number: the far one if both are accepted, and the number of the
+    The farthest accepted number: `far` if both numbers are accepted, and the number of the
     file if no number that was tried is accepted.
     """
     last_accepted = variable.value

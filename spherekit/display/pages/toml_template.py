@@ -1,6 +1,6 @@
 """The text of a mechanism file, cut at the numbers that vary.
 
-The page puts the present numbers between the parts when it saves the file.
+When the page saves the file, it puts the present numbers between the parts of the text.
 """
 
 import re
@@ -23,7 +23,7 @@ _MARK_FORMAT = "{}.5e-271"
 """Text that marks the position of a number: a number that no file has."""
 
 _MAX_TRIED_NUMBERS = 64
-"""Numbers that are tried from the line of a key on.
+"""Largest number of trials in the search for a number, which begins at the line of its key.
 
 Each trial parses the whole file. Larger: long files take longer. Smaller: a number far
 behind its key, as in a long array, is not found, and the file is written anew without its
@@ -92,8 +92,8 @@ def _mark_number(document: Document, text: str, path: KeyPath, mark: str) -> str
     The text, or None if the number is not found.
     """
     # The search starts at the first character of the line of the key. The first line has
-    # the number 1. Lines of TOML end with a line feed alone; `splitlines` knows other line
-    # ends too.
+    # the number 1. Lines of TOML end with a line feed; `splitlines` would also split at
+    # other characters.
     lines_before = text.split("\n")[: document.line(path) - 1]
     start = sum(len(line) + len("\n") for line in lines_before)
     for match in islice(_TOML_NUMBER.finditer(text, start), _MAX_TRIED_NUMBERS):

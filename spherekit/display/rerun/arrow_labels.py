@@ -13,7 +13,7 @@ COVERING_COSINE = np.cos(np.radians(1.0))
 """Cosine above which two arrows cover each other: each is 0.8 deg thick."""
 
 MAX_NAMES = 4
-"""Number of names that a label lists; it says how many more there are."""
+"""Largest number of names that a label lists; it states how many more there are."""
 
 
 def arrow_labels(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.object_]]:
@@ -21,9 +21,9 @@ def arrow_labels(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.object
 
     A pole axis is the axis about which one link rotates relative to another. A row is one
     picture of the mechanism, at one sample of its motion. If arrows cover each other, the
-    first one is labelled with all their names, and the others have an empty label. Axes of
-    pairs (joints, `primary`) have no label and are left out. Hidden arrows cover nothing
-    and are left out, too.
+    first arrow is labelled with all their names, and the other arrows have an empty label.
+    Axes of pairs (joints, `primary`) have no label and are left out. Hidden arrows cover
+    nothing and are left out, too.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def find_label_owners(directions: Floats) -> Integers:
 
     Returns
     -------
-    (rows, arrows) numbers of arrows.
+    (rows, arrows) index of the arrow that has the name of each arrow in its label.
     """
     cosines = directions @ np.swapaxes(directions, 1, 2)  # (rows, arrows, arrows)
     covers = cosines > COVERING_COSINE
@@ -78,8 +78,8 @@ def find_label_owners(directions: Floats) -> Integers:
 def _join_names(names: Sequence[str], label_owners: Integers) -> list[str]:
     """Return the label of each arrow of one picture.
 
-    Arrows that cover each other share a label, which is at one of them and lists their
-    names.
+    Arrows that cover each other share a label, which is at one of these arrows and lists
+    their names.
 
     Parameters
     ----------

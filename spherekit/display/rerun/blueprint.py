@@ -1,4 +1,4 @@
-"""The layout of the viewer's window: a page for each mode, other pages, a comparison."""
+"""The layout of the viewer's window: pages (tabs) for modes, others, a comparison."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -21,8 +21,10 @@ TRAIL_SAMPLES = 24
 """Number of recent samples that are shown as dots behind a pole."""
 
 MAX_COMPARED_CURVES = 60
-"""Number of curves above which a plot of all modes is left out: nobody can distinguish
-more."""
+"""Number of curves above which a plot of all modes is left out.
+
+More curves could not be distinguished.
+"""
 
 SURFACE_EYE = (1.9, -2.2, 1.3)
 """Eye of a space with a surface, whose longest side is `entities.CUBE_SIDE`."""
@@ -100,8 +102,8 @@ class Layout:
     sphere_view_paths
         Page and path of everything that is seen in the view of the sphere.
     overrides
-        Page and path of things that are not drawn as usual, and how: hidden, or visible for
-        the last samples.
+        Page and path of objects that are not drawn as usual, and how they are drawn:
+        hidden, or visible for the last samples.
     pages_with_findings
         Pages that show results of analyses, in the order in which they arrived.
     plots
@@ -181,8 +183,8 @@ class Layout:
         """Return whether a page of the viewer window shows the sphere.
 
         A page of an assembly mode (its number) shows the objects of this mode, and those
-        that belong to all pages (owner None). A page with a title shows only its own. The
-        sphere is left out if there is nothing to draw on it.
+        that belong to all pages (owner None). A page with a title shows only its own
+        objects. The sphere is left out if there is nothing to draw on it.
         """
         owners = {owner for owner, _ in self.sphere_view_paths}
         has_title = isinstance(page, str)
@@ -221,7 +223,7 @@ class Layout:
             sphere = rrb.Vertical(sphere, scale, row_shares=[7, 1], name=title)
         if not rows:
             return rrb.Horizontal(sphere, name=title)
-        # Plots need more width than a graph or texts alone.
+        # Plots need more width than a graph or texts.
         shares = [11, 9] if plots else [2, 1]
         return rrb.Horizontal(sphere, rrb.Vertical(*rows), column_shares=shares, name=title)
 
@@ -264,7 +266,8 @@ class Layout:
 
         The trail shows the motion of the axis in the last `TRAIL_SAMPLES` samples before
         the cursor. A recording has two timelines, and the user may switch between them: the
-        number of the sample, and the input or the time. So the range is stated for both.
+        number of the sample, and the input or the time. So the range is stated for the two
+        timelines.
         """
 
         def boundary(timeline: str, offset: float) -> rr.TimeRangeBoundary:
@@ -291,8 +294,8 @@ class Layout:
     def _comparison_page(self) -> rrb.Container:
         """Return the page of the charts that show all assembly modes together.
 
-        Each chart has a cursor at the present sample: that of the same chart of the first
-        mode.
+        The cursor of each chart, which marks the present sample, is the cursor of the same
+        chart of the first mode.
         """
         views = []
         for path, title in self.comparisons.items():
@@ -367,5 +370,5 @@ def _page_without_sphere(
 
 
 def _tabs(views: Sequence[rrb.View]) -> rrb.View | rrb.Container:
-    """Return the only view, or tabs for several."""
+    """Return the only view, or tabs for several views."""
     return views[0] if len(views) == 1 else rrb.Tabs(*views, active_tab=0)

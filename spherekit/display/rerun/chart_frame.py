@@ -1,9 +1,9 @@
 """The frame of a chart in a plane: axes with ticks, words and lines.
 
-The viewer has no charts over anything but time, so charts are drawn with lines and points.
-One unit of the plane is one pixel of the pictures in it, and y points down. A chart is
-`CHART_WIDTH` x `CHART_HEIGHT` units. The upper left corner of the frame is the origin. The
-legend stands to the right of the frame.
+The viewer has only charts over time, so charts are drawn with lines and points. One unit of
+the plane is one pixel of the pictures in it, and y points down. A chart is `CHART_WIDTH` x
+`CHART_HEIGHT` units. The upper left corner of the frame is the origin. The legend stands to
+the right of the frame.
 """
 
 from collections.abc import Sequence
@@ -133,7 +133,8 @@ def axis_side(axis: Axis) -> FrameSide:
 def draw_frame(width: float, x: FrameSide, y: FrameSide, has_grid: bool = True) -> Stills:
     """Yield the frame of a chart with its grid lines, and the words at its axes.
 
-    Each item is a path below that of the chart, and the data that are logged there once.
+    Each item is a path below the path of the chart, and the data that are logged there
+    once.
 
     Parameters
     ----------
@@ -174,7 +175,8 @@ def draw_frame(width: float, x: FrameSide, y: FrameSide, has_grid: bool = True) 
 def draw_colour_scale(low: float, high: float, label: str) -> Stills:
     """Yield a horizontal scale of colours, with numbers below it and a title above it.
 
-    Each item is a path below that of the scale, and the data that are logged there once.
+    Each item is a path below the path of the scale, and the data that are logged there
+    once.
 
     Parameters
     ----------
@@ -239,7 +241,7 @@ def tick_text(value: float, step: float) -> str:
 
 
 def fraction_of_range(values: Floats, low: float, high: float) -> Floats:
-    """Return where values lie in a range, 0 at its low and 1 at its high end."""
+    """Return the positions of values in a range, from 0 at its low to 1 at its high end."""
     return (values - low) / (high - low if high > low else 1.0)
 
 
@@ -283,7 +285,7 @@ def draw_words(
     Parameters
     ----------
     words
-        Place (x, y) and text of each.
+        Place (x, y) and text of each label.
     colour
         Colour of the texts.
     is_shown

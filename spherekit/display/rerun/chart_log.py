@@ -39,8 +39,8 @@ class Charts:
     charts
         The charts, by their paths in the recording.
     marks
-        Values of the inputs that are marked in the charts of a page, such as those of
-        singularities. They are listed by the path of the page.
+        Values of the inputs that are marked in the charts of a page, such as inputs at
+        singularities, by the path of the page.
     """
 
     def __init__(self, layout: Layout, outputs: Outputs) -> None:
@@ -73,10 +73,10 @@ class Charts:
             heading (quantity with unit). Series with one heading on one page share a chart.
             Over two axes each series is a map and has a chart of its own.
         axes
-            The axes over which it is drawn.
+            The axes over which the series is drawn.
         changed_paths
             The paths of the series that were added in this block, by the path of their
-            chart. The path of this series is appended.
+            chart. The method appends the path of this series.
         """
         layout = self.layout
         is_map = len(axes) > 1
@@ -143,7 +143,7 @@ class Charts:
             self.outputs.log_first(
                 legend_path, [(ENTITY_ITSELF, legend_style(positions, tints))]
             )
-            # A curve is a list of blocks. The last one is the current block.
+            # A curve is a list of blocks. The last item is the current block.
             current_blocks = [chart.curves[path][-1].series for path in series_paths]
             texts = legend_texts(current_blocks)
             # The texts of all rows are one list. Each row has one text for each series.

@@ -1,4 +1,4 @@
-"""Charts of series: curves over one axis, or a map over two."""
+"""Charts of series (plotted quantities): curves over one axis, or a map over two."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
@@ -44,8 +44,10 @@ MAX_LEGEND_LETTERS = 17
 
 MIN_LEGEND_LINE = 25.0
 MAX_LEGEND_LINE = 36.0
-"""Height of a line of the legend: the least, and the height of few lines. Lines of that
-height do not overlap in small windows either."""
+"""Heights of a line of the legend: the least, and the height if there are few lines.
+
+Lines of the second height do not overlap in small windows either.
+"""
 
 LEGEND_ROWS = int(FRAME_HEIGHT / MIN_LEGEND_LINE)
 """Largest number of lines of a column of the legend."""
@@ -89,7 +91,7 @@ class Chart:
     title
         Heading of the chart.
     axes
-        The axes over which it is drawn, with the first block of their values.
+        The axes over which the chart is drawn, with the first block of their values.
     curves
         The blocks of each series (plotted quantity) so far, by the path of the series in
         the recording.
@@ -179,13 +181,13 @@ class Chart:
         """Return the positions and colours of names in the legend of the chart.
 
         The legend is to the right of the frame. It has a line for each series of the chart,
-        also for those that are not asked for. A map (one series over two axes, drawn in
+        also for series that are not requested. A map (one series over two axes, drawn in
         colours) has a single name.
 
         Parameters
         ----------
         paths
-            The paths of the k series that are asked for.
+            The paths of the k series that are requested.
 
         Returns
         -------
@@ -207,7 +209,7 @@ class Chart:
     def draw(self, marks: Sequence[InputMarks] = ()) -> Stills:
         """Yield what does not move in the chart: frame, curves or map, and marks.
 
-        Each item is a path below that of the chart, and the data that are logged there
+        Each item is a path below the path of the chart, and the data that are logged there
         once. The curves have the rows (samples) of all blocks so far.
 
         Parameters
@@ -291,7 +293,7 @@ class Chart:
         # A series is in blocks of successive samples, with the same unit and resolution.
         first_block = self.curves[path][0]
         series = first_block.series
-        # Values on both axes, and the quantity (len(x), len(y)), NaN where there is no
+        # Values on the two axes, and the quantity (len(x), len(y)), NaN where there is no
         # sample.
         x, y, cells = grid_values(*self.joined_blocks(path))
         x_axis, y_axis = self.axes[:2]
@@ -337,7 +339,8 @@ def compare_modes(charts: Sequence[Chart]) -> Chart:
     """Return one chart with the curves of several charts, one chart per assembly mode.
 
     An assembly mode is one way to assemble the mechanism at the same inputs. The curves of
-    the first mode have full colours, those of each later mode a lighter shade of them.
+    the first mode have full colours. The curves of each later mode have a lighter shade of
+    these colours.
     """
     comparison = replace(charts[0], curves={}, tints={})
     for number, chart in enumerate(charts):
@@ -364,7 +367,7 @@ def dot_style() -> rr.Points2D:
 def legend_places(width: float, count: int) -> Floats:
     """Return the positions (count, 2) of the names of the legend, right of a frame.
 
-    They are in units of the chart, in one column.
+    The positions are in units of the chart, in one column.
 
     Parameters
     ----------
@@ -423,8 +426,8 @@ def legend_texts(legend_series: Sequence[Series]) -> list[str]:
 def path_axis(axes: Sequence[Axis]) -> Axis:
     """Return one axis for samples on a path of several inputs.
 
-    It is the axis of the first input that moves, or the first axis if none moves. Its label
-    names the inputs that change with it.
+    The result is the axis of the first input that moves, or the first axis if no input
+    moves. The label of this axis names the inputs that change with this input.
     """
     moving_axes = [axis for axis in axes if axis.extent[0] < axis.extent[1]]
     path_input = (moving_axes or axes)[0]
@@ -520,7 +523,8 @@ def _map_picture(values: Floats, low: float, high: float) -> NDArray[np.uint8]:
     map_pixels[~np.isfinite(values)] = colours.BACKGROUND
     picture[:, :width] = map_pixels
 
-    # The scale has the highest value at the top. Its colours are those from 0 to 1.
+    # The scale has the highest value at the top. Its colours belong to the fractions from 0
+    # to 1.
     colour_column = colours.heat_colours(np.linspace(1.0, 0.0, height))
     picture[:, -round(MAP_SCALE_WIDTH) :] = colour_column[:, None]
     return picture

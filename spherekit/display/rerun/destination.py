@@ -36,7 +36,7 @@ HTTP2_SETTINGS = b"\x04"
 """The type of the frame with which an HTTP/2 server answers."""
 
 PIECE_BYTES = 1 << 16
-"""Size of the pieces in which a recording is copied to its file."""
+"""Size (bytes) of the pieces in which a recording is copied to its file."""
 
 
 def check_place(path: Path) -> None:
@@ -50,7 +50,7 @@ def check_place(path: Path) -> None:
 
 
 class FileOutput:
-    """Writes a recording to a file, which gets its own name only when it is complete.
+    """Writes a recording to a file, which gets its final name only when it is complete.
 
     The library rerun has a file writer of its own. If the disk is full, this writer only
     prints a line to the error stream, and waiting for it may last for ever. Here rerun
@@ -105,7 +105,7 @@ class FileOutput:
         """Create the part file of a recording if necessary, and lock it.
 
         The lock belongs to a file object of its own, which stays open until the recording
-        is complete. It is opened for appending, which does not empty the file. So a run
+        is complete. The file is opened for appending, which does not empty it. So a run
         that gets no lock does not destroy the file of another run.
 
         Raises
@@ -121,9 +121,9 @@ class FileOutput:
     def _connect_pipe(self) -> None:
         """Make the pipe through which rerun writes the recording.
 
-        A thread of this object reads the pipe at one end. rerun opens the other end, the
-        writing end, once more under its own number. Therefore the first number of the
-        writing end is closed here. The pipe then ends when rerun closes its own.
+        A thread of this object reads the pipe at one end. rerun opens the writing end once
+        more, under a file number of its own. Therefore the first file number of the writing
+        end is closed here. The pipe then ends when rerun closes its own file number.
         """
         self._read, write_end = os.pipe()
         try:
@@ -228,8 +228,8 @@ class FileOutput:
 class LiveOutput:
     """Sends a recording to a running viewer during the run, or to a notebook at its end.
 
-    It has the same methods as a recording file (`FileOutput`), so that both can be used
-    alike.
+    The class has the same methods as a recording file (`FileOutput`), so that files and
+    viewers can be used alike.
 
     Attributes
     ----------
@@ -387,7 +387,7 @@ def _speaks_http2(host: str, port: int) -> bool:
 
     rerun itself would wait for seconds, or for ever if another kind of server listens.
 
-    The check avoids this wait: rerun connects only to a server that passes it.
+    This check avoids the wait: rerun connects only to a server that passes the check.
     """
     try:
         with socket.create_connection((host, port), timeout=PROBE_TIMEOUT_S) as probe:
@@ -457,7 +457,7 @@ class Outputs:
         return {"entities": len(self.entities), "rows": self.rows, "bytes": file_bytes}
 
     def open(self) -> None:
-        """Open all destinations; if one fails, close those that are open."""
+        """Open all destinations; if one fails, close the destinations that are open."""
         with ExitStack() as stack:
             for destination in self.destinations:
                 destination.open()

@@ -1,4 +1,4 @@
-"""Diagrams: points and straight lines in a plane with one scale on both axes."""
+"""Diagrams: points and straight lines in a plane with equal scales on the two axes."""
 
 from collections.abc import Iterator
 
@@ -26,7 +26,7 @@ MAX_LISTED_READINGS = 14
 """Number of readings (angles of points) for which the legend has space."""
 
 LETTER_WIDTH = 20.0
-"""Width of a letter of a name, by which names keep off each other."""
+"""Width of a letter of a name, from which the distance between names is computed."""
 
 STEP_TEXT_DROP = 46.0
 """Distance from the frame down to the text of a step."""
@@ -55,7 +55,7 @@ def draw_static(diagram: Diagram) -> Stills:
 
     Yields
     ------
-    For each part its path below that of the diagram, and the data to log there.
+    For each part its path below the path of the diagram, and the data to log there.
     """
     width = _frame_width(diagram)
     x = frame_side(diagram.x_label, diagram.x_range)
@@ -88,7 +88,7 @@ def moving_columns(diagram: Diagram) -> Iterator[Moving]:
 
     Yields
     ------
-    For each part its path below that of the diagram, and the data of all its rows as
+    For each part its path below the path of the diagram, and the data of all its rows as
     columns for the viewer rerun (`rr`).
     """
     is_visible = _is_in_frame(diagram)
@@ -113,7 +113,7 @@ def moving_columns(diagram: Diagram) -> Iterator[Moving]:
 
 
 def _is_in_frame(diagram: Diagram) -> Bools:
-    """Return whether each point (rows, points) is within the frame of the diagram."""
+    """Return a mask (rows, points) of the points within the frame of the diagram."""
     low, high = np.transpose([diagram.x_range, diagram.y_range])  # corners (x, y)
     is_in_frame: Bools = np.all((diagram.places >= low) & (diagram.places <= high), axis=2)
     return is_in_frame
@@ -150,7 +150,8 @@ def _name_columns(diagram: Diagram, name_places: Floats, is_visible: Bools) -> C
         (rows, points, 2) places of the names in units of the chart, with y down. A row is
         the diagram at one sample.
     is_visible
-        (rows, points) whether a point is within the frame. Only then its name is written.
+        (rows, points) whether a point is within the frame. Only the names of these points
+        are written.
     """
     row_count = len(is_visible)
     # The viewer writes a text `LABEL_DROP` below its position, so names are moved up
@@ -227,10 +228,11 @@ def _angle_text(degrees: float) -> str:
 def clip_lines(diagram: Diagram) -> tuple[Floats, np.ndarray]:
     """Return the part of each straight line of a diagram that is within the frame.
 
-    A line (a, b, c) consists of the points with a x + b y + c = 0. Let f be its point
-    nearest to the origin, and d the unit vector along it. Then all its points are f + t d
-    with a number t. One interval of t is within the x limits of the frame, another one
-    within the y limits. The visible part is the intersection of both intervals.
+    A line (a, b, c) consists of the points with a x + b y + c = 0. Let f be the point of
+    the line nearest to the origin, and d the unit vector along the line. Then all points of
+    the line are f + t d with a number t. One interval of t is within the x limits of the
+    frame, another interval within the y limits. The visible part is the intersection of the
+    two intervals.
 
     Returns
     -------
@@ -243,7 +245,7 @@ def clip_lines(diagram: Diagram) -> tuple[Floats, np.ndarray]:
     normal = diagram.lines[..., :2]  # (rows, lines, 2)
     c = diagram.lines[..., 2:]  # (rows, lines, 1)
     # For a line parallel to a side, the division by zero gives infinite limits of t. For a
-    # line that lies on a side it gives NaN, and the line counts as not visible.
+    # line that lies on a side, the division gives NaN, and the line counts as not visible.
     with np.errstate(divide="ignore", invalid="ignore"):
         length = np.linalg.norm(normal, axis=-1, keepdims=True)
         foot = -normal * (c / length**2)  # f
@@ -294,7 +296,7 @@ def view_bounds(diagram: Diagram) -> tuple[tuple[float, float], tuple[float, flo
 
 
 def _frame_width(diagram: Diagram) -> float:
-    """Return the width of the frame, whose two axes have one scale."""
+    """Return the width of the frame, in which the two axes have equal scales."""
     left, right = diagram.x_range
     low, high = diagram.y_range
     return FRAME_HEIGHT * (right - left) / (high - low)

@@ -64,8 +64,10 @@ PATH_SCALE = 1.003
 TRAIL_SCALE = 1.004
 CURVE_SCALE = 1.006
 MARK_SCALE = 1.01
-"""Distances from the centre at which the sphere and what lies on it are drawn, in this
-order from the inside, so that none hides in another."""
+"""Distances from the centre at which the sphere and the objects on it are drawn.
+
+They increase in this order, so that no object is hidden inside another one.
+"""
 
 PAIR_ARROW_LENGTH = 1.12
 POLE_ARROW_LENGTH = 1.25
@@ -89,8 +91,8 @@ POLE_PATH_WIDTH = 1.2
 THIN_PATH_WIDTH = 0.7
 """Widths of the curves on which directions moved, in points of the screen.
 
-They are those of paths in the axes of a link, of the path of a pole, and of paths of pair
-axes or many paths of one pole.
+The three widths are for paths in the axes of a link, for the path of a pole, and for paths
+of pair axes or many paths of one pole.
 """
 
 SPHERE_CURVE_WIDTH = 1.6
@@ -122,9 +124,9 @@ def draw_static(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
     """Yield the data of a primitive that are the same in all rows and are logged once.
 
     A primitive is something to draw: a link, an arrow, a curve, a chart, a text and so on.
-    A row is its state at one sample of a motion. The data are written to a recording of
-    the viewer rerun (`rr`). Many primitives log only their appearance here, and their
-    positions row by row, see `moving_columns`.
+    A row is the state of the primitive at one sample of a motion. The data are written to a
+    recording of the viewer rerun (`rr`). Many primitives log only their appearance here,
+    and their positions row by row, see `moving_columns`.
 
     Parameters
     ----------
@@ -132,8 +134,8 @@ def draw_static(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
         The primitive. A `Portrait` is a plot of one quantity against another, with a mark
         at the current sample. A `Trace` is the path of a direction seen from a link.
     names
-        For a link, its own name and those of its pairs (joints): the text, the place (3,)
-        in axes of the link, and whether it names a pair. Unused for other primitives.
+        For a link, its own name and the names of its pairs (joints): the text, the place
+        (3,) in axes of the link, and whether it names a pair. Unused for other primitives.
 
     Yields
     ------
@@ -200,7 +202,8 @@ def moving_columns(
     Yields
     ------
     A path below the path of the primitive, and the columns (one item per row) to log there
-    with the viewer rerun (`rr`). The path `ENTITY_ITSELF` stands for that of the primitive.
+    with the viewer rerun (`rr`). The path `ENTITY_ITSELF` stands for the path of the
+    primitive.
     """
     match primitive:
         case Trace(quaternions=quaternions) if quaternions is not None:
@@ -329,8 +332,9 @@ def rows_for_path(primitive: Primitive) -> Floats | None:
 def draw_path(primitive: Primitive, rows: Floats, row_length: int | None) -> Stills:
     """Yield the curve on which a direction or a point of a plot has moved over all rows.
 
-    It is drawn once, after the last row (sample) of a recording. Curves on the sphere are
-    drawn a little outside of it (`CURVE_SCALE`, `PATH_SCALE`), where it cannot hide them.
+    The curve is drawn once, after the last row (sample) of a recording. Curves on the
+    sphere are drawn a little outside of it (`CURVE_SCALE`, `PATH_SCALE`), where the sphere
+    cannot hide them.
 
     Parameters
     ----------
@@ -383,12 +387,12 @@ def _curves(
     lines
         Polylines (n, 3) on the unit sphere.
     scale
-        Distance from the centre at which they are drawn, a little more than 1. The sphere
-        then does not hide them.
+        Distance from the centre at which the polylines are drawn, a little more than 1, so
+        that the sphere does not hide them.
     colour
-        Their colour.
+        Colour of the polylines.
     line_width
-        Their width in points of the screen.
+        Width of the polylines in points of the screen.
     """
     return rr.LineStrips3D(
         [scale * np.asarray(line) for line in lines],
@@ -489,9 +493,9 @@ def _draw_body(body: Body, names: Sequence[Name]) -> Stills:
 def _draw_sphere_curves(item: SphereCurves) -> Stills:
     """Yield curves and marks on the unit sphere, which do not move.
 
-    Each item is a path below that of the drawing, and the data to log there once. The path
-    `ENTITY_ITSELF` stands for the path of the drawing. The tone of curves or of a mark is
-    the number of their colour in a list.
+    Each item is a path below the path of the drawing, and the data to log there once. The
+    path `ENTITY_ITSELF` stands for the path of the drawing. The tone of curves or of a mark
+    is the number of their colour in a list.
     """
     if item.curves:
         colour = colours.tone_colour(item.tone)
@@ -518,7 +522,7 @@ def _draw_sphere_curves(item: SphereCurves) -> Stills:
 def _draw_sphere_map(item: SphereMap) -> Stills:
     """Yield a map: values on the unit sphere, shown as colours of a mesh or of points.
 
-    It is drawn as points if it has no triangles. One item is yielded: the path
+    The map is drawn as points if it has no triangles. One item is yielded: the path
     `ENTITY_ITSELF`, which stands for the path of the map, and the data to log there once.
     """
     # Colours span only the values at vertices that are drawn.
@@ -549,8 +553,8 @@ def _draw_surface(surface: Surface) -> Stills:
     The three quantities have different ranges, so each axis is scaled by itself to the side
     of the cube. Without triangles the surface is drawn as points.
 
-    Each item is a path below that of the surface, and the data that are logged there once.
-    The path `ENTITY_ITSELF` is that of the surface.
+    Each item is a path below the path of the surface, and the data that are logged there
+    once. The path `ENTITY_ITSELF` stands for the path of the surface.
     """
     low = np.min(surface.vertices, axis=0)
     high = np.max(surface.vertices, axis=0)
@@ -585,12 +589,13 @@ def _draw_surface(surface: Surface) -> Stills:
     words = []
     for axis, name in enumerate(surface.axes):
         # Each axis is labelled along one edge of the box. The labelled edges of x and z
-        # start at the low corner. That of y is at the highest x.
+        # start at the low corner. The labelled edge of y is at the highest x.
         corner = low_corner.copy()
         if axis == 1:
             corner[0] = high_corner[0]
-        # Words are a little outside of the box. The origin is its middle, so the sign of a
-        # coordinate says which way is outwards. Along the edge they are not moved.
+        # Words are a little outside of the box. The origin is the middle of the box, so the
+        # sign of a coordinate says which way is outwards. Along the edge the words are not
+        # moved.
         outwards = WORD_DISTANCE * np.sign(corner)
         outwards[axis] = 0.0
         # Distance outwards, coordinate along the edge and text of the two ends and the
@@ -616,7 +621,7 @@ def _draw_graph(graph: Graph) -> Stills:
     """Yield the graph of a mechanism, with links as nodes and pairs (joints) as edges.
 
     A node is a tuple of name, label and link number. The number decides the colour; a node
-    without a number is grey. Positions of nodes are from 0 to 1 in both directions.
+    without a number is grey. The coordinates of nodes are from 0 to 1.
     """
     names, labels, link_numbers = zip(*graph.nodes, strict=True)
     tints = [

@@ -23,7 +23,7 @@ The mechanism is seen a little from the side, so that arcs in its middle plane s
 """
 
 DEFAULT_FOCUS = (0.76, 0.47, 0.44)
-"""Direction of the middle of a mechanism that has none."""
+"""Direction of view for a mechanism whose axes have no middle."""
 
 STEEP_COSINE = 0.8
 """Cosine of the angle between focus and z axis above which x is up in place of z."""
@@ -33,7 +33,7 @@ LINK_NAME_RADIUS = 1.15
 """Distances of names from the centre of the sphere."""
 
 PAIR_NAME_ANGLES_RAD = np.array([0.07, 0.11, 0.16, 0.22, 0.3])
-"""Possible angles between the axis of a pair and its name, the nearest first."""
+"""Possible angles between the axis of a pair and the pair's name, the nearest first."""
 
 MIN_AWAY_LENGTH = 0.07
 """Shortest vector that is used as the direction away from the other axes of a link.
@@ -55,7 +55,7 @@ COAXIAL_COSINE = np.cos(np.radians(4.0))
 """Cosine above which axes of pairs on one link share a name."""
 
 MAX_PICTURES = 60
-"""Number of configurations in which names are compared."""
+"""Number of configurations in which it is tested whether names cover each other."""
 
 NAME_LETTER_HALF_WIDTH = 0.016
 NAME_HALF_HEIGHT = 0.045
@@ -71,13 +71,13 @@ DOT_COST = 0.1
 """Cost of covering the dot of a pair; covering a name costs 1."""
 
 NEXT_PLACE_COST = 0.005
-"""Cost of each further place in the list of possible places, so that near ones win."""
+"""Cost of each further place in the list of possible places, so near places win."""
 
 FIRST_PICTURE_WEIGHT = 0.5
-"""Weight of the first picture in the cost; the mean over all pictures has the rest."""
+"""Weight of the first picture in the cost; the mean of all pictures has the remainder."""
 
 Name = tuple[str, Floats, bool]
-"""A name, its place (3,) in the axes of its link, and whether it is that of a pair."""
+"""A name, its place (3,) in the axes of its link, and whether it is the name of a pair."""
 
 Sight = tuple[Floats, Floats, Floats]
 """The eye, the point that it looks at, and the direction that is up, each (3,)."""
@@ -111,7 +111,7 @@ class _Box:
 class _NameRequest:
     """A name that needs a place in the view of a mechanism, and the places to choose from.
 
-    The name is fixed to a link and moves with it. The chosen place is one at which it
+    The name is fixed to a link and moves with it. The chosen place is one at which the name
     covers few other names in several pictures (the mechanism in one configuration each).
 
     Attributes
@@ -259,8 +259,8 @@ class Names:
 
         - for each name that has a place already, the share of pictures in which the new
           name would cover it;
-        - the same for the dots that mark the pair axes, times `DOT_COST`;
-        - a small amount for each place that stands before it in the list.
+        - the same share for the dots that mark the pair axes, times `DOT_COST`;
+        - a small amount for each place that comes before this place in the list.
         """
         costs: Floats = np.arange(len(request.places), dtype=float) * NEXT_PLACE_COST
         for obstacle in self._obstacles:
@@ -271,9 +271,9 @@ class Names:
         """Return requests for places of the names of a link's pairs (joints).
 
         A request has a name and several possible places on the link. `place_names` later
-        chooses the place at which the name covers few others. A pair belongs to two links,
-        so pairs that another link already names are left out. Pairs with nearly the same
-        axis share one name, such as "A, B".
+        chooses the place at which the name covers few other names. A pair belongs to two
+        links, so pairs that another link already names are left out. Pairs with nearly the
+        same axis share one name, such as "A, B".
 
         Parameters
         ----------
@@ -315,8 +315,8 @@ class Names:
         """Return a request for a place of the name of a link, at the link's longest arc.
 
         The request has several possible places along the arc. `place_names` later chooses
-        the place at which the name covers few others. The list is empty if the link has no
-        name or no arc.
+        the place at which the name covers few other names. The list is empty if the link
+        has no name or no arc.
 
         Parameters
         ----------
@@ -351,7 +351,8 @@ def _covered_shares(request: _NameRequest, obstacle: _Box) -> Floats:
     """Return the share of pictures in which a name would cover an obstacle, by place.
 
     A picture is the mechanism in one configuration. The viewer shows the first picture at
-    the start, so it has half of the weight. The mean over all pictures has the other half.
+    the start, so it has half of the weight. The mean over all pictures has the other half
+    of the weight.
 
     Parameters
     ----------
@@ -364,8 +365,8 @@ def _covered_shares(request: _NameRequest, obstacle: _Box) -> Floats:
     -------
     (k,) weighted shares of pictures, from 0 to 1.
     """
-    # Two rectangles overlap if their centres are nearer than the sum of their half sizes,
-    # in both directions.
+    # Two rectangles overlap if, to the right and up, their centres are nearer than the sum
+    # of their half sizes.
     obstacle_centres = obstacle.centres[:, None, :]  # the same for all places
     distance = np.abs(request.centres - obstacle_centres)  # (pictures, k, 2)
     largest_distance = _name_half_size(request.text) + obstacle.half_size
@@ -443,8 +444,8 @@ def _places_around(axis: Floats, pair_axes: Floats) -> Floats:
 def _direction_away(axis: Floats, pair_axes: Floats) -> Floats:
     """Return the direction from the axis of a pair away from the other axes of its link.
 
-    It is a unit vector (3,) at right angles to the axis. If the other axes lie evenly
-    around this axis, there is no such direction, and an arbitrary one is returned.
+    The result is a unit vector (3,) at right angles to the axis. If the other axes lie
+    evenly around this axis, there is no such direction, and an arbitrary one is returned.
 
     Parameters
     ----------

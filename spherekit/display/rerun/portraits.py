@@ -40,7 +40,7 @@ def draw_portrait(portrait: Portrait) -> Stills:
 
     Yields
     ------
-    For each part its name below that of the portrait in the recording, and its drawing.
+    For each part its name below the name of the portrait in the recording, and its drawing.
     """
     # Angles (units deg, deg/s and so on) have ticks with steps such as 30 or 45.
     x = frame_side(

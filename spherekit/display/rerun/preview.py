@@ -24,10 +24,10 @@ from spherekit.scenes.recording_head import RecordingHead
 from spherekit.scenes.scene import Mark, Primitive, Scene, SphereCurves, Text
 
 TRIED_INPUTS = 9
-"""Number of inputs, evenly spaced over the ranges, that are tried if the first fails."""
+"""Number of inputs, evenly spaced over the ranges, tried if the first values fail."""
 
 MIN_AXIS_SUM = 1e-9
-"""Length of the sum of all pair axes (unit vectors) below which they have no middle.
+"""Length of the sum of all pair axes (unit vectors) below which the axes have no middle.
 
 Smaller: rounding errors of axes that cancel each other give a direction.
 """
@@ -42,8 +42,8 @@ ZERO_ARC_STEP_RAD = 0.05
 def preview(mechanism: Mechanism, path: Path | str) -> str:
     """Write a recording of a mechanism before any analysis, to check its links and sizes.
 
-    It shows the mechanism at the start of its inputs, in every assembly mode (way to
-    assemble the links). The viewer rerun opens it.
+    The recording shows the mechanism at the start of its inputs, in every assembly mode
+    (way to assemble the links). The viewer rerun opens it.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
     Raises
     ------
     PlanError, SolveError
-        If the number of degrees of freedom is not that of the inputs, or if the mechanism
+        If the number of degrees of freedom is not the number of inputs, or if the mechanism
         can't be assembled at any of the inputs tried.
     OutputError
         If the recording can't be written.
@@ -95,7 +95,7 @@ def _mode_titles(modes: Iterable[AssemblyMode]) -> dict[int, str]:
     """Return the title of each assembly mode by its number.
 
     The label of a mode has a sign for each group of links: + or - for a group of two links,
-    "~" for a larger one. A label without + and - does not distinguish modes and is left
+    "~" for a larger group. A label without + and - does not distinguish modes and is left
     out.
     """
     titles = {}
@@ -121,7 +121,8 @@ def _assemble(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
     """Assemble a mechanism in all its assembly modes, at one value of its inputs.
 
     The first values of the input ranges are preferred. If the mechanism can't be assembled
-    there, `TRIED_INPUTS` samples of the ranges are tried and the first that works is used.
+    at these values, `TRIED_INPUTS` samples of the ranges are tried, and the first sample at
+    which it can be assembled is used.
 
     Returns
     -------
@@ -149,7 +150,8 @@ def _assemble(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
             "in the ranges of its inputs, so there is nothing to show; change the ranges "
             "or the sizes"
         )
-    # A sample is one value of the inputs. It has a row for each mode that exists there.
+    # A sample is one value of the inputs. The motion has a row for each mode that exists at
+    # this sample.
     first_sample = assembled.rows(assembled.sample == assembled.sample[0])
     inputs = ", ".join(
         f"{item.pair} = {np.degrees(angle):.4g} deg"
@@ -182,8 +184,9 @@ def _zero_arcs(motion: Motion, row: int) -> list[Primitive]:
     mechanism = motion.mechanism
     arcs: list[Primitive] = []
     for name, variable in mechanism.angles.items():  # R pairs, with their variables
-        # Columns of the frame of the pair: x, y, and z along the pair axis. Its x axis
-        # moves with the second link, so the zero of the pair is at the angle -value from x.
+        # Columns of the frame of the pair: x, y, and z along the pair axis. The x axis of
+        # the frame moves with the second link, so the zero of the pair is at the angle
+        # -value from x.
         x, y, axis = motion.frames[row, mechanism.pair_number[name]].T
         value = motion.values[row, variable]
         count = int(abs(value) / ZERO_ARC_STEP_RAD) + 2

@@ -326,9 +326,9 @@ class RerunRecorder:
         samples : array (n,)
             Numbers of the samples.
         inputs : array (n,) rad, optional
-            Input values; required if `start` got any.
+            Input values; required if `start` got inputs.
         times : array (n,) s, optional
-            Times; required if `start` got any.
+            Times; required if `start` got times.
         """
         charts_of_recording = self._open_charts
         layout = charts_of_recording.layout
@@ -345,8 +345,8 @@ class RerunRecorder:
         if len(axes) > 1 and self._grid_row_length is None and is_mode_page:
             axes = (charts.path_axis(axes),)  # samples on a path make no map
 
-        # Log what occurs for the first time. It gets its place in the window, so the layout
-        # changes.
+        # Log objects that occur for the first time. They get a place in the window, so the
+        # layout changes.
         is_layout_changed = False
         changed_series: dict[str, list[str]] = {}
         names = self._names_of_new_links(scene)
@@ -465,7 +465,7 @@ class RerunRecorder:
         """Return the positions of a block of rows on all timelines of the recording.
 
         A row is one sample of the motion. Every recording has a timeline of sample numbers.
-        It can have a second one: of times (s), or of inputs in ticks (fixed parts of a
+        It can have a second timeline: of times (s), or of inputs in ticks (fixed parts of a
         degree).
 
         Parameters
@@ -502,10 +502,10 @@ class RerunRecorder:
     ) -> Axis:
         """Return the horizontal axis of charts for a scene that does not name one.
 
-        It is the axis of times, of inputs or of sample numbers. `start` has set the range
-        of times or inputs, so all blocks of rows have the same axis. The total number of
-        samples isn't known in advance, so an axis of sample numbers has the range of this
-        block.
+        The result is the axis of times, of inputs or of sample numbers. `start` has set the
+        range of times or inputs, so all blocks of rows have the same axis. The total number
+        of samples isn't known in advance, so an axis of sample numbers has the range of
+        this block.
 
         Parameters
         ----------
@@ -569,8 +569,8 @@ class RerunRecorder:
 
         Returns
         -------
-        By the path of a new link in the recording: the names to draw with the link (its own
-        and those of its pairs), with their positions.
+        By the path of a new link in the recording: the names to draw with the link (the
+        link's own name and the names of its pairs), with their positions.
         """
         new_bodies = []
         for item in scene.primitives:
@@ -585,9 +585,9 @@ class RerunRecorder:
     def _find_names(self, page: Page) -> Names:
         """Return the object that chooses the places of names on a page.
 
-        It remembers where names are, so that new names do not cover them. The page None
-        stands for everything that all pages show. A new page therefore begins with a copy
-        of the object of the page None.
+        The object stores where names are, so that new names do not cover them. The page
+        None stands for everything that all pages show. A new page therefore begins with a
+        copy of the object of the page None.
         """
         if page not in self._names:
             self._names[page] = deepcopy(self._names[None])
@@ -608,12 +608,12 @@ class RerunRecorder:
         Parameters
         ----------
         page
-            The page that shows it; None for all pages.
+            The page (tab of the window) that shows the primitive; None for all pages.
         primitive
-            Something to draw. It is identified by its page and its own path.
+            An object to draw. It is identified by its page and its own path.
         has_findings
-            Whether it shows results of an analysis, and not only the motion. Plots with
-            such results come first on a page.
+            Whether the primitive shows results of an analysis, and not only the motion.
+            Plots with such results come first on a page.
         names
             The texts to draw on a link, with their positions.
 
@@ -644,8 +644,8 @@ class RerunRecorder:
         path
             Path of the primitive in the recording.
         has_findings
-            Whether it shows results of an analysis, and not only the motion. A page has the
-            plots with such results before the others.
+            Whether the primitive shows results of an analysis, and not only the motion. On
+            a page, plots with such results come before the other plots.
         """
         layout = self._open_charts.layout
         if page is not None:
@@ -656,7 +656,7 @@ class RerunRecorder:
         match primitive:
             case SphereMap(label=label, unit=unit):
                 low, high = choose_map_range(primitive.shown_values, unit)
-                # Maps on one page share one scale of colours: that of the first map.
+                # Maps on one page share one scale of colours: the scale of the first map.
                 # `log_first` records it and returns True if the page has none yet.
                 scale_path = f"{layout.base(page)}/scale"
                 scale = draw_colour_scale(low, high, title_with_unit(label, unit))
@@ -694,9 +694,10 @@ class RerunRecorder:
     def _send_layout(self, is_final: bool = False) -> None:
         """Send the layout of the window to the destinations of the recording.
 
-        Viewers get each new layout. Files get one only when it has grown enough, and at the
-        end. A layout has an entry for every plotted quantity of every assembly mode. With a
-        layout for each mode, a file would grow with the square of their number.
+        Viewers get each new layout. Files get a layout only when it has grown enough, and
+        at the end. A layout has an item for every plotted quantity of every assembly mode.
+        With a layout for each mode, a file would grow with the square of the number of
+        modes.
         """
         size = len(self._outputs.known_paths)
         destinations = self._outputs.live

@@ -41,14 +41,14 @@ MAX_FRAMES = 20
 FRAME_INTERVAL_S = 0.1
 
 VIEW_BORDER = (7, 71)
-"""Width and height of a window that bars and frames take from a view that fills it."""
+"""Width and height that bars and frames take in a window filled by a single view."""
 
 NOTICE_TIMEOUT_S = 12.0
 """Time after which a picture is taken although a notice covers it."""
 
 NOTICE_COLOUR = (33, 33, 33)
 NOTICE_INSET = 14
-"""Colour of a notice of the viewer, and its distance from the right edge."""
+"""Colour of a notice of the viewer, and distance of the notice from the right edge."""
 
 WINDOW_NOTICE_ROWS = range(50, 100)
 VIEW_NOTICE_ROWS = range(20)
@@ -107,7 +107,7 @@ def screenshot(
         raise ValueError("give a sample or an input angle, not both")
     check_picture(picture, size)
     check_version(recording)
-    # A view is smaller than its window by bars and frames.
+    # Bars and frames make a view smaller than its window.
     border = VIEW_BORDER if view == "3D" else (0, 0)
     with _headless_viewer((size[0] + border[0], size[1] + border[1])) as client:
         client.open(str(recording.resolve()))
@@ -206,8 +206,8 @@ def _visible_views(blueprint: Mapping[str, Any]) -> Iterator[str]:
     Parameters
     ----------
     blueprint
-        The layout: blueprint[path of a part][type of its data][name of a setting]. A path
-        is such as ``/container/ID``, a type such as ``ContainerBlueprint``.
+        The layout: blueprint[path of a part][type of its data][name of a setting]. An
+        example of a path is ``/container/ID``, and of a type ``ContainerBlueprint``.
     """
     root = blueprint["/viewport"]["ViewportBlueprint"]["root_container"]
     pending = [f"container/{root}"]
@@ -284,10 +284,10 @@ def _activate_tabs(client: ViewerClient, recording: Path, titles: Sequence[str])
 def _take_stable_picture(client: ViewerClient, view_id: str | None) -> bytes:
     """Return a PNG of the viewer once two successive pictures are equal.
 
-    Plots appear some time after the recording is loaded. At first the viewer also shows a
-    notice over the picture, which can't be switched off. The function waits until the
-    notice disappears, at most `NOTICE_TIMEOUT_S`. After that it takes at most `MAX_FRAMES`
-    further pictures; if they still change, the last one is returned.
+    Plots appear some time after the recording is loaded. After the start the viewer also
+    shows a notice over the picture, which can't be switched off. The function waits until
+    the notice disappears, at most `NOTICE_TIMEOUT_S`. After that it takes at most
+    `MAX_FRAMES` further pictures; if they still change, the last one is returned.
 
     Parameters
     ----------
@@ -345,8 +345,8 @@ def _cursor_position(
     timeline
         Name of the timeline.
     tick
-        The position on it, a whole number: a sample number, the input in ticks (parts of a
-        degree), or a time in ns.
+        The position on this timeline, a whole number: a sample number, the input in ticks
+        (parts of a degree), or a time in ns.
     """
     # `ticks_per_degree` is None for timelines that are not of an input.
     input_timelines = []
@@ -380,7 +380,8 @@ def _first_valid_time(
 
     A mechanism may not be assembled at its first samples, and a picture would be empty
     there. Each page has a failure label ("no configuration here"). The label has a position
-    only in rows (samples) without a configuration, and this tells them apart.
+    only in rows (samples) without a configuration, so it shows which rows have a
+    configuration.
 
     Parameters
     ----------
@@ -492,11 +493,11 @@ def _failure_message(
     process
         The process of the viewer, which may still run.
     messages
-        Its error stream.
+        The error stream of the process.
     reason
         The reason for the message in all other cases.
     """
-    # A viewer that is about to end gets the time to do so.
+    # Give a viewer that is about to end the time to end.
     with suppress(subprocess.TimeoutExpired):
         process.wait(EXIT_TIMEOUT_S)
     messages.seek(0)

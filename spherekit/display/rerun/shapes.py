@@ -36,7 +36,7 @@ def vertex_normals(vertices: Floats, triangles: Integers) -> Floats:
     The normal at a vertex is the mean of the normals of the triangles around it, weighted
     by area. Neighbouring triangles may have opposite orders of corners, and their normals
     would then cancel. A triangle normal is therefore reversed if it points against the sum
-    so far. A vertex without triangles gets (0, 0, 1).
+    of the normals so far. A vertex without triangles gets (0, 0, 1).
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def path_on_sphere(directions: Floats, row_length: int | None = None) -> list[Fl
         line. None if the samples follow each other along a single curve.
     """
     is_finite = all_finite(directions, 1)
-    # Whether each sample is joined with the one after it.
+    # Whether each sample is joined with the next sample.
     is_connected = is_finite[1:] & is_finite[:-1]
     is_connected &= np.einsum("ij,ij->i", directions[1:], directions[:-1]) > 0.0
     if row_length is not None:

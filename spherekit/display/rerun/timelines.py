@@ -15,7 +15,7 @@ INPUT_TIMELINE = "input_deg"
 """The beginning of the name of the timeline of the input."""
 
 TIME_TIMELINE = "time"
-"""The timeline of seconds. It replaces that of the input if samples are times."""
+"""The timeline of seconds. It replaces the timeline of the input if samples are times."""
 
 TICKS_PER_DEGREE = (1, 10, 100, 1000)
 """The possible resolutions of the timeline of the input, which holds whole numbers only."""
@@ -52,8 +52,8 @@ def input_timeline(inputs: Floats) -> InputTimeline:
     """Return the coarsest time axis on which all inputs (n,) rad are whole numbers.
 
     The viewer plays samples along an axis of whole numbers. The resolution is a degree or a
-    part of it. If even thousandths of a degree are too coarse, they are taken and inputs
-    are rounded.
+    decimal fraction of a degree. If even thousandths of a degree are too coarse, the result
+    has thousandths, and inputs are rounded.
     """
     # Axes: resolution, input.
     ticks = np.multiply.outer(TICKS_PER_DEGREE, np.degrees(inputs))

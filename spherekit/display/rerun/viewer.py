@@ -17,7 +17,7 @@ def open_viewer(recording: Path | str) -> str:
     Returns
     -------
     str
-        Empty if a window was opened. Without a display, advice how to see the recording.
+        Empty if a window was opened. Without a display, advice on how to see the recording.
 
     Raises
     ------

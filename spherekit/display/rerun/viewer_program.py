@@ -45,7 +45,7 @@ def recording_at(file: AnyPath) -> Path:
 
 
 def free_ports(count: int) -> list[int]:
-    """Return ports of this computer, different ones, on which no program listens."""
+    """Return different ports of this computer on which no program listens."""
     with ExitStack() as stack:
         probes = [stack.enter_context(socket.socket()) for _ in range(count)]
         for probe in probes:
@@ -66,7 +66,7 @@ def run_viewer(
     words
         Arguments of the program.
     messages
-        A file for its error stream.
+        A file for the error stream of the program.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def run_viewer(
 
 
 def wait_for_port(process: subprocess.Popen[bytes], port: int) -> bool:
-    """Wait until a program listens at a port of this computer; return whether it does.
+    """Wait until a program listens at a port of this computer; return whether it listens.
 
     The result is False if the program ends, or if `START_TIMEOUT_S` is over.
     """

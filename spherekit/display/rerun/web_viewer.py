@@ -28,7 +28,7 @@ def serve_web(recording: Path | str, announce: Callable[[str], None]) -> None:
     recording
         Path of the recording.
     announce
-        Called with the address of the page.
+        Function that is called with the address of the page.
 
     Raises
     ------
