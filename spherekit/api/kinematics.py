@@ -229,7 +229,7 @@ class Kinematics:
 
     @checked(SolveError)
     def variable_coefficient(self, pair: str, moving: str | None = None) -> Floats:
-        """Return (n,) the rate of a joint's variable per unit rate of the input.
+        """Return the rate (n,) of a joint's variable per unit rate of the input.
 
         There is one value for each row (one input in one assembly mode). The other inputs
         are locked.
@@ -244,12 +244,12 @@ class Kinematics:
 
     @checked(SolveError)
     def rotation(self, link: str) -> Floats:
-        """Return (n, 3, 3) the rotations from link axes to ground axes."""
+        """Return the rotations (n, 3, 3) from link axes to ground axes."""
         return self._drop_axis_if_single(self._batch.rotation(self._link(link)))
 
     @checked(SolveError)
     def angular_velocity(self, link: str, moving: str | None = None) -> Floats:
-        """Return (n, 3) the angular velocity of a link per unit rate of the input.
+        """Return the angular velocity (n, 3) of a link per unit rate of the input.
 
         The n rows are the inputs in each assembly mode. The velocity is relative to the
         ground and in ground axes. `moving` is the input that moves while the others are
@@ -260,7 +260,7 @@ class Kinematics:
 
     @checked(SolveError)
     def angular_velocity_dq(self, link: str, moving: str | None = None) -> Floats:
-        """Return (n, 3) the derivative of `angular_velocity` by the input, 1/rad."""
+        """Return the input derivative (n, 3), 1/rad, of `angular_velocity`."""
         velocity = self._batch.angular_velocity_dq(self._link(link), self._moving(moving))
         return self._drop_axis_if_single(velocity)
 
@@ -273,7 +273,7 @@ class Kinematics:
 
     @checked(SolveError)
     def velocity_coefficient(self, pole: str, moving: str | None = None) -> Floats:
-        """Return (n,) the relative angular rate of two links per unit rate of the input.
+        """Return the relative angular rate (n,) of two links per unit rate of the input.
 
         `pole` names the two links, such as ``"4/1"``. The coefficient times the axis
         `direction` is the angular velocity of the first link relative to the second. The
@@ -285,14 +285,14 @@ class Kinematics:
 
     @checked(SolveError)
     def acceleration_coefficient(self, pole: str, moving: str | None = None) -> Floats:
-        """Return (n,) the derivative of the velocity coefficient by the input, 1/rad."""
+        """Return the input derivative (n,), 1/rad, of the velocity coefficient."""
         coefficient = self._batch.acceleration_coefficient
         values = coefficient(*self._pole(pole), self._moving(moving))
         return self._of_first_link(pole, values)
 
     @checked(SolveError)
     def direction_dq(self, pole: str, moving: str | None = None) -> Floats:
-        """Return (n, 3) the derivative of `direction` by the input, 1/rad.
+        """Return the derivative (n, 3), 1/rad, of `direction` with respect to the input.
 
         `direction` is the unit vector of the axis about which the two links of `pole`
         rotate relative to each other.

@@ -128,10 +128,12 @@ def _describe_run(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
     analyses
         The analyses of the run.
 
-    Returns ------- Data for ``--json``: the groups of links whose positions are computed
-    together, the poles (axes of the relative rotation of two links) that analyses ask for,
-    one plan for each input that moves while the others are locked, and the predicted sizes
-    of the tables.
+    Returns
+    -------
+    Data for ``--json``: the groups of links whose positions are computed together, the
+    poles (axes of the relative rotation of two links) that analyses ask for, one plan for
+    each input that moves while the others are locked, and the predicted sizes of the
+    tables.
     """
     from spherekit.planning.assembly_plan import driven_pairs
     from spherekit.planning.plan_text import describe

@@ -34,7 +34,8 @@ TRANSMISSION_ERROR_DEG = 1e-9
 TRANSMISSION_DIFFERENCE_RAD = 1e-6
 """A dyad is named in a note only if its angle is smaller by more than this.
 
-Its least transmission angle is compared with the angles of the outputs. Larger: the note is left out more often.
+Its least transmission angle is compared with the angles of the outputs. Larger: the note is
+left out more often.
 """
 
 TRANSMISSION_DIGITS = 3

@@ -47,11 +47,11 @@ class LinearisedFunctions(NamedTuple):
     objectives
         (k,) functions whose maximum is minimised.
     objective_gradients
-        (k, n) derivatives of the objectives by the n variables.
+        (k, n) derivatives of the objectives with respect to the n variables.
     limits
         (m,) functions that must not be positive.
     limit_gradients
-        (m, n) derivatives of the limits by the n variables.
+        (m, n) derivatives of the limits with respect to the n variables.
     """
 
     objectives: Floats
@@ -77,8 +77,8 @@ def minimize_largest(
     ----------
     functions
         Function of a point (n,) that returns objectives, limits (which must not be
-        positive) and their gradients. None where they are not defined. A gradient at a kink
-        is that of one side.
+        positive) and their gradients. None where they are not defined. At a kink, the
+        gradient is the one on one side of the kink.
     x
         (n,) first point. A limit that is violated at this point may remain violated by as
         much.
@@ -106,8 +106,8 @@ def minimize_largest(
         # because the functions bend within the box.
         if predicted_decrease < min_decrease and radius <= FIRST_TRUST_RADIUS * 1e-2:
             break
-        # A step that decreases enough is accepted and widens the box. Any other one narrows
-        # it, and improves the prediction by its planes.
+        # A step that decreases the maximum enough is accepted and widens the box. Any other
+        # step narrows the box, and its planes improve the prediction.
         trial_point = np.clip(x + step, 0.0, 1.0)
         trial = functions(trial_point) if predicted_decrease > 0.0 else None
         if trial is not None:
@@ -180,7 +180,7 @@ def _predict_step(
     low = np.maximum(-radius, -x)
     high = np.minimum(radius, 1.0 - x)
     result = linprog(
-        # The cost is d alone.
+        # The cost function is d itself.
         np.append(np.zeros_like(x), 1.0),
         A_ub=np.vstack(rows),
         b_ub=np.concatenate(right_sides),

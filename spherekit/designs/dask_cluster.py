@@ -97,8 +97,8 @@ def compute_on_cluster(
         The sweep whose parts are computed.
     folder
         Absolute path of an empty folder on this machine, in which the parts are written.
-        Its name must be unique: a worker that finds a folder at this path takes it for this
-        one.
+        Its name must be unique: a worker that finds a folder at this path takes that folder
+        for this one, on a shared disk.
     part_numbers
         Numbers of the parts to compute, counted from 0.
 
@@ -335,7 +335,7 @@ def _read_answer(
         return _fetch_result(part_future, client, address)  # type: ignore[no-any-return]
     except KilledWorker:
         # Dask raises this for a part that was assigned to several workers that ended. The
-        # part need not be the cause, since it may only have waited there for its turn.
+        # part need not be the cause, since it may only have waited on those workers.
         raise DesignError(
             f"{name}: every worker of {address} that held part {part_number} has ended, "
             "perhaps because memory ran out; parts that are written are kept. Give workers "

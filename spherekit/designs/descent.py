@@ -92,9 +92,9 @@ class DescentValues:
     Attributes
     ----------
     functions
-        The values of all objectives and conditions, and their gradients by the coordinates
-        of the design (0 to 1 in the range of each variable). The value of a condition is
-        positive if it is violated.
+        The values of all objectives and conditions, and their gradients with respect to the
+        coordinates of the design (0 to 1 in the range of each variable). The value of a
+        condition is positive if it is violated.
     closing_fraction
         Fraction of the samples at which the mechanism can be assembled in this mode.
     figures
@@ -123,7 +123,7 @@ class CandidateStarts(NamedTuple):
 
 
 class ExpressionValues(NamedTuple):
-    """Objectives and conditions of a design, with derivatives by their arguments.
+    """Objectives and conditions of a design, and derivatives with respect to arguments.
 
     The arguments are the design variables and the figures of merit.
 
@@ -132,8 +132,8 @@ class ExpressionValues(NamedTuple):
     values
         (expressions,) the objectives, then the conditions.
     partial_slopes
-        (arguments, expressions) derivatives by each argument while the others are constant.
-        Derivatives that do not exist are zero.
+        (arguments, expressions) derivatives with respect to each argument while the others
+        are constant. Derivatives that do not exist are zero.
     """
 
     values: Floats
@@ -194,8 +194,9 @@ class Descent:
         self.scales = self._objective_scales(objectives)
 
         # One symbol for each design variable and each figure of merit. Texts of the user,
-        # such as objectives, become expressions of these symbols. `convert_to_graph` wants
-        # two nodes for each name, with and without whole revolutions; here both are equal.
+        # such as objectives, become expressions of these symbols. `convert_to_graph`
+        # requires two nodes for each name, with and without whole revolutions; here both
+        # are equal.
         symbols_by_name = {node.arguments[0]: node for node in symbols(sweep.names)}
         nodes_by_name = {name: (node, node) for name, node in symbols_by_name.items()}
         # The name MATCH is the root mean square of the errors at precision points.
@@ -240,7 +241,7 @@ class Descent:
 
     @property
     def tolerance(self) -> Floats:
-        """(k,) by how much an objective must be smaller for a design to be better."""
+        """(k,) difference by which an objective of a better design must be smaller."""
         return OBJECTIVE_TOLERANCE * self.scales
 
     def file_values(self, x: Floats) -> Floats:
@@ -267,10 +268,10 @@ class Descent:
 
         Returns
         -------
-        Objectives and conditions with their gradients by x, and the fraction of samples at
-        which the mechanism can be assembled. Values are NaN if they depend on figures of
-        merit of a design that is impossible. Gradients that do not exist are zero, so the
-        optimiser takes no direction from them.
+        Objectives and conditions with their gradients with respect to x, and the fraction
+        of samples at which the mechanism can be assembled. Values are NaN if they depend on
+        figures of merit of a design that is impossible. Gradients that do not exist are set
+        to zero, so that they do not influence the direction of the next step.
         """
         # The optimiser asks for values and gradients separately, so the last result is
         # stored.
@@ -288,16 +289,18 @@ class Descent:
         """
         # Values of the design variables in the units of the mechanism file.
         values = self.file_values(x)
-        # The figures of merit, and their derivatives by the design variables.
+        # The figures of merit, and their derivatives with respect to the design variables.
         figure_values = self._figure_gradients.evaluate(values, mode)
         # The expressions are texts of the user, with angles in the unit of the file.
         # `figure_values` has them in rad, so they are divided by the unit (in rad).
         figures = figure_values.figures / self._figure_units
         # A coordinate of x goes from 0 to 1, and its variable over the width of its range.
-        # So a derivative by x is that by the variable, times the width.
-        # Derivatives of the variables by x, (variables, variables).
+        # So a derivative with respect to x is the derivative with respect to the variable,
+        # times the width. Derivatives of the variables with respect to x, (variables,
+        # variables).
         variable_slopes = np.diag(self._width)
-        # Derivatives of the figures, (figures, variables): by the variables, then by x.
+        # Derivatives of the figures, (figures, variables): with respect to the variables,
+        # then to x.
         slopes_by_variables = figure_values.gradients
         figure_slopes = slopes_by_variables * self._width / self._figure_units[:, None]
         # NaN is replaced by 0. Otherwise 0 * NaN would spread to expressions that do not
@@ -306,7 +309,7 @@ class Descent:
 
         expressions = self._evaluate_expressions(np.concatenate([values, figures]))
         # (expressions, variables) by the chain rule. `partial_slopes` (arguments,
-        # expressions) has the derivatives by the variables and figures.
+        # expressions) has the derivatives with respect to the variables and figures.
         gradients = expressions.partial_slopes.T @ inner_slopes
         # The first k expressions are objectives, the others are conditions.
         k = self._objective_count
@@ -329,7 +332,8 @@ class Descent:
         """
         with np.errstate(all="ignore"):
             outputs = self._functions_and_slopes(arguments[:, None])
-        # Row 0 has the values. Each further row has the derivatives by one argument.
+        # Row 0 has the values. Each further row has the derivatives with respect to one
+        # argument.
         outputs = outputs.reshape(len(arguments) + 1, -1)
         slopes = outputs[1:]
         # With a zero derivative the optimiser takes no direction from this argument.
@@ -490,13 +494,13 @@ class Descent:
             x = self.minimize_first_objective(x, mode)
             mode = self.track_mode_from(x, mode)
             # The aims are the objectives at x, so all differences (objective - aim) are 0
-            # at first. Their largest one becomes negative only if every objective
+            # at the start. The largest difference becomes negative only if every objective
             # decreases.
             x, _ = self.approach_aim(x, mode, aim=self.objectives(x, mode))
             mode = self.track_mode_from(x, mode)
             # `scales` makes decreases of different objectives comparable.
             decrease = (start_objectives - self.objectives(x, mode)) / self.scales
-            # This form also ends the loop for NaN.
+            # Written in this way, the condition also ends the loop if a value is NaN.
             if not np.max(decrease) > MIN_RELATIVE_DECREASE:
                 break
         return self.as_optimum(mode, x)

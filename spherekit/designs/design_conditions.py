@@ -51,7 +51,7 @@ class Condition:
         return less, more
 
     def find_met(self, columns: Columns) -> Bools:
-        """Return which rows (rows,) of a table meet the condition."""
+        """Return a mask (rows,) of the rows of a table that meet the condition."""
         less, more = self.evaluate_sides(columns)
         with np.errstate(invalid="ignore"):
             if self.allows_equality:

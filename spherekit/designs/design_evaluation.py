@@ -58,7 +58,7 @@ from spherekit.velocities.load_numbers import LOAD_DEPENDENT_PREFIXES
 from spherekit.wording import listing
 
 ROWS_PER_ANGLE_BLOCK = 16384
-"""Rows whose angles are evaluated together. Larger: they leave the cache of the core."""
+"""Rows whose angles are evaluated together. Larger: the core's cache is too small."""
 
 CLOSED_FORM_PART_SIZE = 16384
 """Designs in a part of a sweep if positions are in closed form."""
@@ -314,7 +314,7 @@ class DesignEvaluator:
 
     @property
     def has_gradients(self) -> bool:
-        """Whether derivatives of the figures by the variables can be computed."""
+        """Whether the figures can be differentiated with respect to the variables."""
         varies_profiles = self.varied_mechanism.has_shaped_profiles and all(
             v.is_angle or "profiles" in v.path for v in self.variables
         )
@@ -392,7 +392,8 @@ class DesignEvaluator:
         parts = []
         for start in range(0, values.shape[1], block_size):
             block = values[:, start : start + block_size]
-            # The kernel evaluates all designs of a block at once.
+            # The kernel evaluates all designs of a block (group of successive designs) at
+            # once.
             if self.kernel:
                 part = self._evaluate_by_kernel(self.kernel, block)
             else:
@@ -749,8 +750,8 @@ class DesignEvaluator:
         Returns
         -------
         The modes (ways to assemble the mechanism) with their configurations, at the samples
-        of the inputs and at the points. A point is further inputs at which a figure of
-        merit (number that rates a design) is evaluated.
+        of the inputs and at the points. A point is an additional set of inputs, at which a
+        figure of merit (number that rates a design) is evaluated.
         """
         position_analysis = self._search_modes(mechanism)
         motion_at_samples = position_analysis.motion()
@@ -825,9 +826,11 @@ class DesignEvaluator:
         signs
             The sign of each dyad.
 
-        Returns ------- (unwrapped pairs, samples + points, n) offsets (rad). Unwrapped
-        pairs are those whose revolutions matter. Points are further inputs, at which
-        figures of merit are wanted.
+        Returns
+        -------
+        (unwrapped pairs, samples + points, n) offsets (rad). Unwrapped pairs are those
+        whose revolutions matter. Points are further inputs, at which figures of merit are
+        evaluated.
         """
         rows = self.figures.rows
         input_count = len(self.inputs)
@@ -1033,8 +1036,10 @@ class DesignEvaluator:
 
         A kernel is a function that computes quantities at many samples at once.
 
-        Returns ------- A row for each assembly mode in which the loops close, or one row if
-        they never close.
+        Returns
+        -------
+        A row for each assembly mode in which the loops close, or one row if they never
+        close.
         """
         if not self._is_over_constrained and self.samples.crossings == "end":
             assembly = plan_assembly(mechanism.with_inputs(*self.inputs))
@@ -1119,7 +1124,7 @@ class DesignEvaluator:
         return DesignExpressions(
             mechanism,
             self.inputs,
-            # The function gets symbols for the sizes that vary. Here there are none.
+            # The function takes symbols for the sizes that vary. Here no size varies.
             make_pairs=lambda _size_symbols: pairs,
             # The expressions contain the pair variables, which the caller computes
             # numerically. So the variables are not expressed by the inputs.
@@ -1145,8 +1150,9 @@ def most_regular_configurations(motion: Motion) -> list[Floats]:
 
     An assembly mode is one way to assemble the mechanism. In a singular configuration the
     inputs do not determine the motion of the other pairs. The Jacobian of the closure
-    equations by the passive variables (those of pairs that are not driven) is then
-    singular. Its least singular value measures the distance.
+    equations with respect to the passive variables (variables of pairs that are not driven)
+    is then singular. The least singular value of the Jacobian measures the distance from
+    such a configuration.
 
     Parameters
     ----------

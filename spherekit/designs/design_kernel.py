@@ -27,7 +27,7 @@ from spherekit.symbolic.vector_algebra import Exprs, constants, cross
 from spherekit.velocities.design_expressions import DesignExpressions
 
 MAX_LOOP_RESIDUAL = 1e-9
-"""Largest part of the rates by which the rates may violate the equations of some loop.
+"""Largest error of the rates in the equations of a loop, relative to the rates.
 
 Larger: rates have fewer digits. Smaller: rows near singular configurations, where some
 digits are lost, have no rates.
@@ -49,12 +49,12 @@ class DesignKernel:
     4. the multiples of 2 pi (rad) to add to the angles of the `unwrapped_pairs`,
     5. what `prepare` returns.
 
-    It returns these outputs, of which the last two only if they were asked for:
+    It returns these outputs, the last two of them only if they were requested:
 
     1. the `reach_count` numbers, which are not negative if every dyad (two links with
        three R pairs) closes,
     2. the `columns`,
-    3. their derivatives by each size (`gradients`),
+    3. their derivatives with respect to each size (`gradients`),
     4. how much the rates violate the equations of the loops
        (`DesignExpressions.relative_loop_residual`).
 
@@ -65,8 +65,8 @@ class DesignKernel:
     columns
         Names of quantities, as in `row_quantities`.
     gradients
-        Whether derivatives of the columns by the sizes are computed. The loops stay closed
-        while the sizes change.
+        Whether derivatives of the columns with respect to the sizes are computed. The loops
+        stay closed while the sizes change.
     compiled
         Whether heyoka compiles the functions, if it is installed. Otherwise they are
         available at once and run on NumPy arrays.
@@ -301,7 +301,7 @@ class RedundantKernel:
         # (columns,) whether the quantity follows from rates. Only such a quantity depends
         # on the kernel.
         self._follows_from_rates = _find_rate_columns(expressions[0], columns)
-        # Items that solve the same equations need only one kernel.
+        # One kernel is enough for items that solve the same equations.
         distinct_expressions = _select_distinct_choices(expressions)
         self._kernels = [
             DesignKernel(
@@ -384,9 +384,9 @@ class RedundantKernel:
     ) -> KernelOutputs:
         """Return the quantities of one kernel (function) at n configurations.
 
-        The loops of links give more equations for the rates of pairs than are needed. Each
-        kernel of the design solves another selection of them. Its last output is the
-        residual of all equations, which shows whether the selection was good.
+        The loops of links give more equations than are needed to determine the rates of
+        pairs. Each kernel of the design solves another selection of them. Its last output
+        is the residual of all equations, which shows whether the selection was good.
 
         Parameters
         ----------
@@ -404,7 +404,7 @@ class RedundantKernel:
 
 
 def _find_rate_columns(expressions: DesignExpressions, columns: Sequence[str]) -> Bools:
-    """Return which columns (quantities) follow from rates of pairs (joints).
+    """Return a mask of the columns (quantities) that follow from rates of pairs (joints).
 
     The rates solve linear equations. By Cramer's rule they are quotients with the
     determinant of the equations as denominator. So a quantity depends on rates if its
@@ -419,7 +419,7 @@ def _find_rate_columns(expressions: DesignExpressions, columns: Sequence[str]) -
 
     Returns
     -------
-    (columns,) flags.
+    (columns,) mask.
     """
     determinant = expressions.coordinate_rates.scale
     follows_from_rates = []
@@ -466,7 +466,7 @@ def arc_function(expressions: DesignExpressions) -> tuple[tuple[int, ...], Array
     Returns
     -------
     links
-        Numbers of the links with two axes.
+        Indices of the links with two axes.
     function
         Function of sizes (sizes, n) that returns the arcs (links, n), in [0, pi] rad.
     """

@@ -389,8 +389,10 @@ def unwrap_along_several_inputs(
     points
         (m, inputs) further inputs (rad).
 
-    Returns ------- (pairs, k + m, n) offsets (rad) of the angles at the samples and then at
-    the points. They are zero where a design does not close.
+    Returns
+    -------
+    (pairs, k + m, n) offsets (rad) of the angles at the samples and then at the points.
+    They are zero where a design does not close.
     """
     targets = np.concatenate([q, points])
     # The sample from which each target is reached. The first target is reached from the

@@ -114,7 +114,7 @@ class DesignRuns:
     analyses
         The analyses of each run.
     tables
-        Whether all tables of the runs are wanted.
+        Whether all tables of the runs are to be returned.
     kernel_evaluator
         Computes figures of merit without runs; None if there are none.
 
@@ -198,9 +198,9 @@ class DesignRuns:
         """Return the names of the columns of numbers in the table of designs.
 
         The table has a row for each assembly mode of each design. Its columns are the
-        figures of merit. If the tables of the runs are wanted too, there is a column with
-        the number of the assembly mode. The tables of the runs have the same column, so
-        that the rows of a design in a mode can be found in them.
+        figures of merit. If the tables of the runs are requested too, there is a column
+        with the number of the assembly mode. The tables of the runs have the same column,
+        so that the rows of a design in a mode can be found in them.
         """
         run_names = list(self.units)  # figures that are computed from tables of the run
         names = [*self._kernel_names, *run_names]
@@ -253,7 +253,7 @@ class DesignRuns:
         design_table
             The rows of a design, one for each assembly mode, with all figures of merit.
         tables
-            The tables of its run. Empty if they are not wanted or the run failed.
+            The tables of its run. Empty if they are not requested or the run failed.
         """
         kernel_table = None
         if self.kernel_evaluator is not None:
@@ -357,8 +357,8 @@ class DesignRuns:
         run
             The run of this design.
         """
-        # A mode of the run has a row if it has figures, or if the tables are wanted. If no
-        # mode has a row, there is one row for all modes.
+        # A mode of the run has a row if it has figures, or if the tables are requested. If
+        # no mode has a row, there is one row for all modes.
         figures = {merit.name: self._reduce_by_mode(run, merit) for merit in self.merits}
         assembly_modes = {
             str(mode["number"]): mode for mode in run.summary.get("assembly_modes", ())
@@ -387,7 +387,7 @@ class DesignRuns:
             ]
             labels = [_label_beside_kernel(mode) for mode in modes]
 
-        # Make the rows of modes of the run alone.
+        # Make the rows of modes that only the run has.
         closes = [
             _closing_fraction(assembly_modes[mode.label]["status"])
             if mode in modes_of_run
@@ -459,15 +459,16 @@ class DesignRuns:
         """Return the index of the kernel row with the same assembly mode, or None.
 
         Rows with figures of merit (numbers that rate a design) come from a run and from a
-        kernel (function for many designs at once). Both may label an assembly mode (way to
-        assemble the mechanism) differently. They are matched by the signs of dyads: each
-        group of two links and three revolute pairs can be assembled in two ways.
+        kernel (function for many designs at once). The run and the kernel may label an
+        assembly mode (way to assemble the mechanism) differently. They are matched by the
+        signs of dyads: each group of two links and three revolute pairs can be assembled in
+        two ways.
 
         The result is None if no row matches. It is also None if signs cannot be compared:
 
         - working modes (ways to assemble the mechanism at a fixed pose of the output) have
           no signs of dyads;
-        - the kernel may have no signs, or those of other links (if it replaces contacts).
+        - the kernel may have no signs, or signs of other links (if it replaces contacts).
 
         Parameters
         ----------
@@ -476,8 +477,8 @@ class DesignRuns:
         mode
             A mode of the run of the same design.
         assembly_modes
-            The modes of the run as in its summary, by their numbers. The entry "mode" of
-            each is the text of its signs, such as "+-".
+            The modes of the run as in its summary, by their numbers. For each mode, the key
+            "mode" has the text of its signs, such as "+-".
         """
         if mode.column != ASSEMBLY:
             return None
@@ -598,7 +599,7 @@ class DesignRuns:
 
 
 def _are_rows_used(merit: FigureOfMerit, inputs: Array) -> Bools:
-    """Return (rows,) whether a figure of merit is computed from each row of a table.
+    """Return a mask (rows,) of the rows of a table that a figure of merit uses.
 
     The reduction "at" takes the value at the inputs `point`, so it uses only the row of
     these inputs. All other reductions use all rows. `inputs` (rows, inputs) are the inputs

@@ -27,7 +27,7 @@ DESIGNED = ("links", "pairs", "outputs", "mass", "loads")
 """Tables of a mechanism file whose numbers can be varied."""
 
 ACTIONS = ("mass", "loads")
-"""Those of these tables whose numbers have no influence on positions."""
+"""The tables among these whose numbers have no influence on positions."""
 
 POINTED = "pointed"
 """Kind of the geometric angles that are the longitude or latitude of an output."""
@@ -39,7 +39,8 @@ OK = "OK"
 class StencilPoint(NamedTuple):
     """A point at which a function is evaluated for a difference quotient.
 
-    The derivative is the weighted sum of the values at such points, divided by the step.
+    The derivative is approximately the weighted sum of the values at such points, divided
+    by the step.
 
     Attributes
     ----------
@@ -249,7 +250,7 @@ def is_angle_of_load(document: Document, key: str) -> bool:
 def make_design(
     document: Document, variables: Sequence[DesignVariable], values: Iterable[float]
 ) -> Mechanism:
-    """Return the mechanism of a design: that of a file with other numbers.
+    """Return the mechanism of a design: a file with some numbers replaced.
 
     Parameters
     ----------
@@ -289,7 +290,7 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
     A file states either the sizes of links, or the axes of all pairs (joints) in a
     reference pose. In the second case this function derives the sizes. An arc is the angle
     between the first axis of a link and another one. An angle says how far the plane of
-    another arc is turned from that of the first arc.
+    another arc is turned from the plane of the first arc.
 
     The result has the sizes by their keys, such as ``links.2.arc``. A file with sizes has
     the same keys. The result is empty if the file has sizes. It is also empty if there are
@@ -361,8 +362,8 @@ def coaxial_links(geometry: SizeGeometry) -> Names:
 def default_quantities(mechanism: Mechanism) -> Names:
     """Return the quantities for which sensitivities are computed by default.
 
-    A sensitivity is the derivative of a quantity by a size. The result is the first of
-    these lists that is not empty:
+    A sensitivity is the derivative of a quantity with respect to a size. The result is the
+    first of these lists that is not empty:
 
     1. the angles of passive (not driven) revolute pairs that join the two links of an
        output: its link and the link from which its motion is seen,
@@ -400,7 +401,7 @@ def default_quantities(mechanism: Mechanism) -> Names:
 def differentiate_by_variable(
     read_numbers: Callable[[Floats], Floats], values: Floats, k: int, steps: Floats
 ) -> Floats | None:
-    """Return derivatives of numbers by one variable, from difference quotients.
+    """Return derivatives of numbers with respect to a variable, by difference quotients.
 
     The quotients are exact for polynomials up to the eighth degree. With each step the
     central quotient is tried first. Forward and backward quotients follow, because a
@@ -420,7 +421,7 @@ def differentiate_by_variable(
 
     Returns
     -------
-    (n,) derivatives by the first quotient that does not fail, or None if all fail.
+    (n,) derivatives from the first quotient that does not fail, or None if all fail.
     """
     for step in steps:
         for stencil in (CENTRAL_STENCIL, FORWARD_STENCIL, BACKWARD_STENCIL):
@@ -437,7 +438,7 @@ def _difference_quotient(
     step: float,
     stencil: Stencil,
 ) -> Floats | None:
-    """Return one difference quotient of numbers by a variable, or None if it fails.
+    """Return one difference quotient of numbers for a variable, or None if it fails.
 
     It is a weighted sum of the numbers at several values of the variable, divided by the
     step.

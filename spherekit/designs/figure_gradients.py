@@ -1,4 +1,4 @@
-"""Figures of merit of one design and their exact derivatives by the design variables."""
+"""Figures of merit of a design, with exact derivatives with respect to its variables."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,7 +35,8 @@ class FigureValues:
         (figures,) figures in rad and SI units; NaN if the design is impossible or its
         configurations in this mode cannot be computed.
     gradients
-        (figures, variables) derivatives by the design variables in the units of the file.
+        (figures, variables) derivatives with respect to the design variables in the units
+        of the file.
     closing_fraction
         Fraction of the samples of the inputs at which the mechanism can be assembled in
         this mode.
@@ -47,11 +48,11 @@ class FigureValues:
 
 
 class FigureGradients:
-    """Computes figures of merit of a design and their derivatives by the design variables.
+    """Computes figures of merit of a design, and derivatives with respect to its variables.
 
     Syntheses minimise figures of merit with these gradients. The derivative of a smallest
-    or largest value is that at the sample where it occurs. Where two samples have the
-    extreme value, the derivative of one of them is taken.
+    or largest value is the derivative at the sample where this value occurs. Where two
+    samples have the extreme value, the derivative of one of them is taken.
 
     Parameters
     ----------
@@ -77,9 +78,10 @@ class FigureGradients:
         """Return the figures of a design in an assembly mode, and their derivatives.
 
         A figure is a reduction, such as the maximum or mean, of an expression over samples.
-        Its derivative is found by the chain rule, as a product of three: the derivatives of
-        the reduction by the values at the samples (the weights), of the expression by the
-        quantities in it, and of these quantities by the variables.
+        Its derivative is found by the chain rule, as a product of three factors: the
+        derivatives of the reduction with respect to the values at the samples (the
+        weights), of the expression with respect to its quantities, and of these quantities
+        with respect to the variables.
 
         Parameters
         ----------
@@ -113,8 +115,8 @@ class FigureGradients:
         closes = columns.closes & all_finite(position_arguments, 0)
         with np.errstate(all="ignore"):
             outputs = self._expressions(np.concatenate([samples, columns.columns]))
-        # Index 0 has the values of the expressions, then their derivatives by each number
-        # of the sample and by each column.
+        # Index 0 has the values of the expressions, then their derivatives with respect to
+        # each number of the sample and each column.
         outputs = outputs.reshape(-1, len(merits), len(closes))
         first_column = 1 + len(kernel_figures.sample_names)
         is_closed_path = kernel_figures.samples.is_closed_path
@@ -229,8 +231,8 @@ def with_derivatives(
 ) -> ArrayFunction:
     """Return a function that evaluates expressions and their derivatives.
 
-    It takes values (variables, n) and returns the expressions, then their derivatives by
-    the first variable, by the second and so on, (expressions (1 + variables), n).
+    It takes values (variables, n) and returns the expressions, then their derivatives with
+    respect to the first variable, the second and so on: (expressions (1 + variables), n).
     """
     slopes = [
         slope

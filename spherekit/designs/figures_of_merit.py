@@ -44,7 +44,7 @@ from spherekit.wording import counted, listing
 DESIGNS_PER_BLOCK = 4096
 """Number of designs, times samples, that are evaluated together.
 
-Larger: intermediate values leave the cache. Smaller: more calls.
+Larger: intermediate values do not fit the cache of the processor. Smaller: more calls.
 """
 
 INERTIAL = ("B", "dB_dq", "kinetic_energy", *LOAD_DEPENDENT_PREFIXES)
@@ -54,7 +54,7 @@ NEVER_CLOSES = "NEVER_CLOSES"
 """Status of a design that closes at no sample."""
 
 IMPOSSIBLE = "IMPOSSIBLE"
-"""Status of a design whose numbers make no mechanism that moves as that of the file."""
+"""Status of a design that does not give a mechanism with the mobility of the file's."""
 
 DESIGN_FAILED = "FAILED"
 """Status of a design of which an analysis failed, although the design may be possible."""

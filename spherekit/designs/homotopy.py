@@ -87,7 +87,7 @@ SAME_SOLUTION_RAD = 1e-6
 MAX_SOLUTIONS = 64
 """Largest number of complex solutions of a design for which all of them are tracked.
 
-The effort of tracking a design is proportional to it.
+The effort of tracking a design is proportional to the number of solutions.
 """
 
 START_IMAGINARY_PART_RAD = 0.7
@@ -121,7 +121,7 @@ class PathProfiles:
         numbers, which are nine for each profile (tangent, point, curvature and its
         derivatives).
     paths
-        (m,) number of the path on which each design lies.
+        (m,) index of the path on which each design lies.
     parameters
         (m,) position of each design on its path: 0 at the start, 1 at the end.
     """
@@ -300,7 +300,7 @@ def track_solutions(
     solutions
         (variables, n) solutions (rad) at the ends of the paths.
     arrived
-        (n,) whether the path arrived and the loops are closed at its end.
+        (n,) whether each path was followed to its end and the loops are closed there.
     """
     path_count = start.shape[1]
     is_real_path = not np.iscomplexobj(start)
@@ -460,7 +460,7 @@ class PathCorrection:
     determinant: Array
 
     def contracts(self, contraction: float) -> Bools:
-        """Return (m,) whether Newton's method stays at the predicted solution on m paths.
+        """Return a mask (m,) of the paths on which Newton's method keeps to its prediction.
 
         The first step must be short. The second step must be shorter than the first one
         times `contraction`. Otherwise the method may lead to another solution, and the step
@@ -534,7 +534,7 @@ def converge_solutions(equations: ClosureProblem, values: Array) -> tuple[Array,
     solutions
         (variables, n) refined solutions (rad), valid only where they have converged.
     converged
-        (n,) whether Newton's method converged and the loops are closed.
+        (n,) whether Newton's method converged for each design and the loops are closed.
     """
     solutions = values.copy()
     converged = np.zeros(values.shape[1], bool)
@@ -551,7 +551,7 @@ def converge_solutions(equations: ClosureProblem, values: Array) -> tuple[Array,
 
 
 def _has_converged(solutions: Array, last_step: NewtonStep) -> Bools:
-    """Return whether Newton's method has converged to finite solutions.
+    """Return a mask of the solutions that are finite and have converged (Newton's method).
 
     The last step must be short. Before this step the loops of links must have been closed.
 
@@ -564,7 +564,7 @@ def _has_converged(solutions: Array, last_step: NewtonStep) -> Bools:
 
     Returns
     -------
-    (m,) flags.
+    (m,) mask.
     """
     # Rounding errors grow with the imaginary part b of a solution, since |sin(a + i b)|
     # grows like exp(|b|). The equations have products of two such factors, so the

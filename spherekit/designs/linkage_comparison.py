@@ -74,7 +74,7 @@ def _axes_of_link(mechanism: Mechanism, link: str) -> Floats:
 
 
 def _are_congruent(signed_axes: Floats, other_axes: Floats) -> Bools:
-    """Return for which choices of signs a set of axes can be rotated to another set.
+    """Return a mask of the choices of signs with which axes can be rotated to other axes.
 
     A rotation exists if all angles between axes are equal, and all triple products of axes.
     Mirror images have equal angles, but triple products of opposite sign.
@@ -88,7 +88,7 @@ def _are_congruent(signed_axes: Floats, other_axes: Floats) -> Bools:
 
     Returns
     -------
-    (choices,) flags.
+    (choices,) mask.
     """
     cosines = signed_axes @ np.swapaxes(signed_axes, 1, 2)
     other_cosines = other_axes @ other_axes.T

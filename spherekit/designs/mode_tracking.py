@@ -192,7 +192,7 @@ def track_assembly_modes(
 
 
 def is_real(solutions: Array) -> Bools:
-    """Return (...,) whether each solution (variables, ...) is real; NaN is not."""
+    """Return a mask (...,) of the solutions (variables, ...) that are real; NaN is not."""
     return np.all(solutions.imag == 0.0, axis=0)
 
 
@@ -207,8 +207,8 @@ def _merge_modes(mode_ids: Integers, mode: int, other_mode: int) -> None:
     ----------
     mode_ids
         (samples, solutions of the design) the number of the mode to which each
-        configuration belongs. This array is changed: the larger of both numbers is replaced
-        by the smaller one.
+        configuration belongs. This array is changed: the larger of the two numbers is
+        replaced by the smaller number.
     mode, other_mode
         Numbers of the two modes, which may be equal.
     """
@@ -492,7 +492,7 @@ class CleanedSolutions:
         (variables, n) pair variables (rad). Real solutions have an imaginary part of
         exactly zero.
     is_undecided
-        (n,) whether it is not known if the solution is real.
+        (n,) mask of the solutions of which it is not known whether they are real.
     """
 
     values: Array

@@ -1,9 +1,10 @@
-"""Points, tangents and curvatures of contact profiles, and their derivatives by sizes.
+"""Points, tangents and curvatures of contact profiles, and their size derivatives.
 
-These numbers are the *columns* of a profile. It has nine of them at a point: the tangent
-(3), the point (3), the geodesic curvature, and its first and second derivative by the arc
-length. Kernels, which evaluate many designs at once, take the columns as arguments if
-profiles are not circles. The columns are differentiated by numbers of the mechanism file.
+These numbers are the *columns* of a profile. A profile has nine columns at a point: the
+tangent (3), the point (3), the geodesic curvature, and the first and second derivative of
+the curvature with respect to arc length. Kernels, which evaluate many designs at once, take
+the columns as arguments if profiles are not circles. The columns are differentiated with
+respect to numbers of the mechanism file.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,7 +38,7 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.pair_states import iterate_contact_profiles
 
 PROFILE_DIFFERENCE_STEPS = 2.0 ** -np.array([5.0, 9.0, 13.0])
-"""Steps of difference quotients by a number of the file, in its unit.
+"""Steps of difference quotients for a number of the file, in the unit of the number.
 
 They are tried in this order until the file allows all numbers of a quotient.
 """
@@ -63,7 +64,7 @@ def has_shaped_profiles(mechanism: Mechanism) -> bool:
 
 
 class DesignProfiles:
-    """The profiles of all contacts of a design, and their derivatives by design variables.
+    """The contact profiles of a design, with derivatives with respect to design variables.
 
     A profile is the curve on a link that touches the curve of another link.
 
@@ -162,8 +163,8 @@ class DesignProfiles:
 
         Returns
         -------
-        (design variables, 8 * profiles, n) derivatives of the columns, by the design
-        variables in the units of the file. Each profile has 8 successive columns.
+        (design variables, 8 * profiles, n) derivatives of the columns with respect to the
+        design variables in the units of the file. Each profile has 8 successive columns.
 
         Raises
         ------
@@ -176,7 +177,7 @@ class DesignProfiles:
         derivatives = np.zeros((len(self.variables), *arc_length_derivatives.shape))
         # For each design variable, a dict has the curves that change, by the index of the
         # profile. Its values are functions of the arc length: the derivatives of the
-        # columns by the design variable.
+        # columns with respect to the design variable.
         for k, curve_derivatives in enumerate(self._curve_derivatives):
             # 1. The curve changes, at a fixed arc length.
             for index, curve_derivative in curve_derivatives.items():
@@ -184,7 +185,8 @@ class DesignProfiles:
                 arc_lengths = values[:, profile.variable] + profile.start
                 derivatives[k, index] = curve_derivative(arc_lengths)
             # 2. The start of the profile moves, and the arc length changes with it. The
-            # rate of the start is its derivative by the design variable.
+            # rate of the start is the derivative of the start with respect to the design
+            # variable.
             start_rates = self._start_rates(curve_derivatives)
             for index, start_rate in start_rates.items():
                 derivatives[k, index] += start_rate * arc_length_derivatives[index]
@@ -204,12 +206,13 @@ class DesignProfiles:
         Parameters
         ----------
         curve_derivatives
-            The derivative of each profile that changes with the variable, by its index.
+            For the index of each profile that changes with the variable, the derivative of
+            the profile.
 
         Returns
         -------
-        The derivative of the start (rad) by the design variable, by index of the profile.
-        Profiles whose start does not change are left out.
+        For the index of a profile, the derivative of the start (rad) with respect to the
+        design variable. Profiles whose start does not change are left out.
         """
         if not isinstance(self.mechanism.geometry, PoseGeometry):
             return {}
@@ -243,7 +246,7 @@ class DesignProfiles:
         ]
 
     def _differentiate_curves(self, k: int) -> dict[int, CurveDerivative]:
-        """Return the derivatives of all contact profiles by a design variable.
+        """Return the derivatives of all contact profiles with respect to a design variable.
 
         A profile is a curve that is defined by numbers, such as its radius. Derivatives of
         these numbers give the derivative of the curve by the chain rule.
@@ -255,7 +258,7 @@ class DesignProfiles:
 
         Returns
         -------
-        The derivative of each profile that changes, by the index of the profile.
+        For the index of each profile that changes, the derivative of the profile.
         """
         # Derivatives of the numbers of all profiles, one profile after another.
         slopes = self._differentiate_numbers(k)
@@ -275,7 +278,7 @@ class DesignProfiles:
         return curve_derivatives
 
     def _differentiate_numbers(self, k: int) -> Floats:
-        """Return the derivatives of the numbers that define profiles, by design variable k.
+        """Return derivatives of the numbers of profiles with respect to design variable k.
 
         A profile is a contact curve, which numbers such as a radius define. The derivatives
         are difference quotients with `PROFILE_DIFFERENCE_STEPS`. The numbers of a changed
@@ -385,7 +388,7 @@ class ProfilesTowardsDraws:
         values
             (variables, m) pair variables (rad) of the points.
         paths
-            (m,) number of the path of each point.
+            (m,) index of the path of each point.
         parameters
             (m,) path parameter of each point: 0 at the nominal design, 1 at the draw.
 
@@ -415,8 +418,8 @@ class ProfilesTowardsDraws:
 
         A draw is a design with random deviations from the nominal design. The nine columns
         of a profile describe it at the point of contact: the tangent (3), the point (3) on
-        the unit sphere, the geodesic curvature, and its first two derivatives by the arc
-        length.
+        the unit sphere, the geodesic curvature, and the first two derivatives of the
+        curvature with respect to arc length.
 
         Parameters
         ----------
@@ -491,7 +494,7 @@ def profile_numbers(profile: Profile) -> Floats:
 def differentiate_profile(
     profile: Profile, runs_backwards: bool, slopes: Floats
 ) -> CurveDerivative:
-    """Return the derivative of a contact profile by a design variable.
+    """Return the derivative of a contact profile with respect to a design variable.
 
     A profile is the curve along which a link touches another one.
 
@@ -503,9 +506,9 @@ def differentiate_profile(
         Whether the arc length runs against the direction in which the file describes the
         curve.
     slopes
-        Derivatives, by the variable, of the numbers that define the curve. For a spline
-        these are all points (3 each). Otherwise they are the centre (3), and the radius or
-        the coefficients.
+        Derivatives of the numbers that define the curve, with respect to the variable. For
+        a spline these are all points (3 each). Otherwise they are the centre (3), and the
+        radius or the coefficients.
 
     Returns
     -------
@@ -545,7 +548,7 @@ def differentiate_profile(
 
 
 def _differentiate_by_arc_length(columns: Floats) -> Floats:
-    """Return the derivatives, by arc length, of columns that describe contact profiles.
+    """Return the derivatives of columns of contact profiles with respect to arc length.
 
     The nine columns of a profile are the tangent t (3), the point p (3), the geodesic
     curvature k, and the first two derivatives of k. On the unit sphere dt/ds = k (p x t) -
@@ -586,15 +589,16 @@ def _nearest_point_rates(
     Parameters
     ----------
     profiles
-        The two profiles (curves) of a contact. The arc length `start` of each is that of
+        The two profiles (curves) of a contact. `start` of each profile is the arc length at
         the contact.
     derivatives
-        Derivatives of the profiles by the variable, None for a profile that does not
-        change.
+        Derivatives of the profiles with respect to the variable, None for a profile that
+        does not change.
 
     Returns
     -------
-    (2,) derivatives ds1/dv and ds2/dv of the arc lengths (rad) by the variable.
+    (2,) derivatives ds1/dv and ds2/dv of the arc lengths (rad) with respect to the
+    variable.
     """
     # In the reference pose the axes of both links coincide, so no rotation is needed
     # between them.
@@ -633,7 +637,7 @@ class ContactFrame:
     curvature: float
 
     def rotation_by_arc_length(self) -> Floats:
-        """Return (3,) the rotation of the frame per unit of the arc length of the curve.
+        """Return the rotation vector (3,) of the frame per unit of the curve's arc length.
 
         The frame moves along a curve on the unit sphere. Its axes are the tangent, the
         normal and the point itself. It rotates about the normal as the point moves along
@@ -650,7 +654,8 @@ class ContactFrame:
         Parameters
         ----------
         derivative
-            Derivative of the profile by the variable, at a constant arc length.
+            Derivative of the profile with respect to the variable, at a constant arc
+            length.
         """
         # Derivatives of the tangent (3), of the point (3) and of the curvature.
         change = derivative(np.array([self.arc_length]))[:, 0]

@@ -1,4 +1,4 @@
-"""Sensitivities: derivatives of quantities of a configuration by sizes of the mechanism."""
+"""Sensitivities: derivatives of quantities of a configuration with respect to sizes."""
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -61,7 +61,7 @@ Larger: more memory. Smaller: more calls.
 
 
 class Sensitivity:
-    """Computes quantities of configurations and their derivatives by sizes.
+    """Computes quantities of configurations and their derivatives with respect to sizes.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class Sensitivity:
         mechanism
             The mechanism. Its file, with angles in rad, is derived from it.
         keys
-            The numbers of the file by which derivatives are computed, such as
+            The numbers of the file with respect to which derivatives are computed, such as
             ``links.2.arc``. The defaults are stated at the class.
         quantities
             Names of the quantities that are differentiated, as in `row_quantities`.
@@ -185,12 +185,12 @@ class Sensitivity:
     def _make_variable(self, key: str) -> DesignVariable:
         """Return the number of the mechanism file that a key names, as a design variable.
 
-        Quantities are differentiated by such numbers.
+        Quantities are differentiated with respect to such numbers.
 
         Raises
         ------
         DesignError
-            If there are no derivatives by this number.
+            If there are no derivatives with respect to this number.
         """
         # A file with a reference pose has no arcs and angles of links. They were computed
         # from the axes, so look for them first.
@@ -204,7 +204,8 @@ class Sensitivity:
         # All angles have derivatives, and numbers of contacts in two cases. If some profile
         # (contact curve) is not a circle, these are the numbers of profiles, since the
         # equations contain the curves. If all profiles are circles, a linkage that moves in
-        # the same way may replace the contacts. Then they are all numbers of these pairs.
+        # the same way may replace the contacts. Then the numbers of contacts are all
+        # numbers of the contact pairs.
         if has_shaped_profiles(self.mechanism):
             may_be_contact_number = "profiles" in variable.path
         else:
@@ -248,7 +249,7 @@ class Sensitivity:
         DesignError
             If the file allows no other values of the sizes.
         """
-        # An angle is a size of a link or R pair, and no number of a contact.
+        # An angle here is a size of a link or R pair, not a number of a contact.
         is_angle = np.array([variable.is_angle for variable in self.variables])
         no_contact_varies = np.all(is_angle | self._is_mass_or_load)
         # 1. The contacts as they are
@@ -301,7 +302,7 @@ class Sensitivity:
 
     @cached_property
     def _nominal_design(self) -> DesignPoint:
-        """The sizes of the file, with the derivatives of sizes by variables."""
+        """The sizes of the file, and derivatives of sizes with respect to variables."""
         varied_mechanism = self._varied_mechanism
         design = varied_mechanism.evaluate_design(
             varied_mechanism.nominal_values, self.mechanism
@@ -378,11 +379,11 @@ class Sensitivity:
 
     @cached_property
     def links(self) -> frozenset[int]:
-        """Numbers of the links that are needed for the requested derivatives.
+        """Indices of the links that are needed for the requested derivatives.
 
-        The user asks for derivatives of quantities by named numbers of the mechanism file:
-        sizes, or numbers of masses and loads. A run leaves out other links, which saves
-        time.
+        The user asks for derivatives of quantities with respect to named numbers of the
+        mechanism file: sizes, or numbers of masses and loads. A run leaves out other links,
+        which saves time.
         """
         link_names: set[str] = set()
         for quantity in self.quantities:
@@ -490,7 +491,7 @@ class Sensitivity:
         return values if linkage is None else linkage.values(values)
 
     def at(self, samples: Floats, values: Floats) -> tuple[Floats, Floats]:
-        """Return quantities at n configurations, and their derivatives by the sizes.
+        """Return quantities at n configurations, and derivatives with respect to the sizes.
 
         Inputs, rates and accelerations stay constant. If a size changes, the other pairs
         move so that all loops of links stay closed.
@@ -510,7 +511,8 @@ class Sensitivity:
         quantities
             (quantities, n) in rad and SI units.
         derivatives
-            (sizes, quantities, n) in rad and SI units.
+            (sizes, quantities, n) derivatives of the quantities with respect to the sizes,
+            in rad and SI units.
         """
         # Torques can be tables over time. An error is raised if a time is outside them.
         times_in_s = samples[:, -1]
@@ -540,9 +542,9 @@ class Sensitivity:
     def scattered(self, samples: Floats, values: Floats, deviations: Floats) -> Floats:
         """Return quantities of mechanisms with deviating sizes, for a tolerance analysis.
 
-        A draw is one set of deviating sizes. Its configurations are followed from those of
-        the nominal mechanism by Newton's method. To limit memory, the samples are computed
-        in blocks, each with all draws.
+        A draw is one set of deviating sizes. Its configurations are followed by Newton's
+        method from the configurations of the nominal mechanism. To limit memory, the
+        samples are computed in blocks, each with all draws.
 
         Parameters
         ----------
@@ -596,7 +598,7 @@ class Sensitivity:
 
         A draw is one set of deviating sizes. From each nominal configuration, the
         configuration of each draw is tracked by Newton's method while the sizes change from
-        nominal to those of the draw.
+        the nominal sizes to the sizes of the draw.
 
         Parameters
         ----------

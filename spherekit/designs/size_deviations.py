@@ -1,4 +1,4 @@
-"""Random deviations of sizes from those of a mechanism file."""
+"""Random deviations of sizes from the sizes in a mechanism file."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -17,8 +17,8 @@ DISTRIBUTIONS: tuple[Distribution, ...] = ("normal", "uniform")
 MIN_PROBABILITY = 1e-12
 """Smallest probability, and distance from 1, of a normally distributed deviation.
 
-The deviation of probability 0 would be infinite. This limits deviations to 7 standard
-deviations.
+The deviation of probability 0 would be infinite. This probability limits deviations to 7
+standard deviations.
 """
 
 
@@ -30,7 +30,8 @@ class SizeDeviations:
     ----------
     size
         Standard deviation of a normal distribution, or largest deviation of a uniform one.
-        It is one number (rad) for all sizes, or one for each, in rad or SI units.
+        It is one number (rad) for all sizes, or one number for each size, in rad or SI
+        units.
     distribution
         ``"normal"`` or ``"uniform"``.
     count
@@ -104,7 +105,8 @@ class SizeDeviations:
         from scipy.stats import qmc
 
         # (sizes, count) points of the unit cube. A Sobol sequence is most even if its
-        # length is a power of 2. So a sequence of the next power is computed and cut.
+        # length is a power of 2. So a sequence as long as the next power of 2 is computed
+        # and cut.
         power = (self.count - 1).bit_length()
         unit_points = qmc.Sobol(sizes, rng=self.seed).random_base2(power).T[:, : self.count]
         # (1, 1) if all sizes have the same deviation, otherwise (sizes, 1).

@@ -130,7 +130,7 @@ class Sweep:
         Whether all tables of the runs are stored.
     mode_labels
         The possible labels, in the column ``mode``, of the only assembly mode that is
-        wanted. It is empty if all modes are wanted.
+        requested. Empty if all modes are requested.
 
     Raises
     ------
@@ -484,10 +484,10 @@ class Sweep:
 
         Returns
         -------
-        The columns by name, with angles in the unit of the file. If the sweep wants one
+        The columns by name, with angles in the unit of the file. If the sweep is for one
         assembly mode only, the rows of other modes are left out.
         """
-        # `mode_labels` has the labels of the wanted mode. It is empty if all are wanted.
+        # `mode_labels` has the labels of the requested mode. It is empty if all modes are.
         if self.mode_labels:
             design_table = self._rows_of_wanted_mode(design_table)
         # The index of the design of each row.
@@ -553,7 +553,7 @@ class Sweep:
         return columns
 
     def _meet_conditions(self, columns: Columns, n: int) -> Bools:
-        """Return (n,) whether each row of a table of designs meets the conditions.
+        """Return a mask (n,) of the rows of a table of designs that meet the conditions.
 
         `columns` has the numbers (n,) by name. Conditions on columns that are not computed
         yet are not checked.
@@ -647,7 +647,7 @@ class Sweep:
 
         A design that violates the conditions of the sweep is left out of the result. Some
         figures of merit (numbers that rate a design) are computed quickly, before the
-        analyses. If they violate the conditions, running the analyses would be in vain.
+        analyses. If they violate the conditions, the analyses need not be run.
 
         Parameters
         ----------

@@ -25,7 +25,7 @@ PART_PATTERNS = ("part-*.parquet", "designs/part-*.parquet", "tables/*/part-*.pa
 """Paths of the files of parts, relative to the folder of a sweep."""
 
 WORKING_FOLDER = ".sweep-work"
-"""Name of the folder within that of a sweep in which parts are written at first."""
+"""Name of the folder, in the folder of a sweep, where unfinished parts are written."""
 
 WORKING_FILE_NAME = re.compile(
     r"(.+/)?(part-\d{6}\.parquet|\.part-\d{6}\.parquet\.\w{8}\.part)"

@@ -142,7 +142,7 @@ class SweepResult:
         >>> result.plot()["swing"].savefig("swing.png")
         """
         # `spherekit.sweep` stores the function that draws. Packages that compute do not
-        # import those that draw.
+        # import packages that draw.
         if self.draw is None:
             raise DesignError(
                 "plot: only a result that spherekit.sweep returned can be drawn"
@@ -153,8 +153,8 @@ class SweepResult:
     def remarks(self) -> Names:
         """Sentences about the accuracy of the results.
 
-        Parts of a sweep may be computed by several kinds of processors. Then one sentence
-        says so, otherwise there is none.
+        Parts of a sweep may be computed by several kinds of processors. If so, one sentence
+        says this. Otherwise there is no sentence.
         """
         if len(self.processors) < 2:
             return ()
@@ -259,7 +259,7 @@ class SweepResult:
         """
         tables: dict[str, dict[int, Path]] = {}
         for number in range(self.sweep.part_count):
-            # The first file is that of the table of designs.
+            # The first file has the table of designs.
             for path in self.sweep.files_of(self._store, number)[1:]:
                 tables.setdefault(path.parent.name, {})[number] = path
         return tables

@@ -44,12 +44,12 @@ Larger: more of the modes that cannot be tracked can be replaced. Smaller: less 
 """
 
 FRONT_POINTS_PER_START = 5
-"""Points of the front of each mode, for each descent that a single objective would have."""
+"""Points of a mode's front, for each descent that there would be with one objective."""
 
 SEARCHED_ROWS_PER_START = 4
 """Rows, for each descent, whose modes are found together.
 
-Larger: modes are found of rows that are not needed. Smaller: more calls.
+Larger: modes are found for rows that are not used. Smaller: more calls.
 """
 
 
@@ -60,8 +60,8 @@ class Synthesis:
     With one objective there is one design for each assembly mode (way to assemble the
     links) and each local minimum. With several objectives there is the Pareto front of each
     mode: the designs for which no other design is better in all objectives. Designs that
-    are the same linkage or its mirror image, perhaps with axes that point the other way,
-    are listed once.
+    are the same linkage or its mirror image, perhaps with axes that point in the opposite
+    direction, are listed once.
 
     Attributes
     ----------
@@ -83,7 +83,8 @@ class Synthesis:
     before
         (k,) the smallest value of each objective among the rows that meet the conditions.
     tolerance
-        (k,) a design counts as better only if an objective is smaller by more than this.
+        (k,) amount for each objective. A design counts as better only if an objective is
+        smaller by more than this amount.
     """
 
     synthesis: Specification
@@ -142,7 +143,7 @@ class DescentStart:
 class ExploredDesigns:
     """The best designs of a sweep, with which a synthesis begins.
 
-    A synthesis searches sizes of links that meet requirements. Its sweep evaluates many
+    A synthesis searches for sizes of links that meet requirements. Its sweep evaluates many
     designs (choices of sizes). The table of the sweep has one row for each assembly mode
     (way to assemble the mechanism) of each design.
 
@@ -466,7 +467,7 @@ def _confirm_modes(
 def _find_confirmed_optimum(
     descent: Descent, optimum: LocalOptimum, modes: Sequence[SynthesisMode]
 ) -> LocalOptimum | None:
-    """Return an optimum with its assembly mode from a new search, if both agree.
+    """Return an optimum with its assembly mode from a new search, if the modes agree.
 
     An assembly mode is one way to assemble the mechanism. A descent follows the
     configurations of a mode from design to design. A search finds the modes of the last
@@ -501,7 +502,7 @@ def _merge_same_linkages(
     """Return optima (designs) sorted by their objectives, with each linkage only once.
 
     Two optima can be the same linkage, or its mirror image, with other numbers (see
-    `_are_alike`). Only the one with the smaller objectives remains.
+    `_are_alike`). Only the optimum with the smaller objectives remains.
     """
     different: list[LocalOptimum] = []
     for optimum in sorted(optima, key=lambda item: tuple(item.objectives)):
@@ -515,9 +516,9 @@ def _are_alike(
 ) -> bool:
     """Return whether two optima of a synthesis are practically the same result.
 
-    They are if they are the same design in the same assembly mode (way to assemble the
-    mechanism). They also are if they are the same linkage, up to mirror images and reversed
-    axes, with equal objectives.
+    The results are the same if the optima are one design in one assembly mode (way to
+    assemble the mechanism). They are also the same if the optima are one linkage, up to
+    mirror images and reversed axes, with equal objectives.
 
     Parameters
     ----------

@@ -46,8 +46,8 @@ class ModeOrigin:
     def track_to(self, design: DesignPoint) -> Floats:
         """Return the configurations of the mode in another design, at the same inputs.
 
-        The sizes change gradually to those of the other design. Newton's method closes the
-        loops of links at each step.
+        The sizes change gradually to the sizes of the other design. Newton's method closes
+        the loops of links at each step.
 
         Returns
         -------
@@ -61,7 +61,7 @@ class ModeOrigin:
         if self.design.profiles is not None:
             deviation = design.values - self.design.values
             profiles = self.design.profiles.interpolate_to(deviation[:, None])
-        # Steps are chosen such that each Newton step is at most this fraction of the one
+        # Steps are chosen such that each Newton step is at most this fraction of the step
         # before. Otherwise the path could jump to another assembly mode.
         tracked_values, has_arrived = track_solutions(
             self.path_kernel,
@@ -113,7 +113,7 @@ class SynthesisMode:
         design
             The design in which the mode is evaluated.
         count
-            Number n of configurations. If there is an origin, it has as many.
+            Number n of configurations. If there is an origin, it has the same number.
 
         Returns
         -------
@@ -145,8 +145,8 @@ class SynthesisMode:
         An assembly mode is one way to assemble the mechanism. If signs of dyads (groups of
         two links) identify modes, the signs are compared. Otherwise the configurations of
         this mode are followed to the other design, while the sizes change step by step.
-        They must agree with those of the other mode wherever both exist, at one input at
-        least.
+        They must agree with the configurations of the other mode at all inputs at which
+        both modes exist, and there must be such an input.
         """
         # Modes without an origin are identified by signs. This is the same for all modes of
         # a mechanism.
@@ -237,7 +237,7 @@ def find_all_modes(
     def append_mode(
         index: int, label: str, design: DesignPoint, configurations: Floats
     ) -> None:
-        """Add an assembly mode to those of the design with this index.
+        """Add an assembly mode to the modes of the design with this index.
 
         `configurations` (variables, n) are the pair variables in rad: at the samples of the
         input, then at the other inputs at which figures of merit are evaluated.

@@ -25,12 +25,12 @@ MATCH = "match"
 """Name of the figure that is the root mean square error at the precision points."""
 
 POPULATION_SIZE = 60
-"""Number of designs in a generation of the evolution, and most points of a front."""
+"""Number of designs in a generation of the evolution, and largest size of a front."""
 
 MISSING_DESIGN_VIOLATION = 1e6
 """Objectives and violation of the conditions of a design that does not have the mode.
 
-They are so large that the evolution prefers every design that has the mode.
+These numbers are so large that the evolution prefers every design that has the mode.
 """
 
 
@@ -62,7 +62,7 @@ class Specification:
     """What a synthesis is to achieve: objectives to minimise and conditions to meet.
 
     Both are expressions of figures of merit, numbers that rate a design. Precision points
-    are inputs at which the mechanism has wanted values.
+    are inputs at which quantities of the mechanism have desired values.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class Specification:
         -------
         rows
             The columns of the selected rows. If there are precision points, they include
-            `MATCH`, the root mean square of the errors at these points (wanted values).
+            `MATCH`, the root mean square of the errors at these points.
         objectives
             (selected rows, k) values of the objectives.
         """
@@ -212,7 +212,8 @@ class Specification:
         """Return the objectives (rows, k) of rows of the table of designs."""
         objectives = []
         for objective in self.objectives:
-            # The column of designs gives a constant expression the length of the others.
+            # With the column of designs, a constant expression gets as many values as the
+            # others.
             columns = {name: rows[name] for name in ("design", *objective.names)}
             objectives.append(objective.evaluate(columns))
         return np.stack(objectives, axis=1)
@@ -251,7 +252,7 @@ def select_nondominated(objectives: Floats, modes: Array) -> Indices:
 
 
 class PopulationScores(NamedTuple):
-    """How good the n designs of a generation of an evolution are.
+    """How good the n designs of one generation of an evolutionary search are.
 
     Attributes
     ----------

@@ -51,13 +51,13 @@ from spherekit.velocities.load_numbers import (
 )
 
 RADIANS_PER_DEGREE = np.pi / 180.0
-"""Unit of the angles of files in degrees, in rad."""
+"""One degree in rad: the unit of the angles of files in degrees."""
 
 OTHER_FORM = "its loads or contacts have another form"
 """Reason of a design that the kernel does not cover; it is then analysed on its own."""
 
 TRIAL_DEVIATIONS = (0.0173, -0.0311)
-"""Changes of variables by which it is found out which numbers of a file follow them.
+"""Changes of variables that show which numbers of a file depend on the variables.
 
 Each variable x is replaced by x (1 + change) + change, in the unit of the file. The
 digits have no meaning.
@@ -70,7 +70,7 @@ A shorter step is used if the file does not allow the numbers of a longer one.
 """
 
 SAME_NUMBER = 1e-14
-"""Numbers (rad, SI) of files that differ by no more are equal up to rounding."""
+"""Numbers (rad, SI) of files that differ by at most this count as equal."""
 
 CONSTANT_SLOPE_TOLERANCE = 1e-10
 """Largest relative difference of derivatives that count as the same at all designs.
@@ -86,7 +86,7 @@ class _OtherFormError(SpherekitError):
 
 @dataclass(frozen=True)
 class ColumnGradients:
-    """Quantities of one design at n samples, and their derivatives by design variables.
+    """Quantities of a design at n samples, with derivatives for design variables.
 
     Attributes
     ----------
@@ -95,8 +95,8 @@ class ColumnGradients:
     columns
         (columns, n) values of the quantities in rad and SI units.
     gradients
-        (variables, columns, n) derivatives by the design variables in the units of the
-        file. The inputs are constant, and the loops stay closed.
+        (variables, columns, n) derivatives with respect to the design variables in the
+        units of the file. The inputs are constant, and the loops stay closed.
     """
 
     closes: Bools
@@ -118,7 +118,7 @@ class DesignPoint:
     sizes
         (sizes,) the arguments of the kernel, in rad and SI units.
     slopes
-        (sizes, variables) derivatives of the sizes by the values.
+        (sizes, variables) derivatives of the sizes with respect to the values.
     profiles
         The profiles of the contacts, if they are not circles.
     """
@@ -136,12 +136,12 @@ class DesignPoint:
         pair_values: Floats,
         revolution_offsets: Floats | None = None,
     ) -> ColumnGradients:
-        """Return quantities at samples, and their derivatives by the design variables.
+        """Return quantities at samples, with derivatives with respect to design variables.
 
         A kernel is a compiled function of many designs. It returns the quantities
-        (columns), and their derivatives by sizes and by numbers of contact profiles. By the
-        chain rule, these derivatives are multiplied by those of the sizes and profiles by
-        the variables, and added.
+        (columns), and their derivatives with respect to sizes and numbers of contact
+        profiles. By the chain rule, these derivatives are multiplied by the derivatives of
+        the sizes and profiles with respect to the variables. The products are added.
 
         Parameters
         ----------
@@ -174,14 +174,15 @@ class DesignPoint:
                 columns=np.zeros((0, count)),
                 gradients=np.zeros((len(self.values), 0, count)),
             )
-        # Index 0 has the columns, then their derivatives by each size and by each column of
-        # the profiles.
+        # Index 0 has the columns, then their derivatives with respect to each size and each
+        # column of the profiles.
         columns_and_slopes = outputs[kernel.reach_count :].reshape(
             -1, len(kernel.columns), count
         )
         gradients = np.zeros((len(self.values), *columns_and_slopes.shape[1:]))
         for variable, slopes in enumerate(self.slopes.T):
-            # Derivatives by sizes that do not depend on the variable may be infinite.
+            # Derivatives with respect to sizes that do not depend on the variable may be
+            # infinite.
             changing = np.flatnonzero(slopes)
             gradients[variable] = np.tensordot(
                 slopes[changing], columns_and_slopes[1 + changing], 1
@@ -205,8 +206,8 @@ class VariedMechanism:
     A kernel is a function that evaluates many designs at once. Its *sizes* are the
     arguments that depend on the design, in this order:
 
-    1. the variables that are sizes of R pairs, unless contacts are replaced by links, 2.
-    numbers that are read from the file of each design and follow the variables: angles
+    1. the variables that are sizes of R pairs, unless contacts are replaced by links,
+    2. numbers that are read from the file of each design and follow the variables: angles
        of replaced contacts, then numbers of masses and loads.
 
     Attributes
@@ -482,7 +483,7 @@ class VariedMechanism:
         sizes, reasons = self.kernel_sizes(values[:, None])
         if reasons[0] != OK:
             return None
-        # (sizes, variables) derivatives of the sizes by the variables.
+        # (sizes, variables) derivatives of the sizes with respect to the variables.
         slopes = np.concatenate(
             [self._variable_size_slopes(), self._differentiate_all_numbers(values)]
         )
@@ -499,10 +500,12 @@ class VariedMechanism:
 
         The arguments of the compiled functions are called sizes. Some sizes are design
         variables in other units. The rows are these sizes, and the entries are their
-        derivatives by all variables.
+        derivatives with respect to all variables.
 
-        Returns ------- (variable sizes, variables) derivatives. A variable changes only its
-        own size, so all other entries are zero.
+        Returns
+        -------
+        (variable sizes, variables) derivatives. A variable changes only its own size, so
+        all other entries are zero.
         """
         slopes = np.zeros((len(self.size_variables), len(self.variables)))
         for size, variable in enumerate(self.size_variables):
@@ -510,10 +513,10 @@ class VariedMechanism:
         return slopes
 
     def _differentiate_all_numbers(self, values: Floats) -> Floats:
-        """Return derivatives of contacts, masses and loads by all design variables.
+        """Return derivatives of contacts, masses and loads for all design variables.
 
-        Contacts, masses and loads are described by numbers. Those that are the same in all
-        designs are left out.
+        Contacts, masses and loads are described by numbers. Numbers that are the same in
+        all designs are left out. The derivatives are with respect to the design variables.
 
         Parameters
         ----------
@@ -640,7 +643,7 @@ class VariedMechanism:
         actions = masses_and_loads(mechanism)
         # This raises `_OtherFormError` if other contacts slide or roll than in the file.
         contact_numbers = self._contact_numbers(mechanism)
-        # The kinds of loads are all that remains of them without their values.
+        # Loads without their values are compared, so that only their kinds count.
         if _without_values(actions) != _without_values(masses_and_loads(self.mechanism)):
             raise _OtherFormError(OTHER_FORM)
         return np.array([*contact_numbers, *list_numbers(actions)])
@@ -670,15 +673,15 @@ class VariedMechanism:
     def _contact_numbers(self, mechanism: Mechanism) -> list[float]:
         """Return the numbers of the linkage that moves like a mechanism with contacts.
 
-        Such a linkage can replace circular contacts. `equivalent_linkage` is the one of the
-        mechanism in the file. `mechanism` is a design: the mechanism with other sizes. The
-        numbers of its linkage are angles (rad) and ratios of wheels. The list is empty if
-        contacts are not replaced.
+        Such a linkage can replace circular contacts. `equivalent_linkage` is the linkage
+        for the mechanism in the file. `mechanism` is a design: the mechanism with other
+        sizes. The numbers of its linkage are angles (rad) and ratios of wheels. The list is
+        empty if contacts are not replaced.
 
         Raises
         ------
         _OtherFormError
-            If the same expressions do not apply to this linkage and to that of the
+            If the same expressions do not apply to this linkage and to the linkage of the
             mechanism in the file, since other contacts slide or other wheels roll.
         """
         if self.equivalent_linkage is None:
@@ -710,8 +713,8 @@ class VariedMechanism:
         ------
         SpherekitError
             If the design is impossible, or if a number that was found to be constant
-            differs from that of the file. The compiled functions do not apply to such a
-            design.
+            differs from the number in the file. The compiled functions do not apply to such
+            a design.
         """
         numbers = self._read_numbers(values)
         differences = np.delete(numbers - self._nominal_numbers, self.varied_numbers)
@@ -721,11 +724,11 @@ class VariedMechanism:
 
     @cached_property
     def constant_slopes(self) -> list[Floats | None]:
-        """Derivatives that are equal in all designs, of numbers by each design variable.
+        """For each design variable, the derivatives of numbers, if equal in all designs.
 
         The numbers describe contacts, masses and loads (`varied_numbers`). The item of a
         variable has the derivative (numbers,) of each number. The item is None if the
-        derivatives differ between designs, and are computed for each one.
+        derivatives differ between designs, and are computed for each design.
         """
         return [
             self._find_constant_slopes(k)
@@ -737,9 +740,10 @@ class VariedMechanism:
     def _can_change_numbers(self, variable: DesignVariable) -> bool:
         """Return whether a variable can change a number of a contact, mass or load.
 
-        There are three such variables. A number of a mass or load changes itself. If masses
-        follow from the sizes of links, sizes change them. If an equivalent linkage replaces
-        the contacts, sizes change the angles of this linkage.
+        There are three such variables. A variable that is a number of a mass or load
+        changes this number. If masses follow from the sizes of links, sizes change them. If
+        an equivalent linkage replaces the contacts, sizes change the angles of this
+        linkage.
         """
         # `ACTIONS` are the tables of masses and loads in the file.
         is_mass_or_load = variable.path[0] in ACTIONS
@@ -747,7 +751,7 @@ class VariedMechanism:
         return is_mass_or_load or self.masses_follow_sizes or has_equivalent_linkage
 
     def _find_constant_slopes(self, k: int) -> Floats | None:
-        """Return the derivatives of numbers by variable k if they are constant, or None.
+        """Return derivatives of numbers with respect to variable k, None if not constant.
 
         The numbers describe contacts, masses and loads. Their derivatives are compared
         between the design of the file and trial designs, in which all variables are changed
@@ -765,17 +769,17 @@ class VariedMechanism:
         return nominal_slopes if agrees else None
 
     def trial_slopes(self, k: int) -> list[Floats]:
-        """Return the derivatives of numbers by variable k, at several designs.
+        """Return derivatives of numbers with respect to variable k, at several designs.
 
-        The numbers describe contacts, masses and loads. The designs are that of the file
-        and some near it. If the derivatives (varied numbers,) are the same at all of these
-        designs, they count as constant.
+        The numbers describe contacts, masses and loads. The designs are the design in the
+        file and some designs near it. If the derivatives (varied numbers,) are the same at
+        all of these designs, they count as constant.
         """
         designs = [self.nominal_values, *(design for design, _ in self._trials)]
         return [self._differentiate_numbers(design, k) for design in designs]
 
     def _differentiate_numbers(self, values: Floats, k: int) -> Floats:
-        """Return the derivatives of the varied numbers by one variable, at a design.
+        """Return derivatives of the varied numbers with respect to a variable, at a design.
 
         The varied numbers describe contacts, masses and loads. They are read from the
         mechanism file with the values of a design, so there is no formula for their

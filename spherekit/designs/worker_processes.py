@@ -42,8 +42,8 @@ MAX_DEATHS_AMONG_OTHERS = 2
 
 Workers usually end because memory is short. After this number, the part is computed last,
 by a single worker that has all of the memory. With a larger number, a part that needs much
-memory ends more workers. With a smaller number, a part is postponed although the end of its
-worker had a cause that does not recur.
+memory ends more workers. With a smaller number, a part may be postponed although the cause
+that ended its worker does not recur.
 """
 
 SINGLE_PROCESS_HINT = "workers=1 (--workers 1) needs no other process"

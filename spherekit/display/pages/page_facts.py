@@ -120,7 +120,7 @@ def quantity_facts(mechanism: Mechanism, name: str, unit: str) -> Facts:
     name, unit
         Name and unit of the quantity.
     """
-    # The derivative of the equivalent inertia B by the input.
+    # The derivative of the equivalent inertia B with respect to the input.
     label = name.replace("dB_dq", "dB/dq").replace("_", " ")
     # Names of links may contain underscores, so all pairs of links are tried.
     for a, b in permutations(mechanism.links, 2):
