@@ -153,7 +153,7 @@ class Dynamics(AbstractAnalysis):
     )
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return which quantities of a run this analysis reads, so that they are computed.
+        """Return the quantities that this analysis reads, so that a run computes them.
 
         Raises
         ------

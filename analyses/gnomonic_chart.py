@@ -62,7 +62,7 @@ def chart_coordinates(directions: Floats) -> tuple[Floats, Floats]:
 
 
 def _choose_positive_directions(directions: Floats) -> Floats:
-    """Return for each axis the one of its two directions that counts as positive.
+    """Return, for each axis, which of its two directions counts as positive.
 
     So both directions of an axis give the same result. In a positive direction the first
     component that is not zero is positive. `directions` and the result are (n, 3).

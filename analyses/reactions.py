@@ -657,7 +657,7 @@ def _moment_table(records: Mapping[str, Any]) -> ScreenTable | None:
     Parameters
     ----------
     records
-        Results of each pair by its name, see `_describe_maximum`.
+        Results of each pair, by the name of the pair; see `_describe_maximum`.
     """
     key = "largest_transverse_moment_Nm"
     rows = []

@@ -406,7 +406,7 @@ class WorkspaceModes:
         return record, ""
 
     def examine_poses(self) -> PoseFindings:
-        """Return for each pose in which working modes the output reaches it.
+        """Return, for each pose, the working modes in which the output reaches the pose.
 
         A working mode is one way to assemble the legs, described by their signs. If a pose
         is outside of the workspace of a mode, the nearest reachable pose is stated.

@@ -50,7 +50,7 @@ class ForwardSolutions:
         self.columns = forward_columns(mechanism, solver, inputs)
 
     def table_parts(self) -> dict[str, list[dict[str, Any]]]:
-        """Return the table of poses at inputs, by its name."""
+        """Return the table of poses at inputs, by the name of the table."""
         return {FORWARD.name: [self.columns]}
 
     def findings(self) -> Findings:

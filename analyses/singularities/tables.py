@@ -397,7 +397,7 @@ def _format_signs(
 
 
 def _format_modes(batch: Batch, signs: NDArray[np.int8]) -> list[str]:
-    """Return for each row the numbers of the assembly modes with its signs, as ``0+2``.
+    """Return, for each row, the numbers of the modes with the signs of the row, as ``0+2``.
 
     An assembly mode is one way to assemble the links. It is described by a sign for each
     group of links. At a singularity a sign is 0, and modes with either sign meet.

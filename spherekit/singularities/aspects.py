@@ -778,7 +778,7 @@ def _most_modes_at_a_sample(
 
 
 def _common_signs(values: Floats, label: Integers, sizes: Integers) -> SmallIntegers:
-    """Return for each aspect the sign that all its values have, or 0 if their signs differ.
+    """Return, for each aspect, the common sign of all values, or 0 if the signs differ.
 
     An aspect is a part of the configurations that is connected without a singularity.
 

@@ -314,7 +314,7 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     def select_steps(
         self, rows: Indices, steps: Floats, new_nodes: _LocusNodes, is_verified: Bools
     ) -> Bools:
-        """Return which verified steps (k,) are taken, and end curves that leave a profile.
+        """Return a mask (k,) of the steps that are taken; end curves that leave a profile.
 
         A contact of two profiles exists only while the contact point is on both profiles. A
         step beyond the end of a profile is not taken.

@@ -177,8 +177,8 @@ class LinkMotion:
     def rests(self, pole: Pole) -> Bools:
         """Return, for n configurations, whether both links of a pole move together.
 
-        They rest if their relative angular speed is at most a multiple of its rounding
-        error.
+        They move together if their relative angular speed is at most a multiple of the
+        rounding error of this speed.
         """
         speed, _ = self.speeds(pole)
         return speed <= REST_ROUNDING_FACTOR * self.rounding

@@ -322,8 +322,8 @@ def _condition_of_three_links(
 
     Returns
     -------
-    The condition, by its label: the type, with a number if R. Di Gregorio's lecture on
-    singularities of spherical mechanisms has one.
+    The condition, by the label of the condition: the type, with a number if R. Di
+    Gregorio's lecture on singularities of spherical mechanisms has one.
     """
     # The name of a pole axis consists of the names of its two links: "ir" for links i
     # and r, "os" for o and s. "or_" has an underscore, because "or" is a word of

@@ -48,7 +48,7 @@ class PlacingPart:
     variables
         For each variable of the part, its index in the whole mechanism.
     whole_modes
-        For each mode of the part, by its number: the modes of the whole mechanism that
+        By the number of each mode of the part: the modes of the whole mechanism that
         contain it. For example (0, 2) for mode 0 of the part, and (1, 3) for mode 1.
     """
 

@@ -482,7 +482,7 @@ class SampledSingularities:
         return into_range(q, *self.range, self._period(curve))
 
     def _find_passed_ranges(self, q: Floats) -> dict[int, tuple[float, float]]:
-        """Return which part of each curve of configurations a simulation passes.
+        """Return the part of each curve of configurations that a simulation passes.
 
         Parameters
         ----------

@@ -773,7 +773,7 @@ def what_vanishes(
     pointing: Floats | None = None,
     by_rank: bool = False,
 ) -> list[str]:
-    """Return for each row the geometric reason of its singularity, as a short text.
+    """Return, for each row, the geometric reason of the singularity as a short text.
 
     If input i moves alone while the others are locked, the output turns about the pole axis
     u_i with the angular velocity w_i, and c_i w_i = d_i q_i'. The text has the first of the
@@ -923,10 +923,10 @@ def _causes_of_two_axes(inputs: Sequence[str], u: Floats) -> list[_SingularityCa
 def _causes_along_direction(
     inputs: Sequence[str], u: Floats, direction: Floats
 ) -> list[_SingularityCause]:
-    """Return for each input the cause that it turns the output about its direction.
+    """Return, for each input, the cause that it turns the output about the direction.
 
-    The output is a direction on a link, which then rests while the input moves. A cause is
-    a quantity that vanishes at a singularity, here the sine of an angle.
+    The output is a direction on a link. The direction then rests while the input moves.
+    A cause is a quantity that vanishes at a singularity, here the sine of an angle.
 
     Parameters
     ----------
@@ -946,11 +946,11 @@ def _causes_along_direction(
 def _causes_coplanar_with_direction(
     inputs: Sequence[str], u: Floats, direction: Floats
 ) -> list[_SingularityCause]:
-    """Return for any two inputs the cause that both turn the output about its direction.
+    """Return, for any two inputs, the cause that both turn the output about the direction.
 
-    The output is a direction on this link, which then rests while the two inputs move. This
-    is possible if the direction is in the plane of the axes of both inputs. A cause is a
-    quantity that vanishes at a singularity, here a triple product.
+    The output is a direction on a link. The direction then rests while the two inputs
+    move. This is possible if the direction is in the plane of the axes of both inputs.
+    A cause is a quantity that vanishes at a singularity, here a triple product.
 
     Parameters
     ----------

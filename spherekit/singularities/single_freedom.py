@@ -836,7 +836,7 @@ def _stack_rest_points(curve_motion: CurveMotion, pole: Pole) -> Floats:
 def explain_doubts(
     rests: InputOutputRests, types: Sequence[Type], is_input: bool
 ) -> list[str]:
-    """Return for each singularity why its type is not certain, or an empty text.
+    """Return, for each singularity, why the type is uncertain, or an empty text.
 
     Singularities are points of a curve of configurations. Two questions may be open:
 

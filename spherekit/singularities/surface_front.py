@@ -37,8 +37,8 @@ MIN_TRIANGLE_HEIGHT = 0.2
 are decided by rounding."""
 SAME_SHEET_COSINE = 0.8
 """Least cosine of the angles between tangent planes, and between singular motions, of
-vertices on the same sheet of the surface. Larger: smaller edges are needed where it bends;
-smaller: sheets that pass each other are connected."""
+vertices on the same sheet of the surface. Larger: smaller edges are necessary where the
+surface bends; smaller: sheets that pass each other are connected."""
 RANGE_MARGIN = 0.25
 """Distance (edge lengths) beyond the ranges within which a vertex still counts as inside.
 The surface may curve back across the end of a range between vertices beyond it."""

@@ -190,7 +190,7 @@ class Table:
         return replace(self, columns=tuple(columns))
 
     def units(self, degrees: bool) -> dict[str, str]:
-        """Return the unit of every column by its header in files.
+        """Return the unit of every column, by the header of the column in files.
 
         `degrees` says whether angles of the table are in degrees.
         """

@@ -86,11 +86,12 @@ class DesignExpressions:
     triple_squares
         In closed form, for each dyad the square of the triple product of its axes.
     table_symbols
-        For each torque table by its name, the symbol of its present torque (N m).
+        By the name of each torque table, the symbol of the present torque (N m) of the
+        table.
     revolution_symbols
-        For each passive pair on whose angle loads depend, by its name: the symbol of the
-        angle of its whole revolutions (rad), which is added to the angle of the
-        configuration.
+        By the name of each passive pair on whose angle loads depend: the symbol of the
+        angle of the whole revolutions of the pair (rad), which is added to the angle of
+        the configuration.
     """
 
     def __init__(
@@ -352,7 +353,7 @@ class DesignExpressions:
         return InputMoments(self.coordinate_rates, tensors)
 
     def quantity(self, name: str) -> Expr:
-        """Return the expression of a quantity by its name, one of `row_quantities`.
+        """Return the expression of a quantity with a given name, one of `row_quantities`.
 
         Quantities are results for one configuration, such as velocities and torques.
 

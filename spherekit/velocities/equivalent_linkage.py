@@ -195,7 +195,7 @@ class EquivalentLinkage:
         return transforms
 
     def _follower_factors(self, train_numbers: Sequence[Expr]) -> dict[int, list[Expr]]:
-        """Return the factors of each follower (pair that wheels drive), by its index.
+        """Return, by the index of each follower (pair that wheels drive), its factors.
 
         The angle of a follower is a linear function of the input angles. A follower has one
         factor for each input, and then the constant (rad). `train_numbers` are the

@@ -165,7 +165,7 @@ def place_by_variables(
 
 
 def sum_along_paths(tree: LoopTree, pair_vectors: Sequence[Exprs]) -> list[Exprs]:
-    """Return for each link the sum (3,) of the vectors of pairs on the path to it.
+    """Return, for each link, the sum (3,) of the vectors of pairs on the path to the link.
 
     For example, angular velocities of pairs add up to the angular velocity of a link.
 

@@ -271,7 +271,8 @@ class RowExpressions(VelocityEquations):
         Parameters
         ----------
         offsets
-            Offset (3,) of each pair by its number. Other pairs have no offset.
+            Offset (3,) of each pair, by the index of the pair. Other pairs have no
+            offset.
         """
         loop_offsets: list[Exprs] = []
         for signs in self.tree.signs:
@@ -291,7 +292,7 @@ class RowExpressions(VelocityEquations):
 
 
 def curvature_uncertainties(rows: RowExpressions) -> list[Expr]:
-    """Return for each contact a number that exceeds 1 if its curvatures are nearly equal.
+    """Return, for each contact, a number that exceeds 1 if its curvatures are nearly equal.
 
     Two profiles (contact curves) of equal curvature fit into each other, and then do not
     determine their relative motion. The number is 2 `EQUAL_CURVATURE` / (k1 - k2), with the

@@ -282,7 +282,7 @@ class RowVelocities:
         return {pole: self.relative_velocity(pole) for pole in self.pole_errors}
 
     def _bound(self, name: str) -> Floats:
-        """Return one of the quantities (n,) of `RowKernel.row_bounds`, by its name."""
+        """Return the quantity (n,) of `RowKernel.row_bounds` with a given name."""
         return self._bounds[self._bound_slices[name]][0]
 
     def _find_certified_rows(self) -> Bools:
