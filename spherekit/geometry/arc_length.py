@@ -205,7 +205,8 @@ def measure_arc_length(path: FourierPath | SplinePath, edges: Floats) -> ArcLeng
         If the path has a cusp (point without speed and tangent).
     """
     arc_length = integrate_rate(path.speed, edges)
-    # The speed is zero at a cusp. It is checked at the edges and middles of all panels.
+    # The speed is zero at a cusp. The speed is checked at the edges and middles of all
+    # panels.
     middles = 0.5 * (arc_length.edges[1:] + arc_length.edges[:-1])
     u = np.sort(np.append(arc_length.edges, middles))
     mean_speed = arc_length.length / (edges[-1] - edges[0])
@@ -229,7 +230,7 @@ def integrate_rate(
     Parameters
     ----------
     rate
-        Function of parameters of any shape. It is analytic between the edges.
+        Function of parameters of any shape. The function is analytic between the edges.
     edges
         (panels + 1,) parameters of the first panels.
     rounding

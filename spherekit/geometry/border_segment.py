@@ -29,8 +29,8 @@ from spherekit.tolerances import EPS
 
 ORDERS = (1, 4, 8, 16)
 """Orders of the polynomials of height. The order of a segment is raised until its area is
-known well enough. Order 1 is the chord itself. It is used for a segment whose border was
-not found.
+known well enough. Order 1 is the chord itself. This order is used for a segment whose
+border was not found.
 
 The nodes of each order are among the nodes of the next order, so heights are reused.
 """
@@ -179,7 +179,7 @@ def estimate_area_errors(height: Floats, length: Floats) -> Floats:
     (k,) errors of `areas_beside_chords`.
     """
     # The truncation error is estimated by the change of the area when every second node is
-    # left out. The others are the nodes of half the order.
+    # left out. The remaining nodes are those of half the order.
     coarse_area = areas_beside_chords(height[:, ::2], length)
     truncation = np.abs(areas_beside_chords(height, length) - coarse_area)
     rounding = EPS * length
@@ -305,9 +305,9 @@ class BorderSegments(ArrayRows):
         for each segment, so here every field has no rows.
         """
         # A chord is the great-circle arc between the ends of a segment. The height of the
-        # segment above its chord (rad) is a polynomial along the chord. It is stored by its
-        # values at nodes, one more than the degree of the polynomial. The last of the
-        # `ORDERS` is the largest degree.
+        # segment above its chord (rad) is a polynomial along the chord. The polynomial is
+        # stored by its values at nodes, one more than the degree of the polynomial. The
+        # last of the `ORDERS` is the largest degree.
         max_node_count = ORDERS[-1] + 1
         no_index = np.zeros(0, np.intp)
         no_number = np.zeros(0)
@@ -413,9 +413,9 @@ class BorderSegments(ArrayRows):
 
         A segment is a piece of the border of a region. Its chord is the arc of the great
         circle between its ends. The height (angle) of the border over the chord is a
-        polynomial along the chord. It is stored by its values at Chebyshev nodes. The order
-        of the segment is the degree of this polynomial. If the border is not found at a
-        node, the chord takes the place of the whole segment.
+        polynomial along the chord. The polynomial is stored by its values at Chebyshev
+        nodes. The order of the segment is the degree of this polynomial. If the border is
+        not found at a node, the chord takes the place of the whole segment.
 
         Parameters
         ----------
@@ -458,8 +458,8 @@ class BorderSegments(ArrayRows):
         Returns
         -------
         height
-            (k, order + 1) heights (rad), positive to the left of the chord. They are 0 over
-            very short chords, for which the border is not searched.
+            (k, order + 1) heights (rad), positive to the left of the chord. The heights are
+            0 over very short chords, for which the border is not searched.
         is_found
             (k,) whether the border was found at all nodes of a segment.
         """
@@ -637,8 +637,8 @@ class BorderSegments(ArrayRows):
 
         A segment is a piece of the border of a region. Its height (angle) over the chord,
         the great-circle arc between its ends, is a polynomial along the chord. The order of
-        the segment is the degree of this polynomial. It has order + 1 Chebyshev nodes,
-        which include both ends.
+        the segment is the degree of this polynomial. The segment has order + 1 Chebyshev
+        nodes, which include both ends.
         """
         # Each node belongs to a segment (an index in `selected`) and has an index within
         # this segment, from 0 to the order of the segment.

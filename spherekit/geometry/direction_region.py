@@ -39,7 +39,7 @@ class BorderArc:
     Attributes
     ----------
     margin
-        Index of the margin that is 0 on the arc. It is -1 if the arc is the border of the
+        Index of the margin that is 0 on the arc, or -1 if the arc is the border of the
         directions in which a margin is defined.
     points
         (m, 3) unit vectors along the arc, with the region to their left.
@@ -125,8 +125,9 @@ class Region:
     area
         Area of the region (sr).
     error
-        Bound of the error of the area (sr). It has two parts: the change of the area if the
-        order of the border curves is halved, and the area of all unresolved triangles.
+        Bound of the error of the area (sr). The bound has two parts: the change of the area
+        if the order of the border curves is halved, and the area of all unresolved
+        triangles.
     unresolved
         Area (sr) of the triangles in which too little is known about the border. They
         contain tangent borders, corners sharper than 0.25 rad, or the border of where a

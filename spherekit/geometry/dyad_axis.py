@@ -1,14 +1,14 @@
 """The middle axis of a dyad, in closed form from its two outer axes.
 
 The middle axis b is at the arc A from the outer axis a and at the arc C from the outer axis
-c. It is a sum of three vectors that are perpendicular to each other:
+c. The axis b is a sum of three vectors that are perpendicular to each other:
 
     b = (cos A + cos C) (a + c) / |a + c|^2 + (cos A - cos C) (a - c) / |a - c|^2
         + t (a x c) / |a x c|^2,
     t^2 = (cos(A - C) - a . c) (a . c - cos(A + C)).
 
-The two signs of the triple product t are the two assembly modes of the dyad. It is the
-formula for the intersection of two cones. All factors are written in half angles, so small
+The two signs of the triple product t are the two assembly modes of the dyad. The formula is
+the one for the intersection of two cones. All factors are written in half angles, so small
 arcs lose no digits.
 
 The numbers may be of any type with operators: floats, real or complex arrays, symbolic
@@ -96,7 +96,7 @@ def middle_axis(
     A dyad is a chain of two bodies between the outer axes a and c, both unit vectors. The
     axis b of the pair (joint) between its bodies is a sum of a + c, a - c and a x c, times
     the factors. There are two possible axes b, mirror images of each other in the plane of
-    a and c. They differ in the sign of the triple product t = b . (a x c).
+    a and c. The two axes differ in the sign of the triple product t = b . (a x c).
 
     Parameters
     ----------

@@ -235,9 +235,9 @@ class _Boxes(ArrayRows):
 
     An orientation is a unit quaternion, up to its sign. Quaternions are divided into four
     cubes by their largest component. The other three components, divided by the largest,
-    are coordinates from -1 to 1 in the cube. They are stored as whole units from the lowest
-    corner of the cube, which is 2**CUBE_BITS units wide. Halving a cell is then exact, and
-    equal points of neighbouring cells have equal coordinates.
+    are coordinates from -1 to 1 in the cube. The coordinates are stored as whole units from
+    the lowest corner of the cube, which is 2**CUBE_BITS units wide. Halving a cell is then
+    exact, and equal points of neighbouring cells have equal coordinates.
 
     Attributes
     ----------
@@ -623,7 +623,7 @@ def _filled_fractions(polynomials: Floats) -> Floats:
     A cell is divided into subcells. The fraction is estimated as 1/2 + f / S, limited to
     the range from 0 to 1. Here f is the value at the centre of the subcell, and S the
     difference between its largest and smallest values. The estimate treats the polynomial
-    as linear. It is inaccurate for a single subcell, but only the sum over many subcells
+    as linear. This is inaccurate for a single subcell, but only the sum over many subcells
     matters. `_curvature_correction` is added for borders that are curved.
 
     Parameters

@@ -211,7 +211,7 @@ class FourierPath:
 
             k = D / v^3,    k' / v = D' / v^4 - 3 k v' / v^2.
 
-        The second one is the derivative dk/ds. The part of p'' along p does not matter
+        The second formula is the derivative dk/ds. The part of p'' along p does not matter
         for D. The other components, southward and eastward, are
 
             p': d1, s               p'': d2 - s c, 2 c d1
@@ -362,8 +362,9 @@ def axes_about(centre: ArrayLike) -> Floats:
     Parameters
     ----------
     centre
-        (3,) unit vector. It can be complex: the real part is the vector, and the imaginary
-        part is tiny and proportional to its derivative (complex step).
+        (3,) unit vector. The vector can be complex: the real part is the vector, and the
+        imaginary part is tiny and proportional to the derivative of the vector (complex
+        step).
 
     Raises
     ------

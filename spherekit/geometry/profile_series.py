@@ -131,7 +131,7 @@ class ProfileSeries:
 def _evaluate_columns(curve: Curve, s: Floats) -> Floats:
     """Return tangent, point, geodesic curvature k and dk/ds of a curve as columns (n, 8).
 
-    They are evaluated at arc lengths s (n,), rad.
+    The columns are evaluated at arc lengths s (n,), rad.
     """
     points = curve.evaluate(s)
     tangent = points.frame[:, :, 0]

@@ -108,7 +108,7 @@ def estimate_rounding(values: Floats) -> Floats:
 def smallest_margins(values: Floats) -> Floats:
     """Return the smallest margin of each point.
 
-    It is negative if and only if the point is outside the region.
+    The smallest margin is negative if and only if the point is outside the region.
 
     Parameters
     ----------
@@ -132,8 +132,8 @@ def smallest_margins(values: Floats) -> Floats:
 def select_margins(values: Floats, numbers: Indices) -> Floats:
     """Return one margin of each point: the margin that ends a region there.
 
-    A margin is a function that is at least 0 inside the region and negative outside. It is
-    NaN where it is not defined, and such points count as outside.
+    A margin is a function that is at least 0 inside the region and negative outside. A
+    margin is NaN where it is not defined, and such points count as outside.
 
     Parameters
     ----------

@@ -213,9 +213,9 @@ class RegionRefinement:
         """Return a mask (T,) of the triangles that have to be cut next.
 
         Margins are the functions that are at least 0 in the region. A triangle is *open* if
-        a part of the region, or a hole, may be hidden in it. It is *broken* if the margins
-        are defined in a part of it only. There are three reasons for a cut. The first one
-        that applies to any triangle decides:
+        a part of the region, or a hole, may be hidden in it. A triangle is *broken* if the
+        margins are defined in a part of it only. There are three reasons for a cut. The
+        first one that applies to any triangle decides:
 
         1. Triangles are open and have an edge longer than `feature`, or are broken and have
            an edge longer than `MAX_BROKEN_EDGE_RAD`.
@@ -551,7 +551,8 @@ class RegionRefinement:
             is_searched=~self.is_open[triangle],
         )
         # If several margins may have either sign, others than that of the segment are
-        # evaluated along it. It is not sound if one of them is negative there.
+        # evaluated along it. The segment is not sound if one of these margins is negative
+        # there.
         is_checked = self.has_several_uncertain[triangle] & segments.is_sound
         segments.reject_excluded_segments(self.evaluate, np.flatnonzero(is_checked))
         self.classes[triangle[~segments.is_sound]] = TriangleClass.OPEN

@@ -27,8 +27,9 @@ them."""
 def spiral_directions(count: int, min_z: float = -1.0) -> Floats:
     """Return directions that are evenly distributed over a cap of the sphere.
 
-    They follow a spiral. From one to the next, the azimuth changes by the golden section of
-    a revolution. Directions on adjacent turns are then not close to each other.
+    The directions follow a spiral. From each direction to the next, the azimuth changes by
+    the golden section of a revolution. Directions on adjacent turns are then not close to
+    each other.
 
     Parameters
     ----------

@@ -70,8 +70,8 @@ class TriangleAngles:
     Attributes
     ----------
     at_first
-        (n,) angle (rad, 0 to pi) at the first end of the base. It has no meaning if the
-        triangle does not close.
+        (n,) angle (rad, 0 to pi) at the first end of the base. The angle has no meaning if
+        the triangle does not close.
     at_second
         (n,) angle (rad, 0 to pi) at the second end of the base, also only if the triangle
         closes.
@@ -171,8 +171,9 @@ class DyadClosure:
         on one line, the whole dyad can rotate about this line. One of infinitely many
         orientations is then returned.
     sine
-        (n,) sine of the angle between the arcs of the two bodies at the middle axis. It is
-        0 at a dead centre of the dyad, and if an arc is too short to have a direction.
+        (n,) sine of the angle between the arcs of the two bodies at the middle axis. The
+        sine is 0 at a dead centre of the dyad, and if an arc is too short to have a
+        direction.
     slenderness
         (n,) smallest over largest sine of the three sides of the triangle. The smaller it
         is, the larger is the relative rounding error of the direction of the shortest side.

@@ -233,9 +233,9 @@ def classify_triangles(
 def _bound_margins(triangles: Indices, samples: Floats) -> MarginBounds:
     """Return bounds of margins in triangles.
 
-    Margins are functions that are at least 0 inside a region. They are known at ten samples
-    of each triangle only. The samples show an interpolation error, and the bounds are
-    widened by `VALUE_SAFETY_FACTOR` times this error.
+    Margins are functions that are at least 0 inside a region. The margins are known only at
+    ten samples of each triangle. The samples show an interpolation error, and the bounds
+    are widened by `VALUE_SAFETY_FACTOR` times this error.
 
     Parameters
     ----------

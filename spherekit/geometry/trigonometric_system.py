@@ -9,8 +9,8 @@ equation is the sum of the coefficients times these factors.
 All angles but the first are eliminated by resultants:
 
 - If one angle is left, an equation is a *form* (c0, c1, c2): c0 + c1 cos + c2 sin = 0.
-- Two forms b, c in the last angle have a common zero if their resultant is zero. It is
-  n1^2 + n2^2 - n0^2 with n = b x c.
+- Two forms b, c in the last angle have a common zero if their resultant is zero. The
+  resultant is n1^2 + n2^2 - n0^2 with n = b x c.
 - Of three equations the first must not contain z. Its form a in y has two zeros. The
   product of the resultant over both, times (a1^2 + a2^2)^p, is a polynomial. Here p is the
   degree of the resultant in y.
@@ -334,9 +334,9 @@ def _can_eliminate_in_order(incidence: Bools) -> bool:
     """Return whether all angles but the first can be eliminated, beginning with the last.
 
     A system has t equations in t angles. For t = 2 or 3, the last angle is eliminated from
-    the last two equations. Both must contain this angle, and one equation remains of them.
-    For t = 3, the second angle is then eliminated from the remaining equation and the first
-    one. The first one must contain the second angle, but not the last. For t = 1, the
+    the last two equations. Both must contain this angle, and one equation remains of these
+    two. For t = 3, the second angle is then eliminated from the remaining equation and the
+    first one. The first one must contain the second angle, but not the last. For t = 1, the
     equation must contain its angle.
 
     Parameters
@@ -638,7 +638,7 @@ def _solve_at_roots(
     starts = _choose_starts(equations, roots, starts_per_root)
     result = _run_newton(equations, starts)
     # A start can lead to the solution of another root, and then does not count. The first
-    # angle shows this. It has no jumps by 2 pi, because Newton's steps are small.
+    # angle shows this. The angle has no jumps by 2 pi, because Newton's steps are small.
     first_angle_changes = np.abs(result.angles[:, :, 0] - starts[:, :, 0])  # (n, k * s)
     is_near_root = first_angle_changes < ROOT_CLUSTER_RAD
     is_converged = result.residual < MAX_SOLUTION_RESIDUAL
@@ -665,9 +665,9 @@ def _choose_starts(equations: Numbers, roots: Complexes, starts_per_root: int) -
 
     Returns
     -------
-    (n, k * s, t) angles (rad), the starts of a root one after another. They are complex,
-    because x is complex if its root is not on the unit circle. Starts whose residual
-    exceeds `MAX_START_RESIDUAL` are replaced by NaN.
+    (n, k * s, t) angles (rad), the starts of a root one after another. The angles are
+    complex, because x is complex if its root is not on the unit circle. Starts whose
+    residual exceeds `MAX_START_RESIDUAL` are replaced by NaN.
     """
     first_angles = -1j * np.log(roots)  # x from e^(ix)
     all_starts = _start_angles(equations, first_angles)
@@ -972,8 +972,8 @@ def _resultants(forms: Complexes) -> Complexes:
 def _squared_norms(forms: Complexes) -> Floats:
     """Return the squared norms (...,) of equations (..., 3) in one angle.
 
-    They are the scale for resultants: the magnitude of a resultant is at most the product
-    of the norms of both equations.
+    These norms are the scale for resultants: the magnitude of a resultant is at most the
+    product of the norms of both equations.
     """
     return np.sum(np.abs(forms) ** 2, axis=-1)
 
@@ -1048,8 +1048,8 @@ def _find_problems(equations: Numbers, samples: EliminantSamples) -> list[str]:
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) coefficients of n systems of t equations. They are about 1, so an
-        equation with tiny coefficients is empty.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations. The coefficients are
+        about 1, so an equation with tiny coefficients is empty.
     samples
         Values of the eliminants at several first angles.
     """
@@ -1080,8 +1080,8 @@ def _find_problems(equations: Numbers, samples: EliminantSamples) -> list[str]:
 def _polynomial_roots(coefficients: Complexes) -> Complexes:
     """Return the roots (n, d) of n polynomials of degree d.
 
-    They are the eigenvalues of the companion matrices. If the coefficient of the highest
-    power is zero, all roots are NaN.
+    The roots are the eigenvalues of the companion matrices. If the coefficient of the
+    highest power is zero, all roots are NaN.
 
     Parameters
     ----------

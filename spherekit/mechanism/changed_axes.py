@@ -38,8 +38,9 @@ def rotate_profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:
     rotation
         (3, 3) rotation from the old to the new link axes.
     pair
-        The contact. It is not used here. `redescribe` gets a function that rotates
-        profiles, either this one or another one with the same parameters. Others need it.
+        The contact, which is not used here. `redescribe` gets a function that rotates
+        profiles: either this function, or another one with the same parameters that needs
+        the contact.
     """
     del pair
     centre = None if profile.centre is None else rotate_vector(rotation, profile.centre)

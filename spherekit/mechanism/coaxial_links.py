@@ -15,8 +15,8 @@ from spherekit.geometry.vectors import cross
 SAME_AXIS_RAD = 1e-9
 """Angle (rad) below which two axes are the same axis.
 
-It is also the gap below which two circles touch. Larger: axes that differ slightly count as
-coaxial. Smaller: rounded axes in a file are not recognized as coaxial.
+The number is also the gap (rad) below which two circles touch. Larger: axes that differ
+slightly count as coaxial. Smaller: rounded axes in a file are not recognized as coaxial.
 """
 
 PairName = TypeVar("PairName", bound=Hashable)

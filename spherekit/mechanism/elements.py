@@ -186,9 +186,9 @@ class LinkSizes:
     arcs
         `arcs[k]` is the arc of the great circle from the first axis to `axes[k + 1]`.
     angles
-        `angles[k]` locates `axes[k + 2]`. It is the angle about the first axis between two
-        arcs: from the arc that ends at `axes[1]`, counter-clockwise, to the arc that ends
-        at `axes[k + 2]`.
+        `angles[k]` locates `axes[k + 2]`. This size is the angle about the first axis
+        between two arcs: from the arc that ends at `axes[1]`, counter-clockwise, to the arc
+        that ends at `axes[k + 2]`.
     unpaired
         Axes without a pair, such as the former axis of a pair that was locked. Such an axis
         is kept if an arc to it defines the frame of the link or the zero of a variable.
@@ -264,8 +264,8 @@ class SizeGeometry:
     links
         Sizes of each link, by name.
     zeros
-        Angle (rad) of each pair (joint) at which its variable is zero, by name. It is
-        measured about the axis of the pair, from the reference arc of the first link to
+        Angle (rad) of each pair (joint) at which its variable is zero, by name. The angle
+        is measured about the axis of the pair, from the reference arc of the first link to
         that of the second. The reference arc of a link leads from the axis of the pair to
         the first other axis in `LinkSizes.axes`. For missing pairs the angle is 0.
     """

@@ -303,8 +303,8 @@ def check_no_reaction_friction(mechanism: LoadedMechanism, what: str) -> None:
         The mechanism.
     what
         Words of the message after "its friction depends on the reaction of pair 41, which",
-        such as "a page does not solve for" (an HTML page with results). They can end with
-        advice. The message adds further advice after "or".
+        such as "a page does not solve for" (an HTML page with results). These words can end
+        with advice. The message adds further advice after "or".
 
     Raises
     ------

@@ -17,16 +17,16 @@ Larger: more links are refused. Smaller: frames may consist of rounding errors.
 """
 
 MOMENT_TOLERANCE = 1e-3
-"""Largest violation of the conditions on principal moments, relative to the largest entry.
+"""Largest violation of the conditions on principal moments, over the largest element.
 
 The moments of a thin arc are exactly on the limit, and published tables print few digits.
 Larger: wrong tensors pass. Smaller: correct tensors with few digits are refused.
 """
 
 ASYMMETRY_TOLERANCE = 1e-12
-"""Largest difference of two mirrored entries of a tensor, relative to the largest entry.
+"""Largest difference of two mirrored elements of a tensor, over the largest element.
 
-Larger: typing errors in small entries pass. Smaller: rounding errors are refused.
+Larger: typing errors in small elements pass. Smaller: rounding errors are refused.
 """
 
 Tensor = tuple[Vector, Vector, Vector]
@@ -107,7 +107,7 @@ def uniform_arc(
     Parameters
     ----------
     first, second
-        (3,) unit vectors to the ends of the arc. It is the shorter great-circle arc.
+        (3,) unit vectors to the ends of the arc, the shorter great-circle arc between them.
     mass
         Mass of the arc (kg).
     radius

@@ -267,9 +267,9 @@ class Revolute(Joint):
     A_first = first Z(v) and A_second = second. Z(v) is the rotation by the variable v (rad)
     about z.
 
-    The axis is the third column of the frames (`axis_column`). It is also the pole axis of
-    the two links (`pole_line`), about which they turn relative to each other. Random start
-    values of the variable are drawn from `start_ranges` (rad).
+    The axis is the third column of the frames (`axis_column`). The axis is also the pole
+    axis of the two links (`pole_line`), about which they turn relative to each other.
+    Random start values of the variable are drawn from `start_ranges` (rad).
 
     Attributes
     ----------
@@ -510,9 +510,9 @@ class Rolling(Joint):
     def velocity_vectors(frames: Floats, curvatures: Floats) -> Floats:
         """Return the velocity vector (k1 - k2) p of m rolling contacts at n samples.
 
-        It is the angular velocity of the second link relative to the first per unit rate of
-        the rolled length. p is the contact point, and k1 and k2 are the geodesic curvatures
-        of the profiles.
+        This vector is the angular velocity of the second link relative to the first per
+        unit rate of the rolled length. p is the contact point, and k1 and k2 are the
+        geodesic curvatures of the profiles.
         """
         # The last column of a frame is the contact point.
         return ((curvatures[..., :1] - curvatures[..., 1:]) * frames[..., 2])[:, :, None]

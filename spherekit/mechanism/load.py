@@ -37,8 +37,8 @@ Axes = Literal["ground", "link"]
 class LinkMoment:
     """A moment, or a force at a point, that acts on a link.
 
-    It is a part of a `LoadComponent`, which has the magnitude: a function of angles, their
-    rates and time. Magnitude times `direction` is the moment or the force.
+    A `LinkMoment` is a part of a `LoadComponent`, which has the magnitude: a function of
+    angles, their rates and time. Magnitude times `direction` is the moment or the force.
 
     Attributes
     ----------
@@ -83,8 +83,9 @@ class TorqueCallback:
     def names(self) -> frozenset[str]:
         """Names of the variables on which the torque depends, spelled as in expressions.
 
-        They are the time, the angle of the pair (joint) and its rate. An `Expression`
-        (torque stated by a formula) has the same attribute, so both are used alike.
+        The variables are the time, the angle of the pair (joint) and the rate of this
+        angle. An `Expression` (torque stated by a formula) has the same attribute, so both
+        are used alike.
         """
         return frozenset({"t", f"theta_{self.pair}", f"dtheta_{self.pair}"})
 

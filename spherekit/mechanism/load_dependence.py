@@ -60,8 +60,8 @@ def has_smooth_loads(mechanism: Mechanism) -> bool:
 def find_steep_arguments(mechanism: Mechanism) -> tuple[Expression, ...]:
     """Return the terms at whose zeros and extrema the loads may change suddenly.
 
-    An example is x in tanh(x / 0.001). They are the `Expression.steep_arguments` of all
-    loads, each once. Knots of torque tables are not included.
+    An example is x in tanh(x / 0.001). The result has the `Expression.steep_arguments` of
+    all loads, each once. Knots of torque tables are not included.
     """
     arguments = (
         argument

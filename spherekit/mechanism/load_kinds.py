@@ -224,7 +224,7 @@ class Moment(Load):
 class Spring(Load):
     """A spring at an R pair (hinge), with the torque -stiffness (v - rest).
 
-    Here v is the variable of the pair. It counts whole revolutions.
+    Here v is the variable of the pair, which counts whole revolutions.
 
     Attributes
     ----------
@@ -360,7 +360,7 @@ def _link_components(
     mechanism
         The mechanism on which the load acts.
     load
-        The force or moment. It has the link and the axes.
+        The force or moment, with its link and axes.
     magnitudes
         Expressions of the three components in these axes.
     arm

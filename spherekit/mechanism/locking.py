@@ -232,9 +232,9 @@ class _LinkMerge:
 
         - A sliding circle keeps its shape, and only its displacement is counted from
           another point. A warning states the difference.
-        - A Fourier series would be turned about its centre. It is refused.
-        - A rolling contact (Cr) would pair other points of both curves. It is refused,
-          whatever its curves are.
+        - A Fourier series would be turned about its centre. Such a profile is refused.
+        - A rolling contact (Cr) would pair other points of both curves. Such a contact is
+          refused, whatever its curves are.
 
         Parameters
         ----------
@@ -295,7 +295,7 @@ def _arc_between_starts(
     Returns
     -------
     The arc length (rad) from the new to the old start, positive counter-clockwise about the
-    centre. It is 0 for profiles by points, which start at the first point.
+    centre. The arc length is 0 for profiles by points, which start at the first point.
     """
     # `round_axis` is the axis of a circle or great circle. Other curves have none.
     if profile.round_axis is None or rotated_profile.round_axis is None:

@@ -115,8 +115,8 @@ class Mechanism:
         What the mechanism is and what it is used for; empty if the file does not say.
     angle_unit
         Unit of angles of the file from which the mechanism was read. Texts without a unit,
-        such as the parameters of analyses, are read in it. It has no influence on numbers
-        in Python, which are in rad. A mechanism without a file has "rad".
+        such as the parameters of analyses, are read in this unit. The unit has no influence
+        on numbers in Python, which are in rad. A mechanism without a file has "rad".
 
     Raises
     ------
@@ -236,7 +236,7 @@ class Mechanism:
     def angle_between(self, first_link: int, second_link: int) -> int | None:
         """Return the index of the variable for the angle between two links, or None.
 
-        It is the variable of the first R pair (revolute joint) that joins both links.
+        The variable belongs to the first R pair (revolute joint) that joins both links.
         """
         for name, variable in self.angles.items():
             if set(self.ends[self.pair_number[name]]) == {first_link, second_link}:

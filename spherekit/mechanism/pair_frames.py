@@ -148,7 +148,8 @@ def reference_frame(axes: Mapping[str, Floats], name: str) -> Floats:
         is not on the same line, or in an arbitrary direction if there is none.
     """
     axis = axes[name]
-    # The part of the other axis perpendicular to this one. It is zero for axes on one line.
+    # The part of the other axis perpendicular to this one. This part is zero for axes on
+    # one line.
     for other_axis in axes.values():
         toward = cross(cross(axis, other_axis), axis)
         length = np.linalg.norm(toward)

@@ -14,8 +14,8 @@ from spherekit.quantity import AngleUnit
 Sizes = float | Sequence[float] | Mapping[str, float]
 """Arcs or angles of a link.
 
-It is a number if the link has only one, a sequence of all of them, or a mapping of some of
-them by the pair to whose axis they lead.
+The value is a number if the link has only one arc or angle, a sequence of all of them, or a
+mapping of some of them by the pair to whose axis they lead.
 """
 
 Vector = tuple[float, float, float]

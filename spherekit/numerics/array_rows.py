@@ -78,7 +78,7 @@ def _transform_fields(
 
     A record is an `ArrayRows` object: a dataclass of arrays with common rows. Dictionaries
     and plain tuples are combined item by item. All other values, also named tuples, belong
-    to all rows. They are taken from the first record.
+    to all rows. Such values are taken from the first record.
 
     Parameters
     ----------

@@ -82,7 +82,7 @@ def find_local_minima(
     is_minimum &= np.minimum(before, after) - center > MIN_DEPTH_RATIO * center
     (index,) = np.nonzero(is_minimum)
     # `index` counts `before`, so the two neighbours of a minimum are the samples at `index`
-    # and `index + 2`. They are the ends of its bracket.
+    # and `index + 2`. These samples are the ends of the bracket of the minimum.
     positions = minimize_in_brackets(
         function,
         low=x[index],

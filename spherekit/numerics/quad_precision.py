@@ -1,7 +1,7 @@
 """The number type of quad precision, with 113 bits or about 33 decimal digits.
 
-It is used where float64 leaves too few digits. The package that defines it is imported only
-when a first row needs it.
+Quad precision is used where float64 leaves too few digits. The package that defines it is
+imported only when a first row needs it.
 """
 
 from functools import cache

@@ -222,8 +222,9 @@ class _CellContent:
         Whether the cell should be halved. This is so if the polynomial does not fit, or if
         its error hides whether an extremum is zero.
     rounding_error
-        Error of the polynomial if it consists of rounding errors only, otherwise 0. It is
-        passed on to the halves of the cell, since rounding errors do not decrease there.
+        Error of the polynomial if it consists of rounding errors only, otherwise 0. The
+        error is passed on to the halves of the cell, since rounding errors do not decrease
+        there.
     """
 
     zeros: Floats

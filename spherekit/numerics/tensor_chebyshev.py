@@ -314,9 +314,10 @@ class CellSums:
 def _spread_positions(count: int, variables: int) -> Floats:
     """Return evenly spread positions in the cube from -1 to 1, and its corners.
 
-    The error of an approximation is measured at these positions. They are a sequence
-    without randomness: multiples of (1/g, 1/g^2, ...) modulo 1, scaled to the cube. Here g
-    is the real root of g^(m + 1) = g + 1. For one variable it is the golden ratio.
+    The error of an approximation is measured at these positions. The positions are a
+    sequence without randomness: multiples of (1/g, 1/g^2, ...) modulo 1, scaled to the
+    cube. Here g is the real root of g^(m + 1) = g + 1. For one variable it is the golden
+    ratio.
 
     Parameters
     ----------
@@ -350,7 +351,7 @@ def _worst_direction(series: Floats, width_fractions: Floats) -> int:
     ----------
     series
         (degree + 1, ..., F) coefficients of F functions, with one axis of orders for each
-        variable. They are relative to the scale of each function.
+        variable. The coefficients are relative to the scale of each function.
     width_fractions
         (m,) widths of the cell, as fractions of the whole box. If a coefficient is not
         finite, the widest direction is returned.

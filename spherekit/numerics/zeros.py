@@ -106,8 +106,8 @@ class _EndZero:
     is_double
         Whether the function only touches zero at the end, with a slope of about zero.
     spurious_distance
-        Zeros within this distance from a double zero are due to rounding. It is 0 for a
-        simple zero.
+        Zeros within this distance from a double zero are due to rounding. The distance is 0
+        for a simple zero.
     """
 
     position: float
@@ -313,9 +313,9 @@ def _find_end_zero(
 class EndParabola:
     """A parabola that approximates a function near an end of its range where it is zero.
 
-    It shows whether the function only touches zero there (double zero). Rounding errors can
-    then produce false zeros near the end. Values count as zero up to a size that the
-    methods call `floor`.
+    The parabola shows whether the function only touches zero there (double zero). Rounding
+    errors can then produce false zeros near the end. Values count as zero up to a size that
+    the methods call `floor`.
 
     Attributes
     ----------

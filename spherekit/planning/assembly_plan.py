@@ -150,7 +150,7 @@ class Group(NamedTuple):
     def dyad_pairs(self) -> tuple[int, int, int]:
         """Indices of the three pairs of a dyad, in the order of its links.
 
-        They are the first outer pair, the middle pair and the other outer pair.
+        The order is: the first outer pair, the middle pair and the other outer pair.
         """
         first_outer, middle, second_outer = self.dyad_positions
         return self.pairs[first_outer], self.pairs[middle], self.pairs[second_outer]
@@ -269,7 +269,8 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     # redundant and the first input can still move.
     #
     # The pebble game is an algorithm that counts the degrees of freedom of all parts of a
-    # graph. It is None if constraints may be redundant, because the count is then useless.
+    # graph. The game is None if constraints may be redundant, because the count is then
+    # useless.
     _, pebble_game = check_mobility(
         mechanism, driven=inputs, locked=inputs[1:], by_rank=by_rank
     )

@@ -26,8 +26,8 @@ from spherekit.mechanism.wheel_phase import Wheel
 PairPath = tuple[tuple[int, int], ...]
 """R pairs that lead from one link to another.
 
-Each entry has the index of the pair, and which of its two links (0 or 1) comes first on the
-way.
+Each item of the path has the index of the pair, and which of its two links (0 or 1) comes
+first on the way.
 """
 
 

@@ -421,7 +421,8 @@ def _solve_angles_of_equal_lengths(
     Followers are pairs that turn with the wheels. First consider follower angles of zero.
     The point of contact is then at different lengths along both wheels, so the wheels do
     not fit. At the angles a, the difference of both lengths is smaller by F a, with
-    constant factors F. It is zero if F a is equal to the difference at angles of zero.
+    constant factors F. The difference is zero if F a is equal to the difference at angles
+    of zero.
 
     Parameters
     ----------
@@ -444,9 +445,9 @@ def _fit_contact_to_angles(
     """Return where the point of contact of two wheels is on both circles, with turns.
 
     The positions are arc lengths along the two circles if both wheels have the angle zero.
-    They are known up to whole turns of the wheels. The angles of the wheels follow from
-    other contacts. Of all turns that fit to these angles, those with the smallest rolled
-    length are chosen.
+    The lengths are known up to whole turns of the wheels. The angles of the wheels follow
+    from other contacts. Of all turns that fit to these angles, those with the smallest
+    rolled length are chosen.
 
     If a wheel with the radius r turns by the angle f relative to its carrier, the point of
     contact moves back along its circle by the length sin(r) f. The rolled length is the

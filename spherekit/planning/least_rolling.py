@@ -42,9 +42,9 @@ def find_least_rolled_turns(
 
     Arc lengths along both circles of a contact are measured from the points that touch if
     the wheels have not rolled. The arc length to the point of contact is therefore the
-    length that the wheels have rolled, and must be equal along both circles. It depends on
-    the angles a of the pairs that follow from the inputs. If these angles grow, the point
-    of contact moves back along both circles:
+    length that the wheels have rolled, and must be equal along both circles. The rolled
+    length depends on the angles a of the pairs that follow from the inputs. If these angles
+    grow, the point of contact moves back along both circles:
 
         lengths[:, 0] - first_slopes @ a = lengths[:, 1] - second_slopes @ a.
 

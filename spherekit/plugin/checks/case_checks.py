@@ -38,7 +38,7 @@ from spherekit.tables.table import ASSEMBLY_MODE, SAMPLE, arrays, row_count
 from spherekit.wording import counted
 
 BLOCK_SIZES = (1, 4)
-"""Numbers of samples of a block that are compared with one block of all samples."""
+"""Sizes (in samples) of the blocks that are compared with one block of all samples."""
 
 ROTATION = from_quaternion(np.array([[0.1, -0.7, 0.5, 0.5]]))[0]
 """The rotation (3, 3) of the mechanism as a whole: large, and about no axis of its own."""
