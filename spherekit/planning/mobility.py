@@ -63,7 +63,7 @@ class PebbleGame:
         """Move free pebbles to a body until it has enough of them, if possible.
 
         Pebbles count degrees of freedom. Each body has three, and each constraint takes one
-        of them. The others are free. They can be moved from body to body along constraints.
+        of them. The others are free, and can be moved from body to body along constraints.
 
         Parameters
         ----------
@@ -88,9 +88,9 @@ class PebbleGame:
 
         Pebbles count degrees of freedom. Each body has three, and each constraint takes a
         pebble of one of its two bodies. It then points from this body to the other one, its
-        target. It can take a free pebble of its target instead, so that the pebble of the
-        first body becomes free. If the target has no free pebble, one is moved to the
-        target in the same way first.
+        target. The constraint can take a free pebble of its target instead, so that the
+        pebble of the first body becomes free. If the target has no free pebble, one is
+        moved to the target in the same way first.
 
         Parameters
         ----------
@@ -185,8 +185,8 @@ class PebbleGame:
 
         A pebble is a degree of freedom of a body that no constraint has used up. Four
         pebbles are free: three for the motion of the mechanism as a whole, and one for the
-        relative motion. They are moved to the two bodies. The set consists of all bodies
-        that constraints reach from these two.
+        relative motion. These pebbles are moved to the two bodies. The set consists of all
+        bodies that constraints reach from these two.
         """
         rigid_part = self.find_rigid_part(body_a, body_b)
         assert rigid_part is None, "rigid parts are merged before"
@@ -196,9 +196,9 @@ class PebbleGame:
         """Replace a rigid part by one of its bodies, so that it counts as one body.
 
         Pebbles count degrees of freedom. Each body has three. A constraint takes a pebble
-        of one of its bodies, and points from this body to the other. It can give this
-        pebble back if it takes a free one of the other body instead. It then points the
-        other way.
+        of one of its bodies, and points from this body to the other. A constraint can give
+        this pebble back if it takes a free pebble of the other body instead. The constraint
+        then points the other way.
 
         Constraints within the part are removed. Constraints from outside that point to the
         part now point to the remaining body, which has three free pebbles.
@@ -233,9 +233,9 @@ class PebbleGame:
 def graph_mobility(mechanism: Mechanism) -> int:
     """Return the number of degrees of freedom, 3 (m - 1) - 2 n_R - 2 n_Cr - n_Cs.
 
-    It is counted only from the graph: each link has three degrees of freedom on the sphere,
-    and each pair (joint) removes one or two. m, n_R, n_Cr and n_Cs are the numbers of
-    links, revolute joints, rolling contacts and sliding contacts.
+    The degrees of freedom are counted only from the graph: each link has three degrees of
+    freedom on the sphere, and each pair (joint) removes one or two. m, n_R, n_Cr and n_Cs
+    are the numbers of links, revolute joints, rolling contacts and sliding contacts.
     """
     constraint_count = sum(pair.constraints for pair in mechanism.pairs)
     return BODY_FREEDOMS * (len(mechanism.links) - 1) - constraint_count

@@ -31,8 +31,8 @@ class PrimaryPole:
     A pole is the axis of the relative rotation of two bodies. The contact line of a rolling
     contact is the line through the centre of the sphere and the point of contact.
 
-    Several R pairs can have one common axis. It is the pole of any two of the bodies that
-    these pairs join, even if no pair joins these two directly.
+    Several R pairs can have one common axis. This axis is the pole of any two of the bodies
+    that these pairs join, even if no pair joins these two directly.
 
     Attributes
     ----------
@@ -54,8 +54,9 @@ class PrimaryPole:
         """The word for the kind of this step in exported plans.
 
         The word is ``primary`` if a pair (joint) joins the two bodies: the pole is its
-        axis. It is ``coaxial`` if several pairs in series join them and have one common
-        axis. Such a pole is found in a later pass (round), so its pass number is not 0.
+        axis. The word is ``coaxial`` if several pairs in series join them and have one
+        common axis. Such a pole is found in a later pass (round), so its pass number is not
+        0.
         """
         return "coaxial" if self.pass_number else "primary"
 
@@ -134,11 +135,11 @@ class BlockPoles:
     one, each as the intersection of two great circles through known poles. A pass is a
     round of this search: it finds each pole that follows from poles of earlier passes.
 
-    In an irreducible part, poles do not follow one by one. They are computed together, in
-    one pass, from the velocity equations of its loops.
+    In an irreducible part, poles do not follow one by one. These poles are computed
+    together, in one pass, from the velocity equations of its loops.
 
-    The other steps here are for display only. They show in which order poles would follow
-    if one of them, the opening pole, were known. These steps have later passes.
+    The other steps here are for display only. These steps show in which order poles would
+    follow if one of them, the opening pole, were known. These steps have later passes.
 
     Attributes
     ----------

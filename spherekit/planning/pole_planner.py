@@ -148,10 +148,10 @@ def plans(mechanism: Mechanism, by_rank: bool = False) -> tuple[Plan, ...]:
 def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
     """Return the plan with only those steps that the requested poles need.
 
-    A pole P_ij is the axis of the relative rotation of two bodies. It is the intersection
-    of two lines: great circles through P_ik and P_jk for third bodies k, or contact planes
-    of sliding pairs. A step can have more than two lines. The two that need the fewest
-    other poles are chosen, and all poles that they need stay in the plan.
+    A pole P_ij is the axis of the relative rotation of two bodies. The pole is the
+    intersection of two lines: great circles through P_ik and P_jk for third bodies k, or
+    contact planes of sliding pairs. A step can have more than two lines. The two that need
+    the fewest other poles are chosen, and all poles that they need stay in the plan.
 
     Further lines of a step stay if all their poles are in the new plan anyway. In each
     configuration, the two lines with the best-conditioned intersection can then be used.
@@ -195,8 +195,8 @@ def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
 
     A pole P_ij is the axis of the relative rotation of two bodies. There are three kinds:
 
-    - A primary pole is known without any other pole. It is the axis of a pair, or the line
-      through the centre of the sphere and the point of a rolling contact.
+    - A primary pole is known without any other pole. Such a pole is the axis of a pair, or
+      the line through the centre of the sphere and the point of a rolling contact.
     - A line pole is the intersection of two great circles, each through P_ik and P_jk for a
       third body k. The two circles that need the fewest other poles are chosen. (The
       contact plane of a sliding pair can take the place of a circle, and needs no pole.)
@@ -244,11 +244,11 @@ def _choose_cheapest_lines(
 ) -> tuple[tuple[int, ...], frozenset[Pole]]:
     """Return the third bodies of the great circles that need the fewest other poles.
 
-    A pole P_ij is the axis of the relative rotation of two bodies. It is the intersection
-    of two lines on the sphere. A third body k gives a line: the great circle through the
-    poles P_ik and P_jk. A sliding pair of the bodies i and j gives another one: the great
-    circle in its contact plane (through the centre of the sphere and the normal of both
-    curves).
+    A pole P_ij is the axis of the relative rotation of two bodies. The pole is the
+    intersection of two lines on the sphere. A third body k gives a line: the great circle
+    through the poles P_ik and P_jk. A sliding pair of the bodies i and j gives another one:
+    the great circle in its contact plane (through the centre of the sphere and the normal
+    of both curves).
 
     The cost of a circle is the number of poles that have to be computed for it. Each circle
     is rated by itself, even if two circles share such poles. Several third bodies give the

@@ -107,8 +107,8 @@ def find_all_steps(empty_plan: Plan, pebble_game: PebbleGame | None) -> list[Ste
         if a == b:
             continue
         pole = pole_of(a, b)
-        # A sliding contact gives no pole, but a plane in which the pole lies. It has no
-        # `pole_line`.
+        # A sliding contact gives no pole, but a plane in which the pole lies. A sliding
+        # contact has no `pole_line`.
         if pair.kind.pole_line is None:
             contacts_by_pole.setdefault(pole, []).append(number)
         else:
@@ -254,7 +254,7 @@ class MobileParts:
     bodies
         All bodies of the mechanism.
     pebble_game
-        Counts the degrees of freedom of any set of bodies. It is None if redundant
+        Counts the degrees of freedom of any set of bodies. The game is None if redundant
         constraints make the count useless. Each part is then the whole mechanism.
     """
 

@@ -1,6 +1,6 @@
 """The names with which every plugin is written.
 
-They are the contract of analyses (`AbstractAnalysis`, `Needs`, `Batch`, `Findings`,
+These names are the contract of analyses (`AbstractAnalysis`, `Needs`, `Batch`, `Findings`,
 `FigureOfMerit`, `ParameterTrade`), declared tables, visible objects, poles by name, and
 errors. `conformance` checks an analysis. The functions that analyses of one topic need are
 in `spherekit.plugin.designs`, `dynamics`, `motion`, `quantities`, `rotations`,

@@ -44,8 +44,8 @@ CROSSING_DISTANCE_RAD = 1e-4
 LARGEST_REDUCED_ANGLE = np.pi + 1e-3
 """Upper end (rad) of the interval into which angles at the anchor are reduced.
 
-It is a little greater than pi. An angle of half a revolution is therefore positive in spite
-of rounding. Rounding errors are large if the anchor is a dead centre.
+The end is a little greater than pi. An angle of half a revolution is therefore positive in
+spite of rounding. Rounding errors are large if the anchor is a dead centre.
 """
 
 LastAngles = dict[str, list[float]]
@@ -64,7 +64,8 @@ def count_revolutions(angles: Floats) -> Floats:
 class RevolutionSteps(NamedTuple):
     """Whole revolutions that the angles of pairs gain in n steps between configurations.
 
-    Angles are known up to full revolutions. They are counted here along the path of a step.
+    Angles are known up to full revolutions. The revolutions are counted here along the path
+    of a step.
 
     Attributes
     ----------
@@ -120,10 +121,10 @@ class UnwrappedStretch:
     """A stretch of one input over which the angles of an assembly mode were followed.
 
     An assembly mode is one way to assemble the links. Angles of pairs are known up to full
-    revolutions. Along the stretch they were followed continuously. They are counted so that
-    they are in (-pi, pi] at the reference input. This is the anchor (the input of the
-    reference pose). If the stretch does not reach the anchor, it is the input nearest to
-    the anchor.
+    revolutions. Along the stretch the angles were followed continuously. Their revolutions
+    are counted so that the angles are in (-pi, pi] at the reference input. The reference
+    input is the anchor (the input of the reference pose). If the stretch does not reach the
+    anchor, the reference input is the input nearest to the anchor.
 
     Attributes
     ----------
@@ -455,8 +456,8 @@ class AngleUnwrapping:
             )
             stretches.append(stretch)
             remaining = _count_on_stretch(stretch, values, remaining, revolutions)
-            # The start may be missing even from its own stretch. It is not tried again, so
-            # that the loop ends.
+            # The start may be missing even from its own stretch. The start is not tried
+            # again, so that the loop ends.
             remaining = remaining[remaining != start]
         return revolutions
 

@@ -6,10 +6,10 @@ in body B, and the binary link keeps these two axes at a fixed arc. Its equation
 
     a . (R_AB b) = cos(arc),
 
-where R_AB is the orientation of B in A. It is the product of the rotations about the pairs
-of the tree on the path from A to B. The rotation about one pair is linear in 1, cos(angle)
-and sin(angle). The equation is therefore linear in these three numbers of each of its
-angles, which is the form that `spherekit.geometry.trigonometric_system` solves.
+where R_AB is the orientation of B in A, the product of the rotations about the pairs of the
+tree on the path from A to B. The rotation about one pair is linear in 1, cos(angle) and
+sin(angle). The equation is therefore linear in these three numbers of each of its angles,
+which is the form that `spherekit.geometry.trigonometric_system` solves.
 
 All formulas are also valid for complex angles. Rotations are then complex matrices with
 R^T R = 1, and no product takes a complex conjugate.
@@ -324,7 +324,7 @@ class GroupGeometry:
             body = next_body
         coefficients = np.einsum("n...i,ni->n...", row_vector, axis_b)
 
-        # The axes of the coefficients follow the path. They are put in the order of the
+        # The axes of the coefficients follow the path. The axes are put in the order of the
         # tree pairs. An angle that is not on the path has only the factor of 1, at index 0.
         path_axes = [1 + path.index(pair) for pair in tree_pairs if pair in path]
         shape = (len(coefficients), *[3] * len(tree_pairs))

@@ -460,8 +460,8 @@ def group_matrices(
     Returns
     -------
     For a dyad (two links), (n, 3, 3) axes of its three R pairs in rows. For other groups
-    (n, 3 loops, variables) matrices of the velocity equations. They are square unless
-    constraints are redundant.
+    (n, 3 loops, variables) matrices of the velocity equations. The matrices are square
+    unless constraints are redundant.
     """
     group = solver.assembly.groups[position]
     if group.is_dyad:

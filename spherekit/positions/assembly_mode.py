@@ -36,10 +36,10 @@ class AssemblyMode(NamedTuple):
         The name that the file gives to the mode, empty if it gives none.
     pieces
         The configurations of a mode form a curve over the input. Where the curves of two
-        modes cross, this mode may follow the smooth curve, and its signs change there. It
-        is then composed of pieces. Each piece is the input (rad) at which it begins (-inf
-        for the first one), and the mode with constant signs from there on. Empty if the
-        signs do not change.
+        modes cross, this mode may follow the smooth curve, and its signs change there. The
+        mode is then composed of pieces. Each piece is the input (rad) at which it begins
+        (-inf for the first one), and the mode with constant signs from there on. Empty if
+        the signs do not change.
     """
 
     number: int

@@ -132,8 +132,8 @@ class Chords:
     def predict(self, which: Indices, fractions: Floats) -> Floats:
         """Return predicted points (n, variables) of the curve (rad).
 
-        They are interpolated between the computed points at both ends of a chord (straight
-        segment).
+        The points are interpolated between the computed points at both ends of a chord
+        (straight segment).
 
         Parameters
         ----------
@@ -150,9 +150,9 @@ class Chords:
         """Return the chords that are near configurations, with the projections on them.
 
         A chord is the straight line between two successive nodes of the curve, in the space
-        of the variables. It is near if the distance of the configuration from its line is
-        small compared with its length, and the projection is between its ends, up to
-        rounding (`CHORD_OVERHANG`).
+        of the variables. A chord is near if the distance of the configuration from the line
+        of the chord is small compared with the length of the chord, and the projection is
+        between its ends, up to rounding (`CHORD_OVERHANG`).
 
         Parameters
         ----------
@@ -238,7 +238,7 @@ class Chords:
 class ArcCurve(Chords):
     """A curve of configurations of a mechanism, in the space of the pair variables.
 
-    It is stored as nodes (computed points) between which every step was verified.
+    The curve is stored as nodes (computed points) between which every step was verified.
 
     Attributes
     ----------
@@ -274,7 +274,8 @@ class ArcCurve(Chords):
         """Return the points of the curve at parameters u (n,), and their chords (n,).
 
         The parameter u is the length along the chords: the straight lines between
-        successive nodes (computed points). It is cheaper than the arc length.
+        successive nodes (computed points). This length is cheaper to compute than the arc
+        length.
         """
         # `starts` has the parameters of the nodes. The chord of u is the last one that
         # begins before it.
@@ -507,7 +508,7 @@ class ArcCurve(Chords):
             With an infinite period it is the difference itself.
             """
             # NumPy's sinc(x) is sin(pi x) / (pi x), and 1 at x = 0. The product below is
-            # therefore the sine above. It is also right for an infinite period.
+            # therefore the sine above. The product is also right for an infinite period.
             difference = points.values[:, variable] - value
             slope = np.cos(np.pi / period * difference) * points.tangents[:, variable]
             return difference * np.sinc(difference / period), slope

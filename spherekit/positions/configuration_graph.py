@@ -4,8 +4,8 @@ Each node of the graph is one configuration at one sample of an `InputGrid`. An 
 two nodes at neighbouring samples if a verified path leads from one to the other. The inputs
 move on a straight line from sample to sample along such a path, and each step of it is
 verified (`spherekit.positions.input_paths`). A verified path passes no singular
-configuration. It can therefore be followed in both directions, and each start has at most
-one end.
+configuration. A verified path can therefore be followed in both directions, and each start
+has at most one end.
 
 A connected component of the graph can have several configurations at one sample. This
 occurs if a loop of paths around inputs at which modes meet leads from one of them to
@@ -129,8 +129,8 @@ class NodeTable:
         """Add nodes at samples (m,), and return the indices (m,) of the new nodes."""
         first_new_node = len(self.sample)
         self.sample = np.append(self.sample, sample)
-        # Make the table of the nodes anew. It has a row for each sample. The i-th node of a
-        # sample is in column i, and unused places are -1.
+        # Make the table of the nodes anew. The table has a row for each sample. The i-th
+        # node of a sample is in column i, and unused places are -1.
         column = _number_within_groups(self.sample)
         column_count = np.max(column, initial=-1) + 1
         shape = (self._sample_count, column_count)
@@ -299,8 +299,9 @@ class ConfigurationGraph:
     def add(self, sample: Indices, values: Floats) -> Indices:
         """Add configurations as nodes of the graph, and return the node of each.
 
-        A node is one configuration at one sample (choice of the inputs). It is joined to
-        nodes at neighbouring samples later. Sets of joined nodes are called pieces.
+        A node is one configuration at one sample (choice of the inputs). A new node is
+        joined to nodes at neighbouring samples later. Sets of joined nodes are called
+        pieces.
 
         Parameters
         ----------
@@ -666,10 +667,10 @@ class ConfigurationGraph:
         """Return whether paths in a direction can end at a configuration.
 
         A path leads from a node (a configuration at a sample of the inputs) to the
-        neighbouring sample. It can end at a node there that is not singular, has the same
-        sign of the determinant of the closure Jacobian, and is not the end of another path
-        in this direction. If configurations may be missing among the nodes of the sample,
-        it can also end at a new one.
+        neighbouring sample. The path can end at a node there that is not singular, has the
+        same sign of the determinant of the closure Jacobian, and is not the end of another
+        path in this direction. If configurations may be missing among the nodes of the
+        sample, it can also end at a new one.
 
         Parameters
         ----------
@@ -861,8 +862,8 @@ class ConfigurationGraph:
         is_verified
             (m,) whether all steps of the path passed their tests.
         values
-            (m, variables) configurations (rad) at the samples. They are valid only where
-            `is_verified`.
+            (m, variables) configurations (rad) at the samples. The configurations are valid
+            only where `is_verified`.
         """
         starts = self.values[nodes]
         start_inputs = starts[:, self._driven]  # `_driven`: indices of the inputs

@@ -1,12 +1,12 @@
 """All configuration curves of a mechanism, and the assembly modes that lie on each.
 
 An assembly mode is followed over the range of an input. At a dead centre of the input it
-ends, and another mode begins. Both are parts of one configuration curve, which passes
+ends, and another mode begins. Both modes are parts of one configuration curve, which passes
 smoothly through the dead centre.
 
-The curves do not depend on which pair is the input. They are therefore searched with the
-pair for which the modes, and the inputs at which these meet, take the least work. The modes
-of the given input are an independent check.
+The curves do not depend on which pair is the input. The curves are therefore searched with
+the pair for which the modes, and the inputs at which these meet, take the least work. The
+modes of the given input are an independent check.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -142,10 +142,11 @@ def monotone_pieces(
     low, high
         Range of the input (rad).
     period
-        Growth of the input (rad) after which all configurations of the mechanism return. It
-        is infinite if wheels follow the input by gear ratios and are not known to return.
-        It is NaN if no wheel follows the input. In both cases only the period of this curve
-        is used: a closed curve returns after one lap (`ArcCurve.returns_after`).
+        Growth of the input (rad) after which all configurations of the mechanism return.
+        The period is infinite if wheels follow the input by gear ratios and are not known
+        to return. The period is NaN if no wheel follows the input. In both cases only the
+        period of this curve is used: a closed curve returns after one lap
+        (`ArcCurve.returns_after`).
 
     Returns
     -------
@@ -277,8 +278,8 @@ class Configurations(NamedTuple):
 
     A configuration curve consists of all closed configurations that the mechanism reaches
     from one of them. It does not depend on which pair is the input. To search the curves,
-    configurations were computed at values of the pair `drive`. It is the input itself, or
-    another pair if that was less work.
+    configurations were computed at values of the pair `drive`. This pair is the input
+    itself, or another pair if that was less work.
 
     Attributes
     ----------
@@ -296,7 +297,7 @@ class Configurations(NamedTuple):
         Name of the pair at whose values the configurations were computed.
     inputs
         (k,) values (rad) of the mechanism's input at which all real assembly modes were
-        computed without following curves. They serve to check the curves.
+        computed without following curves. These modes serve to check the curves.
     counts
         (k,) number of real assembly modes at each of these inputs.
     mismatches
@@ -407,7 +408,7 @@ def _assign_modes(
     """Return pieces of a curve with the numbers of their assembly modes.
 
     A piece is a part of a configuration curve on which the input only rises or only falls.
-    It belongs to the assembly mode that has the configuration at its middle.
+    A piece belongs to the assembly mode that has the configuration at its middle.
 
     Parameters
     ----------
@@ -430,8 +431,8 @@ def _assign_modes(
     middles = np.array([piece.middle for piece in pieces])
     inputs = middles[:, [solver.input_variable]]
     for assembly_mode in assembly_modes:
-        # Configurations of the mode at these inputs. They are NaN, and thus not near, where
-        # the mode does not exist.
+        # Configurations of the mode at these inputs. The configurations are NaN, and thus
+        # not near, where the mode does not exist.
         values = solver.evaluate(assembly_mode, inputs).values
         difference = max_abs(curve.wrapped(values - middles), axis=1)
         for row in np.flatnonzero(difference < EQUAL_CONFIGURATION_RAD):

@@ -167,7 +167,8 @@ class CurveContinuation(ABC, Generic[Node]):
 
         A verified step has passed the tests that it leads to the same curve. A subclass
         does not take steps beyond its limits, such as the end of the profile of a contact.
-        It may also end curves that reach a limit, by setting their status in `end_status`.
+        A subclass may also end curves that reach a limit, by setting their status in
+        `end_status`.
 
         Parameters
         ----------
@@ -392,8 +393,8 @@ class CurveContinuation(ABC, Generic[Node]):
         # crosses it at an angle is not closed.
         closes &= np.vecdot(starts.tangents, nodes.tangents) >= MIN_LAP_COSINE
         # If the start is practically the last node, the curve is closed without a step.
-        # Otherwise a step up to the start is tried. It must be verified and end at the
-        # start.
+        # Otherwise a step up to the start is tried. This step must be verified and end at
+        # the start.
         needs_step = np.abs(distances) > NEAR_END_RAD
         closes &= needs_step | (miss <= self.same_point_rad)
         last_steps = np.flatnonzero(closes & needs_step)

@@ -161,9 +161,9 @@ def follow_arc(
 ) -> ArcCurve:
     """Return the configuration curve through a closed configuration.
 
-    The curve consists of all configurations that the mechanism reaches from this one. It is
-    closed, or open with two ends. Its parameter is its arc length in the space of all
-    variables.
+    The curve consists of all configurations that the mechanism reaches from this one. The
+    curve is closed, or open with two ends. The parameter is the arc length in the space of
+    all variables.
 
     Parameters
     ----------
@@ -197,8 +197,8 @@ def follow_arcs(closure: Closure, starts: Floats, longest: float) -> list[ArcCur
     Parameters
     ----------
     closure
-        The loops of the whole mechanism. It may have locked variables, whose values can
-        differ from configuration to configuration.
+        The loops of the whole mechanism. The loops may have locked variables, whose values
+        can differ from configuration to configuration.
     starts
         (n, variables) closed configurations (rad).
     longest
@@ -414,7 +414,7 @@ def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _
 def _find_motion(closure: Closure, values: Floats) -> Floats:
     """Return the rates of all pair variables in the only motion at a configuration.
 
-    They are a unit vector (variables,), the tangent of the configuration curve. The
+    The rates are a unit vector (variables,), the tangent of the configuration curve. The
     component of largest absolute value is positive, which defines the sense in which the
     curve is followed.
 
@@ -499,9 +499,9 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         distances
             (k,) lengths of the steps (rad), measured along the tangents at the nodes.
         """
-        # Two points for each step: its middle and its end, one after the other. They are
-        # corrected in the planes tangent . values = target, at the distances `parts`, which
-        # are half the step and the whole step.
+        # Two points for each step: its middle and its end, one after the other. These
+        # points are corrected in the planes tangent . values = target, at the distances
+        # `parts`, which are half the step and the whole step.
         closure = self.closure.select_rows(np.repeat(rows, 2))
         parts = distances[:, None] * STEP_PARTS
         prediction = extrapolate(nodes.values, nodes.tangents, nodes.bends, parts)

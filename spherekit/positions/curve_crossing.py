@@ -413,8 +413,8 @@ class _ZeroSearch:
     residuals
         (n,) largest absolute value of any quadratic form before the last step.
     inverse_norms
-        (n,) norm of the inverse of the matrix of the last step. It is large if two zeros
-        nearly coincide.
+        (n,) norm of the inverse of the matrix of the last step. The norm is large if two
+        zeros nearly coincide.
     """
 
     points: Floats
@@ -425,8 +425,8 @@ class _ZeroSearch:
 def _find_common_zeros(forms: Floats) -> Floats | None:
     """Return the unit vectors y (n, k) at which k - 1 quadratic forms y . B y vanish.
 
-    They are the directions of the curves at a crossing. Newton's method starts from vectors
-    spread over the sphere. A vector and its opposite count as the same zero.
+    These vectors are the directions of the curves at a crossing. Newton's method starts
+    from vectors spread over the sphere. A vector and its opposite count as the same zero.
 
     Parameters
     ----------

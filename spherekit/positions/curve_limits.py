@@ -73,7 +73,7 @@ class LimitMargins(NamedTuple):
 class CurveLimits:
     """All limits at which a curve of configurations ends.
 
-    They are numbered: bounds first, then contacts.
+    The limits are numbered: bounds first, then contacts.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class CurveLimits:
     ) -> "CurveLimits":
         """Return the limits of a mechanism at which its configuration curves end.
 
-        They are:
+        The limits are:
 
         - the ends of open profiles,
         - configurations in which two profiles in contact have equal curvatures, since such
@@ -114,8 +114,8 @@ class CurveLimits:
             variables = [profile.variable for profile in profiles]
             contacts.append(ContactLimit(pair, tuple(variables)))
             for profile in profiles:
-                # The arc length of the point of contact is `profile.start` + variable. It
-                # is between 0 and the length of the profile.
+                # The arc length of the point of contact is `profile.start` + variable. This
+                # arc length is between 0 and the length of the profile.
                 if not profile.curve.closed:
                     ends = (-profile.start, profile.curve.length - profile.start)
                     ranges.append((profile.variable, ends, Status.OFF_PROFILE))

@@ -164,9 +164,9 @@ def curve_points(
 ) -> tuple[CurvePoints, Linearisation]:
     """Return the tangents and second derivatives of configuration curves at some points.
 
-    They follow from the closure Jacobian J with a further row b (border). The tangent t
-    solves J t = 0 with b . t > 0. The second derivative dt/ds with respect to the arc
-    length s solves J dt/ds + dJ/ds t = 0.
+    Tangents and second derivatives follow from the closure Jacobian J with a further row b
+    (border). The tangent t solves J t = 0 with b . t > 0. The second derivative dt/ds with
+    respect to the arc length s solves J dt/ds + dJ/ds t = 0.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ def correct(
         (n, variables) corrected points (rad). Points that have not converged are NaN or
         have a closure residual, which the caller checks.
     newton_steps
-        The sizes of the first two steps. They are small if the prediction was good.
+        The sizes of the first two steps. The steps are small if the prediction was good.
     """
 
     def compute_steps(current_values: Floats, rows: Indices) -> Floats:

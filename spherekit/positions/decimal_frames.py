@@ -42,8 +42,8 @@ where Z is a rotation about z by the pair variable.
 def decimal_frames(mechanism: Mechanism) -> dict[int, Frames]:
     """Return the frames of all pairs of a mechanism of R pairs in quad precision.
 
-    They are computed from the decimal numbers of the mechanism file, such as 64.02 degrees.
-    The nearest float64 numbers would already have errors of 1e-16.
+    The frames are computed from the decimal numbers of the mechanism file, such as 64.02
+    degrees. The nearest float64 numbers would already have errors of 1e-16.
 
     Returns
     -------

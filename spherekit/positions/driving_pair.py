@@ -73,8 +73,8 @@ def _estimate_cost(solver: PositionSolver) -> float:
     """Return the time (s) that tells how costly it is to find where assembly modes meet.
 
     Modes meet at the zeros of certain functions of the input. The result is the time to
-    evaluate all these functions once. It is infinite if they are not known, or if a group
-    of three loops makes them slower than `ACCEPTABLE_COST_S`.
+    evaluate all these functions once. The time is infinite if the functions are not known,
+    or if a group of three loops makes them slower than `ACCEPTABLE_COST_S`.
     """
     coalescence = make_mode_coalescence(solver, ACCEPTABLE_COST_S)
     return np.inf if coalescence is None else coalescence.cost

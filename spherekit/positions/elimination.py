@@ -55,8 +55,8 @@ class EliminationResult:
         Newton's method, and a configuration can occur more than once.
     is_real
         (solutions,) whether the solution is real up to rounding. Newton's method must then
-        find a closed configuration next to it. Others have a small imaginary part. They may
-        be complex, or real with larger rounding errors.
+        find a closed configuration next to it. Other solutions have a small imaginary part,
+        and may be complex, or real with larger rounding errors.
     problem
         Why a real solution may be missing; empty if none can be missing.
     """

@@ -22,9 +22,9 @@ from spherekit.planning.assembly_plan import Group
 MAX_ORDERS = 8
 """Largest number of elimination orders of a group.
 
-They are tried one after another until the checks of one succeed. Larger: more groups with
-special geometry are solved by elimination, after a longer time; smaller: more of them need
-a random search.
+The orders are tried one after another until the checks of one order succeed. Larger: more
+groups with special geometry are solved by elimination, after a longer time; smaller: more
+of them need a random search.
 """
 
 
@@ -94,9 +94,10 @@ class EliminationOrder(NamedTuple):
         """Number of complex solutions with multiplicity; 0 if this order cannot be solved.
 
         The order says in which sequence angles are eliminated from the equations of a
-        group. A polynomial in cos and sin of the first angle remains. It has twice as many
-        complex roots as its degree. The degree follows from `incidence`: which equation
-        contains which angle. It is 0 if the elimination is not possible in this order.
+        group. A polynomial in cos and sin of the first angle remains. The number of complex
+        roots of the polynomial is twice its degree. The degree follows from `incidence`:
+        which equation contains which angle. The number of roots is 0 if the elimination is
+        not possible in this order.
         """
         return 2 * eliminant_degree(self.incidence)
 

@@ -56,8 +56,8 @@ recognised.
 class GearPhases(NamedTuple):
     """The lengths that wheels have rolled on each other, as linear functions of the inputs.
 
-    A rolled length is the arc length by which two wheels have rolled on each other. It
-    tells the position of the wheels, also after many revolutions.
+    A rolled length is the arc length by which two wheels have rolled on each other. The
+    rolled length tells the position of the wheels, also after many revolutions.
 
     Attributes
     ----------
@@ -97,8 +97,9 @@ class GearPhases(NamedTuple):
 def variable_periods(closure: Closure) -> Floats:
     """Return the period (variables,) of each pair variable, in rad.
 
-    It is the growth of the variable after which the pair is in the same state again, such
-    as one revolution. It is infinite for variables that never return to the same state.
+    The period is the growth of the variable after which the pair is in the same state
+    again, such as one revolution. The period is infinite for variables that never return to
+    the same state.
     """
     return np.array([period for joint in closure.joints for period in joint.periods])
 
@@ -206,8 +207,8 @@ def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
 def _find_input_period(lap_lengths: Floats, ratios: Floats) -> float:
     """Return the growth (rad) of one input after which all wheels are as before.
 
-    It is a whole number of revolutions of the input: the least common multiple of the
-    numbers that the single contacts need.
+    The growth is a whole number of revolutions of the input: the least common multiple of
+    the numbers that the single contacts need.
 
     Parameters
     ----------

@@ -49,9 +49,9 @@ class AssemblyState:
     is_open
         (n,) whether some group could not be closed.
     slack
-        (n,) angle (rad) by which the sides of a triangle may miss closing. It is the error
-        of the bodies placed so far. Nearly straight dyads enlarge it, at most to the square
-        root of `REACH_SLACK`.
+        (n,) angle (rad) by which the sides of a triangle may miss closing. This angle is
+        the error of the bodies placed so far. Nearly straight dyads enlarge it, at most to
+        the square root of `REACH_SLACK`.
     slenderness
         (n,) least slenderness of the dyads placed so far, as
         `spherekit.geometry.triangle.close_dyad` defines it.

@@ -35,8 +35,8 @@ def group_reciprocal_condition(jacobians: Floats) -> Floats:
     Returns
     -------
     (n,) reciprocals of the condition numbers in the Frobenius norm. The value is 0 where
-    the Jacobian is singular. It is 1 where the Jacobian is not finite, so that samples
-    without a configuration do not count as singular.
+    the Jacobian is singular. The value is 1 where the Jacobian is not finite, so that
+    samples without a configuration do not count as singular.
     """
     reciprocal_condition = np.ones(len(jacobians))
     finite = all_finite(jacobians, (1, 2))
@@ -79,7 +79,7 @@ def _equalise_directions(jacobians: Floats) -> Floats:
 class VectorSpread(NamedTuple):
     """The common direction of m vectors in space, and their sizes along and across it.
 
-    They are computed for n sets of vectors. They show whether the vectors are nearly
+    The sizes are computed for n sets of vectors, and show whether the vectors are nearly
     parallel.
 
     Attributes

@@ -98,8 +98,8 @@ def find_group_configurations(
     """
     # Elimination solves polynomials, whose roots are all configurations of the group,
     # complex ones included. `problem` is the check that failed, so that a real
-    # configuration may be missing. It is empty if all checks succeeded. `distinct` stores
-    # the different configurations that were found.
+    # configuration may be missing. `problem` is empty if all checks succeeded. `distinct`
+    # stores the different configurations that were found.
     if not has_elimination(group):
         distinct = DistinctConfigurations(closure)
         description = RANDOM_SEARCH.description
@@ -186,8 +186,8 @@ def mode_sort_key(mode: Floats) -> list[float]:
 def sortable_angles(modes: Floats) -> Floats:
     """Return angles (..., variables) by which modes can be sorted in a reproducible order.
 
-    They are rounded to `SORT_DECIMALS`, so that rounding errors do not change the order.
-    Half a turn, which rounding errors turn into pi or -pi, is always pi.
+    The angles are rounded to `SORT_DECIMALS`, so that rounding errors do not change the
+    order. Half a turn, which rounding errors turn into pi or -pi, is always pi.
     """
     angles = np.round(wrap(modes), SORT_DECIMALS)
     return np.where(angles <= np.round(-np.pi, SORT_DECIMALS), -angles, angles)

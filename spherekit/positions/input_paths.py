@@ -134,8 +134,8 @@ def nodes_at(
 def determinant_sign(matrices: Floats) -> Floats:
     """Return the signs (n,) of the determinants of matrices (n, rows, columns).
 
-    The sign changes where a path of configurations passes a singularity. It is NaN for
-    matrices that are NaN. Matrices that are not square have no determinant and get 1.
+    The sign changes where a path of configurations passes a singularity. The sign is NaN
+    for matrices that are NaN. Matrices that are not square have no determinant and get 1.
     """
     if matrices.shape[1] != matrices.shape[2]:
         return np.ones(len(matrices))

@@ -34,8 +34,8 @@ from spherekit.wording import counted, listing
 POINTLIKE_INTERVAL_RAD = 1e-4
 """Modes are not searched inside a doubtful interval that is shorter.
 
-They are searched on both sides of it. Larger: components that exist only inside are missed.
-Smaller: more inputs are examined, at which modes nearly coincide.
+Modes are searched on both sides of such an interval. Larger: components that exist only
+inside are missed. Smaller: more inputs are examined, at which modes nearly coincide.
 """
 SMOOTH_WIDTH_RAD = 4.0 * np.pi
 """Width of an interval in which a function is smooth, times its number of factors.
@@ -94,9 +94,9 @@ class InputTurningPoints(NamedTuple):
 
         Modes appear or vanish at turning inputs. In a doubtful interval, such inputs may
         have been missed. A mode between two of them is then found only if a probe (an input
-        at which modes are computed) is between them. The result is the greatest distance
-        of neighbouring probes (``probes(step)``) in doubtful intervals. It is zero without
-        doubtful intervals.
+        at which modes are computed) is between them. The result is the greatest distance of
+        neighbouring probes (``probes(step)``) in doubtful intervals. The width is zero
+        without doubtful intervals.
         """
         widths = np.diff(self.doubtful)
         widths = widths[widths > 0.0]
@@ -110,9 +110,9 @@ class InputTurningPoints(NamedTuple):
         cross and continue. Between two neighbouring meetings the number of modes is
         constant, so one probe is enough.
 
-        In a doubtful interval, meetings may have been missed. It has several probes, at
-        most `step` (rad) apart. A doubtful interval shorter than `POINTLIKE_INTERVAL_RAD`
-        has none, because modes nearly coincide in it.
+        In a doubtful interval, meetings may have been missed. Such an interval has several
+        probes, at most `step` (rad) apart. A doubtful interval shorter than
+        `POINTLIKE_INTERVAL_RAD` has none, because modes nearly coincide in it.
         """
         # A crossing at an end of the range can be outside by rounding.
         crossing_inputs = np.clip(self.crossing_inputs, self.low, self.high)

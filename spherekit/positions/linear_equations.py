@@ -16,8 +16,9 @@ errors of redundant equations are taken for independent equations.
 def condition_numbers(matrices: Floats) -> Floats:
     """Return the condition numbers (n,) of matrices (n, rows, columns) in the 2-norm.
 
-    They are infinite if the columns are linearly dependent, for example if there are more
-    columns than rows. They are 1 without columns, and NaN if a matrix is not finite.
+    The numbers are infinite if the columns are linearly dependent, for example if there are
+    more columns than rows. The numbers are 1 without columns, and NaN if a matrix is not
+    finite.
     """
     _, rows, columns = matrices.shape
     is_finite = all_finite(matrices, (1, 2))
@@ -82,8 +83,8 @@ def solve_least_norm(matrices: Floats, right_sides: Floats) -> Floats:
 
     Returns
     -------
-    (n, columns) solutions x. They are very large if a matrix is nearly singular, so a
-    caller that takes x as a step has to limit the step.
+    (n, columns) solutions x. The solutions are very large if a matrix is nearly singular,
+    so a caller that takes x as a step has to limit the step.
     """
     # `solve` is fastest, but fails if the matrices are not square or one of the n is
     # singular. Then the pseudoinverse is used for all n.

@@ -121,9 +121,9 @@ class Linearisation:
     def axes(self) -> Floats:
         """(n, pairs, 3) unit vector of each pair, in the axes of body 0.
 
-        It is the axis of an R pair. For a rolling contact it is the line from the centre of
-        the sphere to the contact. For a sliding contact it is the common tangent of the
-        profiles.
+        For an R pair the vector is along the axis. For a rolling contact it is along the
+        line from the centre of the sphere to the contact. For a sliding contact it is along
+        the common tangent of the profiles.
         """
         axes = np.empty(self.frames.shape[:-1])
         for kind, _, pairs, _ in group_joints_by_kind(self.joints):
@@ -212,8 +212,8 @@ class Linearisation:
 
         Each variable of a pair (joint) has a velocity vector: the angular velocity of the
         second body of the pair relative to the first at unit rate of the variable. For a
-        revolute pair it is the unit vector of the axis. Its derivative is needed for
-        accelerations. The formula depends on the kind of pair.
+        revolute pair it is the unit vector of the axis. Accelerations need the derivative
+        of this vector. The formula depends on the kind of pair.
 
         Parameters
         ----------

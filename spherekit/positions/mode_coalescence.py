@@ -3,8 +3,9 @@
 With R pairs only, the modes of a group are the roots of an algebraic system, and real ones
 can appear or vanish only where two roots meet. There the determinant of the group's
 equations is zero for both. The product of this determinant over all complex modes of the
-group, and of the groups before it, does not depend on the order of the modes. It is a real
-analytic function of the input, and changes its sign exactly where two real modes meet.
+group, and of the groups before it, does not depend on the order of the modes. This product
+is a real analytic function of the input, and changes its sign exactly where two real modes
+meet.
 """
 
 from collections.abc import Iterable, Sequence
@@ -309,7 +310,7 @@ class ModeCoalescence:
         with np.errstate(all="ignore"):
             body_from_link = self._place_links(group_count, q[None], all_groups)
             # All links now belong to one body, so both frames of a pair are in the same
-            # axes. They differ only by the angle of the pair.
+            # axes. The frames differ only by the angle of the pair.
             pairs = range(len(self.solver.joints))
             # Axes: value of the inputs (only one here), mode, rows and columns of a frame.
             # Before them comes the pair.
@@ -339,8 +340,8 @@ class ModeCoalescence:
             Position of the group in solving order.
         order
             The order in which the unknown angles are eliminated. None for a train of
-            wheels. It has one mode, which cannot meet another one, so its determinant is
-            set to 1.
+            wheels. A train has one mode, which cannot meet another one, so its determinant
+            is set to 1.
         q
             (n, inputs) values of the inputs (rad).
         combined_groups
@@ -390,8 +391,8 @@ class ModeCoalescence:
 
         Returns
         -------
-        For each link the rotation (n, modes, 3, 3) from its axes to those of its body. It
-        is complex in a complex mode.
+        For each link the rotation (n, modes, 3, 3) from its axes to those of its body. The
+        rotation is complex in a complex mode.
         """
         state = self.solver.start(q)
         ends = self.solver.mechanism.ends
@@ -542,8 +543,8 @@ def measure_complex_angles(first_frames: Complexes, second_frames: Complexes) ->
 def separate_inputs(solutions: Complexes, input_count: int) -> Complexes:
     """Reshape the solutions of a group so that values of the inputs have their own axis.
 
-    A group is a set of bodies that are placed together; its solutions are its modes. It is
-    solved for each value of the inputs and each mode of the groups placed earlier.
+    A group is a set of bodies that are placed together; its solutions are its modes. The
+    group is solved for each value of the inputs and each mode of the groups placed earlier.
 
     Parameters
     ----------

@@ -140,8 +140,8 @@ class ModeMeeting:
     input
         Value of the only input (rad).
     modes
-        One tuple for each configuration at which curves cross. It has the indices of the
-        modes that meet there.
+        One tuple for each configuration at which curves cross. The tuple has the indices of
+        the modes that meet there.
     successors
         Maps the number of a mode below the input to the number of the mode above it that
         lies on the same smooth curve. A mode that is not a key continues under its own
@@ -426,8 +426,8 @@ def follow_smooth_curves(
     the mode to which its curve belongs between each two meetings.
 
     Some modes have no configuration at `start`, because they begin at a meeting as the
-    continuation of another mode. They are left out. Their configurations are pieces of the
-    curve of the other mode.
+    continuation of another mode. Such modes are left out. Their configurations are pieces
+    of the curve of the other mode.
     """
     mode_by_number = {mode.number: mode for mode in assembly_modes}
     # The meetings divide the range into intervals, one more than there are meetings.

@@ -60,8 +60,8 @@ RANGE_END_TOLERANCE = 1e-14
 class ModePrediction(NamedTuple):
     """Predicted configurations of an assembly mode (one way to assemble) at n samples.
 
-    They are start values of Newton's method. They are interpolated between known
-    configurations of the mode, the nodes.
+    These are start values of Newton's method, interpolated between known configurations of
+    the mode, the nodes.
 
     Attributes
     ----------
@@ -161,9 +161,9 @@ class ModeCurve:
 class ModeOverGrid(NamedTuple):
     """Configurations of an assembly mode (one way to assemble) at n samples of inputs.
 
-    It is used with several inputs. With one input, `ModeCurve` interpolates between known
-    configurations. Here the configurations at the samples themselves are known, and no
-    others.
+    This class is used with several inputs. With one input, `ModeCurve` interpolates between
+    known configurations. Here the configurations at the samples themselves are known, and
+    no others.
 
     Attributes
     ----------

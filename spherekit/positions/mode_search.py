@@ -42,8 +42,8 @@ from spherekit.status import Status
 PROBED_RANGE_INPUTS = 721
 """Number of values of a single input at which the modes of dyads are searched.
 
-They are used only where the inputs at which modes meet are unknown. Larger: shorter modes
-are found, in more time.
+These values are used only where the inputs at which modes meet are unknown. Larger: shorter
+modes are found, in more time.
 """
 MAX_PROBED_SAMPLES = 2**16
 """Largest number of samples of several inputs at which the modes of dyads are searched.
@@ -60,8 +60,8 @@ Some of them may be singular, and have a larger mobility than the mechanism.
 EXPLAINED_SAMPLES = 3
 """Number of samples at which groups are tried again if a mechanism does not close.
 
-They show which group is at fault. Larger: more time until the error. Smaller: a group is
-named although it closes at other samples.
+The tries show which group is at fault. Larger: more time until the error. Smaller: a group
+is named although it closes at other samples.
 """
 
 
@@ -200,10 +200,11 @@ class ModeSearch:
     def _check_mobilities(self, mobilities: Sequence[int]) -> None:
         """Raise an error if the mechanism has another mobility than it has inputs.
 
-        The mobility is known at the start configurations of a search. It is compared in two
-        cases: if the first start has fewer degrees of freedom than there are inputs, or if
-        no mode was found. The least mobility of all starts counts, because singular
-        configurations have more degrees of freedom than the mechanism, but never fewer.
+        The mobility is known at the start configurations of a search. The mobility is
+        compared with the number of inputs in two cases: if the first start has fewer
+        degrees of freedom than there are inputs, or if no mode was found. The least
+        mobility of all starts counts, because singular configurations have more degrees of
+        freedom than the mechanism, but never fewer.
 
         Parameters
         ----------
@@ -314,9 +315,9 @@ class ModeSearch:
     def _check_mobility_of_mode(self, closed_values: Floats) -> None:
         """Raise an error unless the mobility of a mode is the number of inputs.
 
-        The mobility follows from the rank of the velocity equations. It is computed at some
-        of the closed configurations (n, variables) of the mode. The least value counts,
-        because the mobility is larger at singular configurations.
+        The mobility follows from the rank of the velocity equations. The mobility is
+        computed at some of the closed configurations (n, variables) of the mode. The least
+        value counts, because the mobility is larger at singular configurations.
         """
         rows = spread_rows(len(closed_values), RANKED_CONFIGURATIONS)
         mobilities = map(self.solver.compute_mobility, closed_values[rows])

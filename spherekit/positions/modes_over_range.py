@@ -7,7 +7,8 @@ range, as far as its mode reaches. If the mode ends inside the range, its config
 curve is followed in arc length, and leads to further modes.
 
 All configurations that the mechanism can reach without being taken apart form a component.
-It is one curve and consists of one or more modes, because the input can turn back on it.
+A component is one curve and consists of one or more modes, because the input can turn back
+on it.
 """
 
 from dataclasses import replace
@@ -64,7 +65,7 @@ higher order. Larger: more modes of such mechanisms are found, in more time.
 PROBED_FRACTIONS = np.array([0.5, 0.3, 0.7, 0.1, 0.9])
 """Positions in the range at which the first mode of a mechanism with wheels is searched.
 
-They are examined in this order, until a mode is found.
+The positions are examined in this order, until a mode is found.
 """
 PROBED_INTERVALS = 15
 """Number of intervals of the range in which modes are computed if meetings are unknown.

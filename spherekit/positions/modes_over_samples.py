@@ -85,8 +85,8 @@ class SolutionNumbers:
         """Number single configurations as solutions of the search for assembly modes.
 
         A node of the graph is one configuration at one sample. `is_solution` (nodes,) says
-        which nodes are solutions. Other nodes get -1. It is called before sheets (sets of
-        configurations reached from one start) are followed.
+        which nodes are solutions. Other nodes get -1. The method is called before sheets
+        (sets of configurations reached from one start) are followed.
         """
         self.count = int(np.sum(is_solution))
         self._solution_of_node = np.full(len(is_solution), -1, dtype=np.intp)
@@ -144,7 +144,7 @@ class SampledModes:
         starts.
     mobilities
         Number of degrees of freedom, by the rank of the velocity equations, of each
-        configuration from which other samples were reached by verified steps. It is
+        configuration from which other samples were reached by verified steps. The number is
         computed only if a group has redundant equations.
     """
 
@@ -371,7 +371,7 @@ class SampledModes:
         at the start is not the number of inputs.
 
         The mobility (degrees of freedom) is computed only if a group of links has redundant
-        equations. It is then appended to `mobilities`.
+        equations. The mobility is then appended to `mobilities`.
         """
         driven = list(self.solver.driven)
         closed_values = self.solver.closure.solve(values, driven).values

@@ -154,8 +154,8 @@ class Motion(ArrayRows):
     def vectors(self) -> Floats:
         """(n, variables, 3) velocity vector of each variable, in ground axes.
 
-        It is the relative angular velocity of the links of a pair per unit rate of the
-        variable.
+        A velocity vector is the relative angular velocity of the links of a pair per unit
+        rate of the variable.
         """
         return self.linearisation.vectors
 
@@ -184,9 +184,9 @@ class Motion(ArrayRows):
     def conditioning(self) -> Floats:
         """(n,) condition number in the 2-norm of the closure Jacobian with locked inputs.
 
-        It grows without limit near singularities of type II, where the mechanism can move
-        with locked inputs. It is infinite if the loops do not determine the passive
-        variables (not inputs). It is 1 without loops, and NaN in failed rows.
+        The number grows without limit near singularities of type II, where the mechanism
+        can move with locked inputs. It is infinite if the loops do not determine the
+        passive variables (not inputs). It is 1 without loops, and NaN in failed rows.
         """
         return condition_numbers(self.passive_jacobian)
 
@@ -195,9 +195,9 @@ class Motion(ArrayRows):
         """(n,) largest change of the variables for a unit change of the closure residuals.
 
         The residuals are by how much the loops are open. With this number, error bounds of
-        the variables follow from residuals. It is the Frobenius norm of `closure_inverse`:
-        infinite if the loops do not determine the passive variables (not inputs), 0 without
-        passive variables, and NaN in failed rows.
+        the variables follow from residuals. The number is the Frobenius norm of
+        `closure_inverse`: infinite if the loops do not determine the passive variables (not
+        inputs), 0 without passive variables, and NaN in failed rows.
         """
         _, equations, passive = self.passive_jacobian.shape
         sensitivity = np.full(len(self), np.inf if passive else 0.0)

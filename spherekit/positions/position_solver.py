@@ -175,8 +175,8 @@ class PositionSolver:
         """(inputs,) growth (rad) of each input after which the configurations repeat.
 
         Without rolling contacts it is one revolution. With them it may be several, because
-        wheels must be back in their positions too. It is infinite if configurations never
-        repeat, and NaN if no gear ratios lead from the inputs to the wheels.
+        wheels must be back in their positions too. The growth is infinite if configurations
+        never repeat, and NaN if no gear ratios lead from the inputs to the wheels.
         """
         if self.gear_phases is None:
             return np.full(len(self.driven), TURN)
@@ -336,7 +336,8 @@ class PositionSolver:
     ) -> Floats:
         """Return the variables of the pairs of a train of wheels at given orientations.
 
-        They are the start of Newton's method. Gear ratios have given the orientations.
+        These variables are the start of Newton's method. Gear ratios have given the
+        orientations.
 
         Parameters
         ----------
@@ -401,9 +402,9 @@ class PositionSolver:
         q
             (n, inputs) inputs (rad).
         rows
-            (n,) indices of the samples that have these inputs. They are needed only for
-            modes of several inputs with groups that are placed by Newton's method, whose
-            verified configurations are at the samples of the input grid.
+            (n,) indices of the samples that have these inputs. The indices are needed only
+            for modes of several inputs with groups that are placed by Newton's method,
+            whose verified configurations are at the samples of the input grid.
 
         Returns
         -------

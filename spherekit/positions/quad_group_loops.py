@@ -262,7 +262,7 @@ class GroupLoops:
 
         A chord is a pair that closes a loop. Its frame is computed from each of the two
         bodies that it joins. The rotation vector leads from the frame of the second body to
-        that of the first. It is zero if the loop is closed.
+        that of the first. The vector is zero if the loop is closed.
 
         Parameters
         ----------

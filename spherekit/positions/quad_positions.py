@@ -185,7 +185,7 @@ class QuadAssembly:
     ) -> QuadConfigurations:
         """Return the configurations of an assembly mode at given inputs.
 
-        They are computed in quad precision (33 digits).
+        The configurations are computed in quad precision (33 digits).
 
         Parameters
         ----------
@@ -316,9 +316,9 @@ class QuadAssembly:
     def _rotation_in_pair(self, pair: int, values: Array) -> Array:
         """Return the rotation (n, 3, 3) from the second link of an R pair to its first.
 
-        It is F_first Z(angle) F_second^T. F are the frames of the pair in the axes of the
-        two links, with the pair axis as z axis, and Z is the rotation about z. The angles
-        are in `values` (n, variables), in rad.
+        The rotation is F_first Z(angle) F_second^T. F are the frames of the pair in the
+        axes of the two links, with the pair axis as z axis, and Z is the rotation about z.
+        The angles are in `values` (n, variables), in rad.
         """
         first_frame, second_frame = self.frames[pair]
         (variable,) = self.mechanism.variables_of(pair)
@@ -536,10 +536,10 @@ def _sine_of_arc(arc: HalfAngle) -> Floats:
 def _dyad_error(error: Floats, triple: Floats, sines: Sequence[Floats]) -> Floats:
     """Return a bound (n,) of the error (rad) of the orientations of a dyad's two bodies.
 
-    A dyad is two bodies joined by a pair. They are placed relative to a third body, the
-    carrier of the outer axes. The bound adds the error of the carrier and that of the
-    dyad's angles. For the angles, the smaller one of two bounds is taken: one is good away
-    from the dead centre, the other at it. An infinite result means unknown.
+    A dyad is two bodies joined by a pair. The two bodies are placed relative to a third
+    body, the carrier of the outer axes. The bound adds the error of the carrier and that of
+    the dyad's angles. For the angles, the smaller one of two bounds is taken: one is good
+    away from the dead centre, the other at it. An infinite result means unknown.
 
     Parameters
     ----------
@@ -561,8 +561,8 @@ def _regular_angle_error(error: Floats, triple: Floats) -> Floats:
 
     A dyad consists of two links joined by a pair. It has three axes, which have errors of
     up to `error` (n,). The angles then have errors of up to `error` over the determinant of
-    the velocity equations, `triple` (n,). This is the triple product of the axes. It is 0
-    at the dead centre, where the dyad is flat and the bound is infinite.
+    the velocity equations, `triple` (n,). This is the triple product of the axes. The
+    product is 0 at the dead centre, where the dyad is flat and the bound is infinite.
     """
     return np.where(triple > 0.0, error / triple, np.inf)
 

@@ -298,8 +298,9 @@ def descend_to_closure(
 class WheelRepetition:
     """How two wheels touch after rolling on by whole revolutions of one, or of both.
 
-    It serves to recognise configurations that differ only by such revolutions. A wheel has
-    made whole revolutions if it touches at the same point of its profile as before.
+    This information serves to recognise configurations that differ only by such
+    revolutions. A wheel has made whole revolutions if it touches at the same point of its
+    profile as before.
 
     Attributes
     ----------
@@ -338,7 +339,8 @@ class RolledLength:
         """Find the wheel that has made whole revolutions after both have rolled on.
 
         A wheel that has made whole revolutions touches at the same point of its profile as
-        before. It is called the repeated wheel, and the other one the turned wheel.
+        before. This wheel is called the repeated wheel, and the other wheel the turned
+        wheel.
 
         Parameters
         ----------
@@ -429,8 +431,8 @@ class DistinctConfigurations:
         self.closure = closure
         self.is_truncated = False
         self._configurations: list[ClosedConfiguration] = []
-        # Lengths by which wheels have rolled on each other. They show which configurations
-        # differ only by whole revolutions of wheels.
+        # Lengths by which wheels have rolled on each other. The lengths show which
+        # configurations differ only by whole revolutions of wheels.
         ends = closure.tree.ends
         self._rolled_lengths = [
             RolledLength(
@@ -532,15 +534,15 @@ class DistinctConfigurations:
     def _find_copy(self, configuration: ClosedConfiguration) -> int | None:
         """Return the index of the first stored configuration that is the same, or None.
 
-        It is the same if all bodies are oriented alike, or if only whole revolutions of
-        wheels differ.
+        Two configurations are the same if all bodies are oriented alike, or if only whole
+        revolutions of wheels differ.
         """
         if not self._configurations:
             return None
         # (stored configurations, bodies, 3, 3)
         stored_rotations = np.array([stored.rotations for stored in self._configurations])
         differences = max_abs(stored_rotations - configuration.rotations, axis=(1, 2, 3))
-        # Both are computed with errors. The larger tolerance counts.
+        # Both configurations are computed with errors. The larger tolerance counts.
         tolerances = np.maximum(
             configuration.copy_tolerance,
             [stored.copy_tolerance for stored in self._configurations],

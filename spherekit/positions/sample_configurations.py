@@ -4,7 +4,7 @@ The groups of the mechanism (dyads and irreducible groups, see
 `spherekit.planning.assembly_plan`) are placed one after another, in solving order. Each
 configuration of the earlier groups can lead to several of the next group. A dyad has two
 configurations in closed form. The equations of a triad, or of a group of seven bodies,
-state that its binary links have the given arcs. They are solved by elimination
+state that its binary links have the given arcs. These equations are solved by elimination
 (`spherekit.positions.elimination`) for all samples together. A group without elimination
 needs a search from random starts, which this module does not contain.
 """
@@ -392,9 +392,9 @@ def _eliminate_distinct_rows(
 def _find_representative_rows(closure: Closure, sample: Indices) -> Indices:
     """Return, for each row (n,), the index of a row with equal equations.
 
-    It serves to solve equal equations once. A row is one configuration of earlier groups at
-    a sample of the inputs. The result is the first row of the same sample if the equations
-    are equal there, otherwise the row itself.
+    The result serves to solve equal equations once. A row is one configuration of earlier
+    groups at a sample of the inputs. The result is the first row of the same sample if the
+    equations are equal there, otherwise the row itself.
 
     Parameters
     ----------
@@ -406,7 +406,8 @@ def _find_representative_rows(closure: Closure, sample: Indices) -> Indices:
     # The first row of the sample of each row (`sample` is sorted).
     first_row = np.searchsorted(sample, sample)
     # The equations differ only by the orientations of links in their bodies (sets of links
-    # that are rigid relative to each other). They are compared for both links of all pairs.
+    # that are rigid relative to each other). These orientations are compared for both links
+    # of all pairs.
     assert closure.body_from_links is not None
     first_links, second_links = closure.body_from_links
     first_difference = max_abs(first_links - first_links[first_row], axis=(1, 2, 3))

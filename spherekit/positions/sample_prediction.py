@@ -67,8 +67,8 @@ def make_sample_predictor(
 
     The function has the arguments start, stop and out. It writes the variables of the
     samples from start up to, but without, stop into out (variables, modes, samples), in
-    rad. They are NaN if nothing is predicted. The nodes are solved when the function is
-    called for the first time.
+    rad. The variables are NaN if nothing is predicted. The nodes are solved when the
+    function is called for the first time.
     """
     q = position_analysis.input_grid.q
     if not position_analysis.input_grid.is_path or not position_analysis.assembly_modes:

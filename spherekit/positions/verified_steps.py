@@ -87,9 +87,9 @@ class Verification:
         length
             (n,) lengths of the steps along the path (rad).
         """
-        # The first Newton step is the error of the prediction. It may be the fraction
-        # `correction` of the step length, plus `slack` (rad) for rounding. If it is below
-        # `settled` (rad), it is only rounding, and the contraction is not tested.
+        # The first Newton step is the error of the prediction. This error may be the
+        # fraction `correction` of the step length, plus `slack` (rad) for rounding. If it
+        # is below `settled` (rad), it is only rounding, and the contraction is not tested.
         first_step = newton_steps.first_step
         is_near = first_step <= self.correction * length + self.slack
         contracts = (first_step <= self.settled) | (
