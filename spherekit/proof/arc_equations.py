@@ -319,9 +319,9 @@ class ArcEquations:
 
         Returns
         -------
-        For each link the jet of its rotation matrix (3, 3) from link axes to those of the
-        root. A jet has the matrix under the key (), and its derivatives with respect to the
-        variables j and l under (j,) and (j, l).
+        For each link the jet of its rotation matrix (3, 3) from link axes to the axes of
+        the root. A jet has the matrix under the key (), and its derivatives with respect to
+        the variables j and l under (j,) and (j, l).
         """
         # At first each orientation is relative to a link placed earlier, its reference. The
         # product with the orientation of the reference leads to the root.
@@ -335,7 +335,7 @@ class ArcEquations:
         return orientations
 
     def link_rotations(self, variables: Sequence[Ball]) -> dict[int, Array]:
-        """Return by link its rotation matrix (3, 3) from link axes to those of the root.
+        """Return, by link, the rotation matrix (3, 3) from link axes to root axes.
 
         The root is the link that is placed first. Matrices and variables (rad) are balls,
         which are numbers with bounds of their errors.
@@ -523,7 +523,7 @@ def _follower_offsets(
     the link of the pair by the multiple, and by the offset as a constant angle.
 
     There are no offsets without wheels. There are also none if the angles of the followers
-    are variables of their own.
+    are separate variables.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ Larger: more memory. Smaller: curves are computed again.
 """
 
 PANEL_REDUCTION = 0.7
-"""Width of each panel that is tried, over that of the one before it.
+"""Width of each panel that is tried, over the width of the panel before it.
 
 Larger: more trials. Smaller: panels are narrower than necessary.
 """
@@ -134,7 +134,7 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
     ----------
     profile
         The profile in the axes of its link: a circle, a spline through points, or a Fourier
-        sum. The latter gives the angle from the centre at each azimuth.
+        sum. The Fourier profile gives the angle from the centre at each azimuth.
     _precision_bits
         Present number of bits. It is only a key of the cache, since results depend on it.
 
@@ -332,7 +332,8 @@ def _enclose_pieces(
     pieces = find_pieces(low)
     last_pieces = find_pieces(high)
     values = evaluate(parameters, pieces)
-    # Most balls are in one piece. For the others, the next pieces are added one by one.
+    # Most balls are in one piece. For the remaining balls, the next pieces are added one by
+    # one.
     while np.any(pieces < last_pieces):
         pieces = np.minimum(pieces + 1, last_pieces)
         values = enclose_both(values, evaluate(parameters, pieces))
@@ -521,7 +522,7 @@ def _evaluate_de_boor(
             interpolated_points.append(points[k] + (u - low) * slope)
         points = interpolated_points
     # The same formula on the last level: k is 0, and the level is degree - 1. The two knots
-    # are those on both sides of the parameter.
+    # are the knots on both sides of the parameter.
     first_point, last_point = points
     low = knots[degree - 1][:, None]
     high = knots[degree][:, None]

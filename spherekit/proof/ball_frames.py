@@ -80,7 +80,7 @@ def revolute_rotation_terms(first: Frame, second: Frame) -> Array:
     Returns
     -------
     (3, 3, 3) matrices T such that T[0] + cos(x) T[1] + sin(x) T[2] rotates from the axes of
-    the second link to those of the first.
+    the second link to the axes of the first link.
     """
     zero_direction, side, axis = first
     second_zero_direction, second_side, second_axis = second
@@ -167,11 +167,11 @@ def frames_from_pose(
     """Return the frames of revolute pairs from the axes in the reference pose.
 
     The reference pose is a configuration in which the file gives all axes. There the
-    coordinate axes of all links coincide with those of the ground, so an axis has equal
-    components in both its links. A ball is a number with a centre, and a radius that bounds
-    its error. A frame (3, 3) has three unit vectors in link axes as rows: the zero
-    direction, from which the pair angle is counted, the side (cross product of axis and
-    zero direction), and the axis.
+    coordinate axes of all links coincide with the coordinate axes of the ground, so an axis
+    has equal components in both its links. A ball is a number with a centre, and a radius
+    that bounds its error. A frame (3, 3) has three unit vectors in link axes as rows: the
+    zero direction, from which the pair angle is counted, the side (cross product of axis
+    and zero direction), and the axis.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Ball arithmetic: numbers that carry a bound of their own error.
+"""Ball arithmetic: numbers that carry a bound of their error.
 
 A ball is a centre and a radius. An operation on balls returns a ball that contains the
 exact results for all values inside its operands (F. Johansson, Arb, 2017). This is the only
@@ -24,7 +24,7 @@ UNIT_ROUNDOFF = 2.0**-53
 """Relative error of one rounding to float64."""
 
 DEFAULT_DIGITS = 50
-"""Decimal digits of `Digits` unless others are asked for.
+"""Decimal digits of `Digits` unless another number of digits is asked for.
 
 Larger: reference values take longer. Smaller: more of their digits are rounding.
 """
@@ -154,7 +154,7 @@ def series_coefficient(series: Array, power: int) -> Array:
 
 
 def enclose_both(first: Array, second: Array) -> Array:
-    """Return balls (numbers with error bounds) that contain those of two arrays.
+    """Return balls (numbers with error bounds) that contain the balls of two arrays.
 
     Both arrays have the shape (...), and each ball contains the two balls at its place. If
     the elements are power series, this is done for each coefficient.

@@ -420,8 +420,9 @@ def pole_table(modes: CertifiedModes) -> list[dict[str, Any]]:
     """Return all poles in all certified assembly modes, with bounds of their errors.
 
     A pole is the axis of the relative rotation of two links, while one input moves and the
-    others are locked. The velocity coefficient is the relative angular velocity of the
-    links at unit rate of that input. An assembly mode is one way to assemble the mechanism.
+    other inputs are locked. The velocity coefficient is the relative angular velocity of
+    the links at unit rate of that input. An assembly mode is one way to assemble the
+    mechanism.
 
     Returns
     -------
@@ -490,7 +491,7 @@ def _system_tables(
 ) -> list[dict[str, Any]]:
     """Return systems of equations with approximations of all their solutions, as tables.
 
-    A system is a smallest set of equations that can be solved on its own, after the systems
+    A system is a smallest set of equations that can be solved separately, after the systems
     before it. All its other variables then have given values; it is solved for several sets
     of them. A solution has for each unknown angle the number z = e^(i angle). Where
     "inverse" is true, the number is 1 / z instead, so that an infinite z is listed as 0.

@@ -89,8 +89,8 @@ class CertifiedModes:
         Bits of the ball centres with which they were proven.
     systems
         The parts of the equations, solved one after another, by which the real roots were
-        counted. Each has all its solutions, those at infinity included. Empty if this count
-        was not needed, or if it failed.
+        counted. Each system has all its solutions, including solutions at infinity. Empty
+        if this count was not needed, or if it failed.
     box_count
         Number of boxes that were examined to exclude other real roots.
     undecided_boxes
@@ -149,8 +149,8 @@ class CertifiedModes:
         1. As many complex solutions (modes) are proven as there can be (`is_counted`). The
            largest possible number is `mode_bound`.
         2. The equations are divided into small systems, which are solved one after another
-           (`systems`). For each, as many solutions are proven as there can be, also those
-           at infinity.
+           (`systems`). For each system, as many solutions are proven as there can be,
+           including solutions at infinity.
         3. The space of the unknown angles is divided into boxes, in which further real
            modes are excluded (`is_complete`).
 
@@ -548,7 +548,8 @@ def enclose_pair_angles(equations: ArcEquations, variables: Sequence[Ball]) -> l
     """Return balls (rad) of the angles of all pairs (joints) in a configuration.
 
     A ball is a number with a bound of its error. The angles of some pairs are variables of
-    the equations. Those of the others follow from the orientations of their two links.
+    the equations. The angles of all other pairs follow from the orientations of their two
+    links.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ class CertifiedSingularities:
     singularities
         The singularities, ordered by output, type and input.
     undecided
-        Number of parts of curves in which there may be others.
+        Number of parts of curves in which there may be more singularities.
     skipped
         Outputs with an angle that is no variable of the equations. Only their singularities
         of type II are known.
@@ -144,8 +144,8 @@ def find_output_pairs(decimal_mechanism: DecimalMechanism) -> dict[str, int]:
     """Return the pair that measures each output, by the name of the output.
 
     An output is a link that is observed relative to another link. The pair joins these two
-    links. Outputs without such a pair are left out of the result. The numbers of pairs are
-    those in the structure (links and R pairs).
+    links. Outputs without such a pair are left out of the result. Pairs have the indices of
+    the structure (links and R pairs).
     """
     mechanism = decimal_mechanism.mechanism
     pairs = dict[str, int]()
@@ -241,7 +241,7 @@ def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
 
 
 def _may_coincide(point: StationaryPoint, others: Sequence[StationaryPoint]) -> bool:
-    """Return whether a stationary point may be the same configuration as one of others."""
+    """Return whether a stationary point may be the same configuration as another point."""
     return any(
         np.all(np.abs(wrap(point.position - other.position)) <= point.error + other.error)
         for other in others

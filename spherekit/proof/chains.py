@@ -39,7 +39,7 @@ Larger: a curve is given up sooner. Smaller: chains of many overlapping arcs.
 """
 
 LENGTH_GROWTH = 1.6
-"""Half length that is tried for the next arc, over that of the last one.
+"""Half length that is tried for the next arc, over the half length of the last arc.
 
 Larger: more trials that fail. Smaller: arcs stay short after a sharp bend.
 """

@@ -8,7 +8,7 @@ arcs. This question is decided exactly, with the decimal numbers of the mechanis
 
 Let x and y be the two variables of the loop. Each has two *planar angles*, at which the
 arcs of both links of its pair are in one plane. If x is one of its planar angles, the
-equation of the loop is a + b cos(y) = 0, with y counted from one of its own planar angles.
+equation of the loop is a + b cos(y) = 0, with y counted from one of the planar angles of y.
 If the loop closes with both planar angles of y, a + b and a - b are zero, so that it closes
 with all y. The configurations are then a whole curve along which x is constant.
 """
@@ -107,9 +107,9 @@ class FourPairLoop:
     Attributes
     ----------
     equation
-        Index of the equation among those of the mechanism.
+        Index of the equation among the equations of the mechanism.
     variables
-        Indices of the two variables among those of the mechanism.
+        Indices of the two variables among the variables of the mechanism.
     planar_closures
         For each way in which the loop closes with all four axes in one plane: the angles of
         both variables, by index of the variable.
@@ -274,7 +274,7 @@ def _find_four_pair_loop(
     joint_variables = {joint.variable for joint in joints}
     if not len(path_steps) == len(joints) == len(joint_variables) == 2:
         return None
-    # Angles that are multiples of a shared variable, as those of wheels, are not handled.
+    # Angles that are multiples of a shared variable, such as wheel angles, are not handled.
     if any(
         joint.angle_factor != 1 or joint.pairs[0] in equations.follower_offsets
         for joint in joints
@@ -511,7 +511,7 @@ class Crossings:
         The loops of four pairs with exact arcs, for which a crossing can be proven. If the
         sizes have a tolerance there are none.
     saddles
-        The saddles found so far.
+        The saddles that the search has found so far.
     """
 
     def __init__(self, equations: ArcEquations) -> None:
@@ -584,7 +584,7 @@ class Crossings:
         The proof uses one arc of the curve, the middle one:
 
         1. A loop of four pairs has two variables. At certain angles of one variable, the
-           loop closes with all angles of the other one
+           loop closes with all angles of the second variable
            (`FourPairLoop.angles_that_free_other_variable`). These configurations form a
            curve along which the first variable is constant.
         2. A configuration of this curve is inside the box of the arc.

@@ -2,9 +2,9 @@
 
 The space of all variables is divided into boxes. Near each box that is not proven to be
 empty, a configuration is searched, and the curve through it is followed. The curve is
-stored as a chain of certified arcs. A certified arc has a box of its own, which is proven
-to contain no configurations other than the arc. The division ends when every box is empty
-or inside the box of an arc or of a crossing of curves. No other configurations exist then.
+stored as a chain of certified arcs. A certified arc has a box, which is proven to contain
+no configurations other than the arc. The division ends when every box is empty or inside
+the box of an arc or of a crossing of curves. No other configurations exist then.
 """
 
 from collections.abc import Iterable, Sequence
@@ -607,7 +607,7 @@ def _bound_saddle_doubt(
 
 
 def _join_ranges(ranges: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return ranges (low, high) in order, with those that overlap or touch joined."""
+    """Return ranges (low, high) in order. Ranges that overlap or touch are joined."""
     joined: list[tuple[float, float]] = []
     for low, high in sorted(ranges):
         if joined and low <= joined[-1][1] + SHORTEST_INTERVAL_RAD:

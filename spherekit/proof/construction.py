@@ -268,7 +268,7 @@ def _find_smallest_system(
 ) -> tuple[list[int], list[int]]:
     """Return the smallest set of equations that contains as many unknowns as equations.
 
-    Such a set can be solved on its own.
+    Such a set can be solved without further equations.
 
     Parameters
     ----------
@@ -301,7 +301,7 @@ def _place_on_two_axes(
     degree for each variable. U and W are the axes of two pairs (joints) in links placed
     before, the parents. The orientation of the link is U a^T + W b^T + (U x W) n^T, with
     constant vectors a, b and n. Degrees of products add up. So U x W has the degrees of U
-    plus those of W, and no other term has more.
+    plus the degrees of W, and no other term has more.
 
     Parameters
     ----------
@@ -602,8 +602,8 @@ def placing_orders(
         remaining
             The bodies that are still to be removed, and the root.
         order
-            The bodies removed so far, with their pairs. They are placed last, so the body
-            that was removed last is at the front.
+            The bodies that are already removed, with their pairs. They are placed last, so
+            the body that was removed last is at the front.
         """
         # The same bodies may have been removed by the same pairs in another sequence. What
         # can follow is then the same, so there is no new order.
@@ -625,7 +625,7 @@ def _list_removable_bodies(
 ) -> list[BodyPlacement]:
     """Return the bodies that one or two pairs join to the other remaining bodies.
 
-    Such a body can be placed after all others: by rotation about one pair axis, or by
+    Such a body can be placed after all other bodies: by rotation about one pair axis, or by
     putting it on two axes. Three axes would be too many.
 
     Parameters
@@ -672,7 +672,7 @@ def _make_construction(
     body_of_link
         For each link the body to which it belongs.
     root
-        The body that is placed first; its number is also that of its first link.
+        The body that is placed first; the index of a body is the index of its first link.
     order
         The other bodies in order, with the pairs by which they are placed.
     """
@@ -749,13 +749,13 @@ def share_input_variable(
         A mechanism with one input and with followers.
     construction
         A construction in which each follower, a pair whose angle follows from the inputs
-        through wheels, is a variable of its own.
+        through wheels, is a separate variable.
 
     Raises
     ------
     PlanError
-        If the ratios of the wheels are not those of numbers of teeth, or if the wheels have
-        their initial angles again only after more than `MAX_CYCLE_TURNS` turns.
+        If the ratios of the wheels are not ratios of numbers of teeth, or if the wheels
+        have their initial angles again only after more than `MAX_CYCLE_TURNS` turns.
     """
     structure = decimal_mechanism.structure
     wheel_names = listing(structure.names_of(construction.follower_pairs))

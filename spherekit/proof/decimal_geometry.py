@@ -66,7 +66,7 @@ class CircleContact:
 
     @property
     def centre_arc(self) -> Ball:
-        """Arc (rad) from the centre of the first circle to that of the second.
+        """Arc (rad) from the centre of the first circle to the centre of the second.
 
         Both circles touch, and the arc is on the great circle through the centres and the
         contact. It is positive in the direction from the first centre to the contact. In
@@ -412,8 +412,8 @@ class DecimalGeometry:
             By name of a revolute pair: its frames in both links. Each has the axis as its
             last row.
         """
-        # The circle of a roller is under "follower", others under the link's name in
-        # "profiles".
+        # The circle of a roller is under "follower", all other circles under the link's
+        # name in "profiles".
         circle = table.get("follower", {})
         if circle.get("link") != link:
             circle = table["profiles"][link]

@@ -76,9 +76,9 @@ class DecimalMechanism(DecimalGeometry):
     """A mechanism of R pairs and wheels with the decimal sizes of its file.
 
     Each sliding contact of circles is replaced by a coupler: a link joined by R pairs at
-    the centres of both circles. The links and R pairs of the mechanism, together with those
-    of the couplers, are the *structure*. The indices of links and pairs in the structure
-    differ from the indices in the mechanism, which has contacts instead.
+    the centres of both circles. The links and R pairs of the mechanism, together with the
+    couplers and their R pairs, are the *structure*. The indices of links and pairs in the
+    structure differ from the indices in the mechanism, which has contacts instead.
 
     Attributes
     ----------
@@ -123,7 +123,7 @@ class DecimalMechanism(DecimalGeometry):
         return frames
 
     def known_angles(self, inputs: Sequence[Ball]) -> list[Ball]:
-        """Return the angles (rad) of the inputs, then those of the followers.
+        """Return the angles (rad) of the inputs, then the angles of the followers.
 
         Followers are the pairs (joints) that the inputs drive through wheels. Each mesh,
         two wheels that roll on each other, gives one linear equation of pair angles:
@@ -217,8 +217,8 @@ class DecimalMechanism(DecimalGeometry):
 
         Proofs replace each sliding contact of two circles by a coupler: a link with a
         revolute pair at the centre of each circle. So the pairs here are the revolute pairs
-        of the mechanism, then those of the couplers. The table `motion` has no angles of
-        coupler pairs, but the arc lengths along the circles. An arc length is the angle
+        of the mechanism, then the pairs of the couplers. The table `motion` has no angles
+        of coupler pairs, but the arc lengths along the circles. An arc length is the angle
         times the sine of the circle's radius.
 
         Returns

@@ -14,7 +14,7 @@ from spherekit.proof.balls import Ball, lower_magnitude, solve_balls
 
 @dataclass(frozen=True)
 class EnclosedPole:
-    """The pole of two links while one input moves and the others are locked.
+    """The pole of two links while one input moves and the other inputs are locked.
 
     The pole is the axis of their relative rotation. The relative angular velocity at unit
     rate of the input is `coefficient` times `direction`. Both are balls: numbers with a
@@ -47,8 +47,8 @@ def enclose_poles(
     """Yield the poles of each two links, for each moving input, in one configuration.
 
     The pole of two links is the axis of their relative rotation while one input moves at
-    unit rate and the others are locked. The relative angular velocity is a coefficient (its
-    magnitude) times a direction.
+    unit rate and the other inputs are locked. The relative angular velocity is a
+    coefficient (its magnitude) times a direction.
 
     Parameters
     ----------

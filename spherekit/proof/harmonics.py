@@ -112,7 +112,7 @@ class Harmonics:
         """Return values and derivatives of all k equations at n points.
 
         An equation is a Fourier sum: each term is a coefficient, times one wave e^(i j
-        angle) of each variable. Its derivatives follow from those of the waves.
+        angle) of each variable. Its derivatives follow from the derivatives of the waves.
 
         Parameters
         ----------
@@ -250,7 +250,7 @@ def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
 
     A Fourier sum of one variable is the sum over j = -m ... m of c_j e^(i j angle), a sum
     of waves. With several variables, the coefficients have an axis for each. The sum is
-    taken over one axis after another. Derivatives follow from those of the waves.
+    taken over one axis after another. Derivatives follow from the derivatives of the waves.
 
     Parameters
     ----------
@@ -358,8 +358,8 @@ def _interpolate(values: Array) -> tuple[Complexes, float]:
     """Return the Fourier coefficients of one equation, and an error bound of its values.
 
     An equation of degree m in an angle is a sum of 2 m + 1 waves e^(i j angle). Its values
-    at as many evenly spaced angles (nodes) give the coefficients, by a discrete Fourier
-    transform in each variable.
+    at equally many evenly spaced angles (nodes) give the coefficients, by a discrete
+    Fourier transform in each variable.
 
     Parameters
     ----------

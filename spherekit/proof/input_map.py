@@ -320,8 +320,8 @@ def _classify_boxes(
             # other parts need not be halved. -1 is not a number of modes.
             mode_counts = counts - {-1}
             needs_halving[row] &= len(mode_counts) < 2
-        # Halve the longest side of each remaining box. Sides that are still longer than
-        # those of a cell come first.
+        # Halve the longest side of each remaining box. Sides that are still longer than the
+        # sides of a cell come first.
         is_coarse = np.any(levels < cell_levels, axis=1, keepdims=True)
         can_halve = np.where(is_coarse, levels < cell_levels, levels < finest_levels)
         halvable_radii = radii * can_halve

@@ -78,7 +78,8 @@ class PairKinematics:
     Attributes
     ----------
     rotation
-        Returns rotations (n, 3, 3) from the axes of the second link to those of the first.
+        Returns rotations (n, 3, 3) from the axes of the second link to the axes of the
+        first.
     axis
         Returns unit vectors (n, 3) in the axes of the first link: the axis of an R pair,
         the contact point of a contact.
@@ -202,7 +203,7 @@ def _rotation_vectors(rotation: PairFunction, values: Array) -> Array:
     (n, m, 3) angular velocities in the axes of the first link.
     """
     vectors = []
-    # One variable moves at the rate 1 while the others rest.
+    # One variable moves at the rate 1 while all other variables rest.
     for direction in exact_balls(np.eye(values.shape[1])):
         # The variables as series in the time t: values + direction t. The rotation is then
         # a series, too, and contains the angular velocity.
@@ -307,8 +308,8 @@ class LoopClosure:
         (k, free, equations) left inverses of the derivatives of the loop equations with
         respect to these variables.
     condition
-        (k,) condition numbers of these derivatives: Frobenius norm of the matrix times that
-        of its inverse.
+        (k,) condition numbers of these derivatives: Frobenius norm of the matrix times the
+        Frobenius norm of its inverse.
     residual
         (k,) largest component (rad) of the closure errors of the loops.
     distance
@@ -805,7 +806,7 @@ def _approximate_left_inverse(matrix: Array, bits: int) -> Array | None:
     """Return the left inverse (A^T A)^-1 A^T of a matrix A, None if A^T A is singular.
 
     A^T A is computed with more than twice as many bits as A has, since its condition number
-    is the square of that of A.
+    is the square of the condition number of A.
 
     Parameters
     ----------

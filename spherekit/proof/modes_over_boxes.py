@@ -44,7 +44,7 @@ Larger: roots are followed farther, and some may be lost. Smaller: more homotopi
 MAX_STORED_SOLUTIONS = 128
 """Largest number of sets of given angles for which the roots are remembered.
 
-Larger: a longer search for the nearest ones. Smaller: roots are followed farther.
+Larger: a longer search for the nearest roots. Smaller: roots are followed farther.
 """
 
 SAME_ROOT_GAP = 1e-7
@@ -60,10 +60,10 @@ def approximate_modes(
 ) -> Complexes:
     """Return approximations of the complex modes at one value of each input.
 
-    Complex modes are all solutions of the loop equations; the real ones are assembly modes
+    Complex modes are all solutions of the loop equations; the real modes are assembly modes
     (ways to assemble the mechanism). A homotopy finds them: it changes random equations
-    with known solutions into those of the mechanism, and follows the solutions. Nothing is
-    proven.
+    with known solutions into the equations of the mechanism, and follows the solutions.
+    Nothing is proven.
 
     Parameters
     ----------
@@ -264,8 +264,8 @@ class EquationSystem:
         Parameters
         ----------
         coefficients, derivatives
-            For each equation the array of its coefficients, and that of their derivatives
-            with respect to the given angles.
+            For each equation the array of its coefficients, and the array of their
+            derivatives with respect to the given angles.
 
         Returns
         -------
@@ -309,7 +309,7 @@ class EquationSystem:
         ----------
         modes
             (modes,) records with the fields angle, circle_points (cosine and sine), rates
-            and error of all unknowns; those of later systems are 0. See `count_modes`.
+            and error of all unknowns; the values of later systems are 0. See `count_modes`.
         centres
             (modes, inputs) centre (rad) of the box of each mode.
         circle_points

@@ -129,8 +129,8 @@ def _bound_rounding_of_sums(values: Floats, slopes: Floats, radii: Floats) -> Fl
     """Return bounds (n, k) of the rounding errors that equations bring to weighted sums.
 
     A caller multiplies k equations by weights and adds them up, to test whether a box can
-    contain a solution. Each equation brings two rounding errors to the sum: that of its
-    value at the centre of the box, and that of its linear change over the box. The bounds
+    contain a solution. Each equation brings two rounding errors to the sum: the rounding of
+    its value at the centre of the box, and of its linear change over the box. The bounds
     are for a weight of 1. The caller multiplies them by the weights.
 
     Parameters
@@ -270,7 +270,7 @@ def subdivide(
     examined_count = 0
     progress = ProgressReporter(activity)
     while waiting:
-        # The first `max_at_once` boxes are examined now, the others later.
+        # The first `max_at_once` boxes are examined now, all other boxes later.
         batch, postponed = np.split(waiting.pop(), [max_at_once], axis=1)
         examined_count += batch.shape[1]
         # The text is built by a function, only if it is shown.

@@ -295,8 +295,8 @@ class ReducedEquation:
 
         Returns
         -------
-        (n + 1, 3) balls. The last row belongs to g, the others to z. The columns are the
-        step, and the derivatives with respect to u and v.
+        (n + 1, 3) balls. The last row belongs to g, the first n rows to z. The columns are
+        the step, and the derivatives with respect to u and v.
         """
         equation_rows = np.block([-residual[:, None], np.zeros((len(slopes), 2))])
         coordinate_rows = np.block([np.zeros((2, 1)), np.eye(2)])
@@ -330,7 +330,8 @@ class ReducedEquation:
 
         Returns
         -------
-        (n + 1, 3, 3) balls. The last entry of the first axis belongs to g, the others to z.
+        (n + 1, 3, 3) balls. The last index of the first axis belongs to g, the first n
+        indices to z.
         """
         equation_count, variable_count = slopes.shape
         # (k, 3, 3) F''(z_i, z_j). Axes: equation, i, j. The nine pairs of directions are
@@ -511,8 +512,9 @@ class SaddleReduction:
     reduced_equation
         The reduced equation. Its centre is the saddle point.
     units
-        (2,) unit lengths of u and v. If u and v are divided by them, the two curves of a
-        crossing are the diagonals u = v and u = -v, to first order. The larger unit is 1.
+        (2,) unit lengths of u and v. If u and v are divided by these units, the two curves
+        of a crossing are the diagonals u = v and u = -v, to first order. The larger unit is
+        1.
     other_curvatures
         (n - 2, 2, 2) second derivatives with respect to u and v, of n - 2 further
         coordinates at right angles to u and v, as magnitudes. They say how far the curves

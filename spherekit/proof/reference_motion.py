@@ -60,13 +60,13 @@ Larger: fewer and longer steps with more sweeps each. Smaller: more and shorter 
 """
 
 CHEAP_STEP_GROWTH = 1.05
-"""Length of the next step over that of a step with few sweeps.
+"""Length of the next step over the length of a step with few sweeps.
 
 Larger: more steps are too long. Smaller: steps stay short after a difficult part.
 """
 
 COSTLY_STEP_REDUCTION = 0.8
-"""Length of the next step over that of a step with many sweeps or a large error.
+"""Length of the next step over the length of a step with many sweeps or a large error.
 
 Larger: more steps stay costly. Smaller: steps become shorter than necessary.
 """
@@ -158,8 +158,8 @@ def find_table_kinks(parts: Sequence[LoadComponent], until: float) -> list[Ball]
 class MovingMechanism:
     """A mechanism at n configurations, with rates at unit rate of the coordinate.
 
-    The coordinate is the pair variable that describes the motion; all others follow from
-    it.
+    The coordinate is the pair variable that describes the motion; all other variables
+    follow from it.
 
     Attributes
     ----------
@@ -183,8 +183,8 @@ class MovingMechanism:
 class _CoordinateState:
     """A mechanism at n nearly closed configurations, as needed for its equation of motion.
 
-    The coordinate c is the pair variable that describes the motion; all others follow from
-    it.
+    The coordinate c is the pair variable that describes the motion; all other variables
+    follow from it.
 
     Attributes
     ----------
@@ -208,9 +208,9 @@ class _CoordinateSeries:
     """The motion of a mechanism during one time step, as two polynomials in time.
 
     The mechanism has one degree of freedom. The first polynomial is the coordinate c: the
-    angle of one pair, from which all others follow. The second one is p = sqrt(B) dc/dt
-    with the equivalent inertia B, so that p^2 / 2 is the kinetic energy. The time x runs
-    from -1 at the start of the step to 1 at its end.
+    angle of one pair, from which all other angles follow. The second one is p = sqrt(B)
+    dc/dt with the equivalent inertia B, so that p^2 / 2 is the kinetic energy. The time x
+    runs from -1 at the start of the step to 1 at its end.
 
     Attributes
     ----------
@@ -283,7 +283,7 @@ class _TimeStep:
     start, length
         Start and length in time (s).
     coordinate
-        Index of the variable that is stored. All others follow from it.
+        Index of the variable that is stored. All other variables follow from it.
     motion
         The series of this variable, and of its speed times the root of the inertia.
     switch_signs
@@ -342,8 +342,8 @@ class _SignChange:
 def _evaluate_series(coefficients: Array, x: Array) -> Array:
     """Return values (n, ...) of Legendre series at positions x (n,) in [-1, 1].
 
-    `coefficients` (count, ...) begin with that of degree 0. `legval` of NumPy is not used,
-    since it rounds its factors to float64.
+    `coefficients` (count, ...) begin with degree 0. `legval` of NumPy is not used, since it
+    rounds its factors to float64.
     """
     return legvander(x, len(coefficients) - 1) @ coefficients
 
@@ -705,7 +705,8 @@ class ExactSimulation:
         w
             (n, links, 3) angular velocities at unit rate of the coordinate.
         """
-        # Only the derivative of B, which is not needed here, depends on that of w.
+        # Only the derivative of B depends on the derivative of w. This function does not
+        # use it.
         unused_dw = exact_balls(np.zeros(w.shape))
         B, _derivative = equivalent_inertia(self.mechanism, orientations, w, dw=unused_dw)
         return B
@@ -865,8 +866,8 @@ class ExactSimulation:
                 values + state.closing_step + moving.rates * (new_c - c_nodes)[:, None]
             )
             values[:, coordinate] = new_c
-            # 4. Largest change of this sweep, in roundings; that of p is relative to its
-            # size.
+            # 4. Largest change of this sweep, in roundings; the change of p is relative to
+            # its size.
             p_scale = max(self._largest_p, _largest(new_p), abs(float(p))) or 1.0
             largest_change = max(
                 _largest(new_c - c_nodes),
@@ -1073,11 +1074,11 @@ def _solve_free_variables(
 ) -> tuple[Array, Array]:
     """Return how all variables follow the coordinate, and the Newton steps to closed loops.
 
-    The coordinate c is the variable that describes the motion; the others are free. The
-    Jacobian of the closure equations has the parts J, of the free variables, and J_c, of c.
-    At unit rate of c the loops stay closed if J (rates) + J_c = 0. At constant c, the
-    Newton step solves J (step) + residuals = 0. With redundant equations J has more rows
-    than columns, so its left inverse is used.
+    The coordinate c is the variable that describes the motion; all other variables are
+    free. The Jacobian of the closure equations has the parts J, of the free variables, and
+    J_c, of c. At unit rate of c the loops stay closed if J (rates) + J_c = 0. At constant
+    c, the Newton step solves J (step) + residuals = 0. With redundant equations J has more
+    rows than columns, so its left inverse is used.
 
     Parameters
     ----------

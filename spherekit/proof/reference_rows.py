@@ -56,11 +56,10 @@ Key = TypeVar("Key")
 class ExactRows:
     """Very accurate values of n rows, with which computed rows are compared.
 
-    A row is one configuration of a motion. One input moves at unit rate, the others are
-    locked.
-    Vectors and rotations are in ground axes. Values are balls, which are numbers with a
-    bound of their error, with the digits of `arithmetic`. They are NaN in rows whose status
-    is not OK.
+    A row is one configuration of a motion. One input moves at unit rate, the other inputs
+    are locked. Vectors and rotations are in ground axes. Values are balls, which are
+    numbers with a bound of their error, with the digits of `arithmetic`. They are NaN in
+    rows whose status is not OK.
 
     Attributes
     ----------
@@ -140,9 +139,10 @@ def exact_rows(
     """Return reference values of some rows of a motion, computed with many digits.
 
     They serve to check results of normal precision. A row is one configuration. One input
-    moves at unit rate while the others are locked. Values are balls (numbers with a bound
-    of their error). All sizes and inputs count as exact float64 numbers. The components of
-    an axis are not exactly a unit vector, so they are divided by the length in many digits.
+    moves at unit rate while the other inputs are locked. Values are balls (numbers with a
+    bound of their error). All sizes and inputs count as exact float64 numbers. The
+    components of an axis are not exactly a unit vector, so they are divided by the length
+    in many digits.
 
     Parameters
     ----------
@@ -182,9 +182,9 @@ def exact_rows_by_input(
 ) -> tuple[ExactRows, ...]:
     """Return reference values of rows of a motion for each of several moving inputs.
 
-    One input moves at unit rate while the others are locked. Newton's method closes the
-    loops from the rows of the motion, once for all inputs. Power series in the moving input
-    then give all derivatives.
+    One input moves at unit rate while the other inputs are locked. Newton's method closes
+    the loops from the rows of the motion, once for all inputs. Power series in the moving
+    input then give all derivatives.
 
     Parameters
     ----------
@@ -194,8 +194,8 @@ def exact_rows_by_input(
         Indices of the input pairs. Each of these pairs moves while the other inputs are
         locked.
     frames
-        Frames of the R pairs. By default those of the sizes as float64 numbers; those of
-        the decimal sizes are from `DecimalMechanism.revolute_frames`.
+        Frames of the R pairs. By default the frames for the sizes as float64 numbers;
+        frames for the decimal sizes come from `DecimalMechanism.revolute_frames`.
 
     Raises
     ------
@@ -312,7 +312,7 @@ def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
 
 
 def _largest_distance_from_row(motion: Motion) -> Floats:
-    """Return the distances (n,) up to which a solution counts as that of its row (rad).
+    """Return distances (n,) up to which a solution counts as the solution of its row (rad).
 
     The solution is computed in high precision from a row of the motion. A correct row may
     differ from it by the error bound of the motion. This bound is an estimate, so twice the
@@ -389,7 +389,7 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
 
 
 def _orient_unit_vectors(vectors: Array, toward: Floats) -> Array:
-    """Return unit vectors (n, 3) along given vectors, with the sense of those in `toward`.
+    """Return unit vectors (n, 3) along vectors, with the sense of the vectors in `toward`.
 
     An axis has two opposite directions. The one at less than 90 degrees from `toward`
     (n, 3) is chosen. The vectors (n, 3) are balls, which are numbers with a bound of their
@@ -548,8 +548,9 @@ def exact_field(reference: ExactRows, request: Request, field: PoleField) -> Pol
 
     A field has, for each pole of two links, the direction of the axis of their relative
     rotation while one input moves, and two coefficients. The velocity coefficient is the
-    component of the relative angular velocity along this direction, the acceleration
-    coefficient that of its derivative with respect to the input.
+    component of the relative angular velocity along this direction. The acceleration
+    coefficient is the component of the derivative of this velocity with respect to the
+    input.
 
     Parameters
     ----------
@@ -559,7 +560,7 @@ def exact_field(reference: ExactRows, request: Request, field: PoleField) -> Pol
         Which poles the field has.
     field
         The values that were computed for the same rows. The directions of the result are
-        oriented like those of the field, and NaN stays NaN.
+        oriented like the directions of the field, and NaN stays NaN.
 
     Returns
     -------
@@ -749,5 +750,5 @@ def _derivative_by_relative_velocity(
 
 
 def _relative_vector(vectors: Array, pole: Pole) -> Array:
-    """Return the vectors (n, 3) of the second link of a pole less those of its first."""
+    """Return the vectors (n, 3) of the second link of a pole less the first link's."""
     return vectors[:, pole[1]] - vectors[:, pole[0]]

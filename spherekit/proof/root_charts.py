@@ -570,7 +570,7 @@ class KnownAngleChanges:
 
         rates dq + error,   |error| <= max_error.
 
-    For an input itself, the rate by this input is 1, and the error is 0.
+    For an input itself, the rate with respect to this input is 1, and the error is 0.
 
     Attributes
     ----------
@@ -813,7 +813,7 @@ def _bound_gap_change(radius: Floats, other_radius: Floats) -> Floats:
         |y z - 1|,   if one is stored inverted: it changes by at most r + s + r s.
 
     The factor 1.5 only makes tests stricter. `ROUND_UP` covers the rounding of the bound,
-    and 1e-14 that of a gap.
+    and 1e-14 the rounding of a gap.
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ Larger: sharply bent crossings are missed. Smaller: more trials that fail.
 """
 
 RECTANGLE_REDUCTION = 0.75
-"""Half width of each rectangle that is tried, over that of the one before it.
+"""Half width of each rectangle that is tried, over the half width of the one before.
 
 Larger: more trials. Smaller: rectangles are smaller than necessary.
 """
@@ -121,7 +121,7 @@ class Saddle(OrientedBox):
     level_sign
         Sign of the level, the value of g at its saddle point: 0 if the curves are proven to
         cross, None if no sign is proven. With a positive level the arms of equal sign of v
-        are joined, with a negative level those of equal sign of u.
+        are joined, with a negative level the arms of equal sign of u.
     gap
         Upper bound (rad) of the distance between the curves where they miss each other.
     central_zone

@@ -74,7 +74,7 @@ Larger: wider enclosures. Smaller: the signs at the ends are more often open.
 """
 
 BRACKET_GROWTH = 4.0
-"""Length of each stretch that is tried to enclose a zero, over that of the one before.
+"""Ratio of the lengths of successive stretches that are tried to enclose a zero.
 
 Larger: wider enclosures. Smaller: more trials.
 """
@@ -218,8 +218,8 @@ class StationaryPoint:
         position. For an undecided stretch: of the change, in the stretch, of the variable
         that may be stationary.
     piece
-        Index of a certified arc. The point is between its centre and that of the next arc.
-        The number is set when the point is added to a list.
+        Index of a certified arc. The point is between the centre of this arc and the centre
+        of the next arc. The number is set when the point is added to a list.
     """
 
     position: Floats
@@ -236,7 +236,7 @@ class StationaryPoints:
     proven
         The proven stationary points, in order.
     undecided
-        Stretches (parts of the curve) in which there may be others.
+        Stretches (parts of the curve) in which there may be more stationary points.
     """
 
     proven: list[StationaryPoint] = field(default_factory=list)
@@ -320,8 +320,8 @@ def find_stationary_points(
     """Return the stationary points of a variable along a chain, and what is undecided.
 
     The chain is a curve as a row of certified arcs. The stretch of the curve from the
-    centre of each arc to that of the next one is examined. The rate is the derivative of
-    the variable along the curve. A stretch is cut in two until the rate cannot vanish in
+    centre of each arc to the centre of the next arc is examined. The rate is the derivative
+    of the variable along the curve. A stretch is cut in two until the rate cannot vanish in
     it, or until the derivative of the rate has one sign. The rate then has one zero if its
     signs at both ends differ, and no zero if they agree. Stretches that cannot be cut
     further stay undecided.
@@ -562,7 +562,7 @@ def _enclose_zero(
 
     The rate is the derivative of a variable along the curve, so the variable is stationary
     at the zero. The zero is approximated. Then the stretch is shortened to a proven
-    neighbourhood of the zero. The result is the middle of it, with an error bound.
+    neighbourhood of the zero. The result is the middle of this range, with an error bound.
 
     Parameters
     ----------
@@ -748,8 +748,8 @@ def _shorten_to_zero(
     Two certified arcs are searched, one before and one after the approximate zero. If the
     rate has opposite proven signs at their centres, the zero is between them. Very near the
     zero the signs cannot be proven. So both distances are increased until both arcs have
-    been found. Each round searches both arcs again. An arc that is found replaces that of
-    an earlier round.
+    been found. Each round searches both arcs again. An arc that is found replaces the arc
+    of an earlier round.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ class Structure:
     name
         Name of the mechanism.
     links
-        Names of the links in the order of the mechanism, then those of the couplers.
+        Names of the links in the order of the mechanism, then the names of the couplers.
     pairs
         Names of the revolute pairs in the order of the mechanism, then two for each
         coupler.

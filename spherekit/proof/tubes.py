@@ -175,9 +175,9 @@ class CertifiedArc(OrientedBox):
 
     The box is in the space of all v variables of a mechanism. A configuration is a point at
     which all loops close. The first column of `frame` is the tangent t of the curve at the
-    centre z0, the others are the normals N. A point of the box is z0 + t s + N y with
-    ``|s|`` up to the half length h and each ``|y_i|`` up to the radius r. `limits` are h,
-    and r for each normal.
+    centre z0, the remaining columns are the normals N. A point of the box is z0 + t s + N y
+    with ``|s|`` up to the half length h and each ``|y_i|`` up to the radius r. `limits` are
+    h, and r for each normal.
 
     Attributes
     ----------
@@ -536,9 +536,9 @@ class TubeTest:
         reach_of_box = _largest_coordinates(half_length, radius, normal_count)
         reach_at_centre = _largest_coordinates(0.0, radius, normal_count)
         reaches = np.stack(np.broadcast_arrays(reach_of_box, reach_at_centre))
-        # (..., k, v) each: bounds of Y F' - (0, I). The first column bounds |e|, the others
-        # |E|. The bounds are polynomials in the largest coordinates, with positive
-        # coefficients.
+        # (..., k, v) each: bounds of Y F' - (0, I). The first column bounds |e|, the
+        # remaining columns |E|. The bounds are polynomials in the largest coordinates, with
+        # positive coefficients.
         change_in_box, change_at_centre = self.bound_slope_change(reaches)
 
         # 1. Contraction. `ROUND_UP` is slightly above 1 and covers the rounding of the
@@ -639,6 +639,7 @@ def correct_configuration(
             return None
         if step_size < CONVERGED_STEP_RAD:
             break
-    # These values are those before the last step, so those after it are smaller.
+    # These values belong to the state before the last step. After the step they are
+    # smaller.
     is_closed = np.max(np.abs(values_before_step)) < MAX_CLOSURE_RESIDUAL
     return position if is_closed else None

@@ -23,7 +23,7 @@ STANDARD_LIBRARY_FOLDER = sysconfig.get_path("stdlib")
 """Folder of the standard library."""
 
 INSTALLED_PACKAGES_FOLDER = sysconfig.get_path("purelib")
-"""Folder of installed packages, which can be inside that of the standard library."""
+"""Folder of installed packages, which can be inside the standard library folder."""
 
 
 def describe_failed_rows(summary: Facts) -> list[str]:

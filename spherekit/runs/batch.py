@@ -30,7 +30,7 @@ from spherekit.velocities.pole_field import (
 from spherekit.wording import listing
 
 PoleFields = Sequence[PoleField | LazyField]
-"""The poles at the rows of a motion: one field per input that moves while others stand."""
+"""The poles at the rows of a motion: one field per moving input."""
 
 ContinuedAngles = Mapping[str, Floats]
 """(n,) pair variables in rad without jumps of whole revolutions, by pair."""
@@ -68,7 +68,7 @@ class Batch:
     to block.
 
     A method with the parameter `moved` returns a quantity while one input moves and the
-    others are locked. `moved` is the index of that input, by default the first.
+    other inputs are locked. `moved` is the index of that input, by default the first.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Batch:
         The mechanism, with the inputs of the run.
     plans
         For each input, the plan by which pole axes are computed while this input moves and
-        the others are locked.
+        the other inputs are locked.
     needs
         What the analysis has declared. Other quantities raise `UndeclaredNeed`.
     timed
@@ -274,7 +274,7 @@ class Batch:
                 )
             values_by_pole: list[Array | LazyColumn] = []
             # The links i and j of the pole, and the index of the input that moves while the
-            # others are locked.
+            # other inputs are locked.
             for i, j, moved in poles:
                 if self._is_computed(quantity, moved):
                     values = self._pole(i, j, quantity, moved)
@@ -293,7 +293,7 @@ class Batch:
 
         A pole is the axis of the relative rotation of two links. In long runs, most
         quantities are computed when they are read. `moved` is the index of the input that
-        moves while the others are locked.
+        moves while the other inputs are locked.
         """
         pole_field = self._pole_field(moved)
         if not isinstance(pole_field, LazyField):
@@ -316,7 +316,7 @@ class Batch:
         i, j
             Indices of the two links of the pole.
         moved
-            Index of the input that moves while the others are locked.
+            Index of the input that moves while the other inputs are locked.
         quantity
             Name of the quantity, such as "direction". It must not be computed yet.
         component
@@ -336,8 +336,8 @@ class Batch:
 
         A pole is the instantaneous axis about which one link rotates relative to another. A
         batch row is one sample in one assembly mode (way to assemble the mechanism). The
-        table has the rows of all poles at the first batch row, then those at the second,
-        and so on.
+        table has the rows of all poles at the first batch row, then the rows of all poles
+        at the second, and so on.
 
         Parameters
         ----------
@@ -379,7 +379,8 @@ class Batch:
 
     def assembly_mode_rows(self) -> Mapping[int, slice]:
         """Return the rows of each assembly mode, keyed by the index of the mode."""
-        # The rows of the n-th mode follow those of the modes before it, k for each mode.
+        # The rows of the n-th mode follow the rows of the earlier modes. Each mode has k
+        # rows.
         k = self._motion.samples
         return {
             item.number: slice(n * k, (n + 1) * k)
@@ -520,7 +521,7 @@ class Batch:
         name
             Name of a pair with one variable.
         moved
-            Index of the input that moves while the others are locked.
+            Index of the input that moves while the other inputs are locked.
 
         Raises
         ------

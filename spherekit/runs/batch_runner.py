@@ -91,9 +91,9 @@ class BlockRows:
     """The rows of a block (group of samples) while they are computed, slice by slice.
 
     A row is one sample in one assembly mode (way to assemble the mechanism). The block
-    first has the rows of the first mode, then those of the second mode, and so on. A slice
-    is a part of the rows of one mode, small enough for the cache. The kernel is a set of
-    compiled functions that evaluate many rows at once. It certifies a row if the error
+    first has the rows of the first mode, then the rows of the second mode, and so on. A
+    slice is a part of the rows of one mode, small enough for the cache. The kernel is a set
+    of compiled functions that evaluate many rows at once. It certifies a row if the error
     bounds of the row are small enough.
 
     Parameters
@@ -174,11 +174,11 @@ class BlockRows:
         self.slices = split_rows(mode_count, sample_count, slice_size)
 
     def fill(self, samples: Indices) -> list[SliceReversals]:
-        """Compute all rows of the block, and certify those with small error bounds.
+        """Compute all rows of the block, and certify the rows with small error bounds.
 
         A row is one sample in one assembly mode (way to assemble the mechanism). The
         results (pair variables, residuals, certificates, status codes) are stored in this
-        object. Compiled functions compute most rows. The others are solved one after
+        object. Compiled functions compute most rows. All other rows are solved one after
         another.
 
         Parameters
@@ -338,8 +338,8 @@ class BlockRows:
     def _store_closure(self, rows: slice, columns: Floats) -> None:
         """Store the closure residuals and the configuration errors of a slice.
 
-        A closure residual tells how far the loops are open. The columns (width, n) of the n
-        rows come from `_evaluate_slice`.
+        A slice is a group of successive rows. A closure residual tells how far the loops
+        are open. The columns (width, n) of the n rows come from `_evaluate_slice`.
         """
         residual, error = columns[self._quality_function.slices["closure"]]
         self.closure_residual[rows] = residual
@@ -489,11 +489,11 @@ class BlockRows:
     def _close_rows(self, columns: Floats, row_numbers: Indices) -> None:
         """Take a step of Newton's method at rows of a slice in which loops are not closed.
 
-        A row is one sample in one assembly mode. The configurations of these rows were
-        predicted, mostly with errors far below `MAX_BLOCK_NEWTON_STEP_RAD`. Newton's method
-        reduces an error to about its square, so one step is enough. A larger step may lead
-        to another assembly mode and is not taken. Rows that stay open are solved one by one
-        later.
+        A slice is a group of successive rows. A row is one sample in one assembly mode. The
+        configurations of these rows were predicted, mostly with errors far below
+        `MAX_BLOCK_NEWTON_STEP_RAD`. Newton's method reduces an error to about its square,
+        so one step is enough. A larger step may lead to another assembly mode and is not
+        taken. Rows that stay open are solved one by one later.
 
         The pair variables (joint angles) in `values` and the numbers in `columns` are
         changed in place.
@@ -663,8 +663,8 @@ class BatchRunner:
     sampling
         The samples of the run.
     requests
-        The poles to evaluate, for each input that moves while the others are locked. A pole
-        is the axis about which one link rotates relative to another.
+        The poles to evaluate, for each input that moves while the other inputs are locked.
+        A pole is the axis about which one link rotates relative to another.
     kernel
         Evaluates the rows.
     predict
@@ -712,7 +712,7 @@ class BatchRunner:
 
         A kernel is a set of compiled functions that evaluate all numbers of many rows at
         once. It also bounds the errors of each row, and certifies rows in which they are
-        small enough. The others are solved without it.
+        small enough. All other rows are solved without it.
 
         Parameters
         ----------
@@ -720,7 +720,8 @@ class BatchRunner:
             The samples of the run. A row is one sample in one assembly mode (way to
             assemble the mechanism).
         requests
-            The poles to evaluate, for each input that moves while the others are locked.
+            The poles to evaluate, for each input that moves while the other inputs are
+            locked.
         is_recorded
             Whether the run is recorded.
         looks_ahead
@@ -790,7 +791,7 @@ class BatchRunner:
     def _bytes_per_row(self) -> int:
         """Bytes of a row: its columns, or its rotation matrices if they need more.
 
-        `BLOCK_BYTES` limits each of the two on its own, not their sum. Rotation matrices
+        `BLOCK_BYTES` limits each of the two separately, not their sum. Rotation matrices
         count only if an analysis reads them.
         """
         column_bytes = BYTES_PER_NUMBER * self.kernel.column_count
@@ -881,7 +882,7 @@ class BatchRunner:
     def fields(
         self, motion: Motion, sign_continuations: Sequence[SignContinuation]
     ) -> tuple[LazyField, ...]:
-        """Return the poles of a block, for each input that moves while others are locked.
+        """Return the poles of a block (group of samples), for each moving input.
 
         A pole is the axis about which one link rotates relative to another. A row is one
         sample in one assembly mode (way to assemble the mechanism). The kernel (compiled
@@ -958,12 +959,12 @@ class BatchRunner:
         motion
             A block of samples.
         input_index
-            Index of the input that moves while the others are locked.
+            Index of the input that moves while the other inputs are locked.
         uncertified_poles
             The poles in the rows that the kernel (compiled functions) does not certify.
         pending_poles
             Which rows have a configuration, and at which rows directions are compared with
-            those of the row before.
+            the directions in the row before.
         sign_continuation
             The last directions of the previous block. It is updated in place.
 
@@ -1073,8 +1074,8 @@ class BatchRunner:
     def _predict_configurations(self, samples: Indices, rows: BlockRows) -> None:
         """Predict the configurations of a block by interpolation between neighbours.
 
-        This is only needed if configurations are not computed in closed form. The predicted
-        pair variables (joint angles) are stored in `rows`.
+        A block is a group of samples. The method is used if configurations are not computed
+        in closed form. The predicted pair variables (joint angles) are stored in `rows`.
 
         Parameters
         ----------

@@ -206,7 +206,7 @@ class AbstractAnalysis(ABC):
         return ()
 
     def joined(self, before: Findings, now: Findings) -> Findings:
-        """Join the findings of all earlier blocks with those of the next block.
+        """Join the findings of all earlier blocks of samples with the findings of the next.
 
         A run is computed in blocks of samples, and findings are results besides tables.
         This method accepts only equal findings. A subclass overrides it if findings differ.
@@ -214,7 +214,7 @@ class AbstractAnalysis(ABC):
         Raises
         ------
         AnalysisError
-            If the findings of the next block differ from those before.
+            If the findings of the next block differ from the earlier findings.
         """
         if before != now:
             raise AnalysisError(
@@ -244,7 +244,7 @@ class BrokenAnalysis(AbstractAnalysis):
     tables = ()
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Raise `PluginError`. A run calls this method before all others."""
+        """Raise `PluginError`. A run calls this method before all other methods."""
         raise PluginError(self.why)
 
     def compute(self, batch: Batch) -> Mapping[str, TableArrays]:

@@ -104,7 +104,7 @@ class OutputRows(ArrayRows):
         return [float(x) if np.isfinite(x) else None for x in numbers]
 
     def segments(self) -> Iterator[Self]:
-        """Yield the longest parts in which all rows have a configuration, or none has."""
+        """Yield the longest row ranges where all rows have a configuration, or none has."""
         has_angle = np.isfinite(self.angles)
         starts = 1 + np.flatnonzero(has_angle[1:] != has_angle[:-1])
         for start, end in pairwise([0, *starts, len(has_angle)]):
@@ -152,7 +152,8 @@ class ExaminedRows:
         self.motion = motion
         self.is_ok = motion.status == Status.OK
         self.closes = has_configuration(motion.status)
-        # (rows, links, 3, 3) rotations from the axes of each link to those of the ground.
+        # (rows, links, 3, 3) rotations from the axes of each link to the axes of the
+        # ground.
         self.rotations = motion.rotations
         # (rows, inputs, links, 3) angular velocities per rate of each input.
         self.link_rates = _link_rates(motion)
@@ -390,8 +391,8 @@ class ExaminedRows:
         output
             The output.
         relative
-            (m, 3, 3) rotation matrix of each row (sample), from the axes of the output's
-            link to those of its reference link.
+            (m, 3, 3) rotation matrix of each row (sample), from the axes of the link of the
+            output to the axes of its reference link.
         closes
             (m,) whether each row has a configuration. The other rows are left out.
         """
@@ -601,7 +602,7 @@ def _place_of_rest(path: OutputRows, before: int, after: int) -> float:
 
 
 def _angles_of_directions(first: Floats, directions: Floats) -> Floats:
-    """Return the angles (k,) in rad between a unit vector (3,) and others (k, 3)."""
+    """Return the angles (k,) in rad between one unit vector (3,) and k others (k, 3)."""
     sine = np.linalg.norm(np.cross(directions, first), axis=1)
     return np.arctan2(sine, directions @ first)
 

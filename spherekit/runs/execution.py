@@ -41,7 +41,7 @@ class Execution:
         The solver of a simulation; see `spherekit.dynamics.forward_dynamics.simulate`.
     only_needed
         Whether to leave out the groups of links that no analysis needs. Assembly modes are
-        then those of the remaining part, and only that part has to close.
+        then modes of the remaining part of the mechanism, and only that part has to close.
     recorder
         Receives the drawings (scenes) of each block of samples.
     log_every

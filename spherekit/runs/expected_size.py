@@ -93,7 +93,7 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
     has_many_poles = poles > MAX_POLES
     finds_modes = assembly.has_closed_form and not has_many_poles
     measured_study = study if finds_modes else replace(study, search=False)
-    # The short runs have this number of samples, and twice as many.
+    # The first short run has this number of samples, the second twice as many.
     short_count = min(samples, MEASURED_SAMPLES) // 2
     # The tables of other analyses need not grow with the samples.
     rowwise_analyses = [analysis for analysis in analyses if analysis.rowwise]
@@ -158,7 +158,7 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
 class CostExtrapolation:
     """Predicts the cost of a run from the costs of short runs of the same study.
 
-    The cost is a nested dictionary of numbers, such as those of the configurations and of
+    The cost is a nested dictionary of numbers, such as the number of configurations, and of
     the rows and bytes of each table.
 
     Attributes
@@ -166,7 +166,7 @@ class CostExtrapolation:
     sample_count
         Number of samples of the predicted run.
     short_count
-        Number of samples of the shorter one of two runs. The longer one has twice as many.
+        Number of samples of the shorter one of two runs. The longer run has twice as many.
     shorter, longer
         The costs of these two runs. If there are many poles, the runs only have the table
         of the motion.
@@ -190,8 +190,8 @@ class CostExtrapolation:
 
         The prediction is extrapolated from the costs of two short runs. If there are many
         poles, these two runs have only the table of the motion, to save time. All other
-        costs are then those of a third run of a few samples, which has all tables. They are
-        multiplied by the ratio of the numbers of samples.
+        costs are then measured in a third run of a few samples, which has all tables. They
+        are multiplied by the ratio of the numbers of samples.
 
         Parameters
         ----------

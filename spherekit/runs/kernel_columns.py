@@ -1,7 +1,7 @@
 """Poles of a block that a kernel computes only when their columns are read.
 
-A `RowKernel` evaluates all columns of a row at once. It certifies most rows. The others are
-evaluated by the ordinary functions, and their numbers replace those of the kernel.
+A `RowKernel` evaluates all columns of a row at once. It certifies most rows. All other rows
+are evaluated by the ordinary functions, and these values replace the values of the kernel.
 """
 
 from collections.abc import Sequence
@@ -46,7 +46,7 @@ class ColumnKey(NamedTuple):
     Attributes
     ----------
     input_index
-        Index of the input that moves while the others are locked.
+        Index of the input that moves while the other inputs are locked.
     quantity
         Name of a quantity: an attribute of `PoleField`, such as ``"direction"``.
     subject
@@ -111,8 +111,8 @@ class UncertifiedPoles:
     rows
         (u,) numbers of these rows in the block, rising.
     fields
-        The poles in these rows, for each input that moves while the others are locked.
-        Empty if there are no such rows.
+        The poles in these rows, for each input that moves while the other inputs are
+        locked. Empty if there are no such rows.
     """
 
     def __init__(
@@ -139,7 +139,8 @@ class UncertifiedPoles:
         motion
             The configurations of the block. A row is one sample in one assembly mode.
         requests
-            The poles to evaluate, for each input that moves while the others are locked.
+            The poles to evaluate, for each input that moves while the other inputs are
+            locked.
         rows
             (u,) indices of the uncertified rows in the block, rising.
         """
@@ -172,7 +173,8 @@ class UncertifiedPoles:
         samples
             Number of samples, which is the number of rows of each assembly mode.
         """
-        # The rows of the first mode come first, then those of the second, and so on.
+        # The rows of the first mode come first, then the rows of the second mode, and so
+        # on.
         mode_indices = self.rows // samples
         for input_index, field in enumerate(self.fields):
             poles = self._reversible_poles[input_index]
@@ -198,7 +200,7 @@ class UncertifiedPoles:
         poles
             The poles at k rows, as the kernel has computed them.
         input_index
-            Index of the input that moves while the others are locked.
+            Index of the input that moves while the other inputs are locked.
         rows
             (k,) numbers of these rows in the block (group of samples). A row is one sample
             in one assembly mode.
@@ -299,7 +301,7 @@ def evaluate_unsigned_poles(
         The poles in rows where the errors of the kernel may be too large. These poles
         replace the values of the kernel.
     input_index
-        Index of the input that moves while the others are locked.
+        Index of the input that moves while the other inputs are locked.
     rows
         (k,) indices of the rows in the block.
     """
@@ -323,7 +325,7 @@ def _evaluate_unsigned_by_kernel(
     kernel
         Compiled functions that evaluate many rows at once.
     input_index
-        Index of the input that moves while the others are locked.
+        Index of the input that moves while the other inputs are locked.
     values
         (variables, k) pair variables (rad) in k rows (samples in assembly modes).
     """
@@ -355,7 +357,7 @@ class KernelColumns:
     motion
         The configurations of the block.
     requests
-        The poles to evaluate, for each input that moves while the others are locked.
+        The poles to evaluate, for each input that moves while the other inputs are locked.
     uncertified_poles
         The poles in the rows that the kernel does not certify, with their final senses.
     sign_functions
@@ -389,8 +391,9 @@ class KernelColumns:
         # the row has failed.
         self._values = motion.values.T
         self._failed = motion.failed
-        # (n,) rows in which other numbers replace those of the kernel (compiled functions):
-        # NaN in failed rows, and results of slower functions where errors are too large.
+        # (n,) rows in which other values replace the values of the kernel (compiled
+        # functions): NaN in failed rows, and results of slower functions where errors are
+        # too large.
         self._is_replaced = motion.failed.copy()
         self._is_replaced[uncertified_poles.rows] = True
         # Columns are computed for one slice of rows after another, because the results of a
@@ -437,7 +440,7 @@ class KernelColumns:
         all_columns = self._evaluate_kernel(rows)
         self._apply_signs(all_columns, mode, rows)
         columns = [all_columns[self._find_column(key)] for key in keys]
-        # In failed or inaccurate rows, other numbers replace those of the kernel.
+        # In failed or inaccurate rows, other values replace the values of the kernel.
         if np.any(self._is_replaced[rows]):
             columns = [
                 self._replace_numbers(key, column, rows)
@@ -563,12 +566,12 @@ class LazyField:
             The kernel (compiled functions that evaluate the columns of many rows), with the
             rows of the block.
         input_index
-            Index of the input that moves while the others are locked.
+            Index of the input that moves while the other inputs are locked.
         motion
             The configurations of the block: n rows.
         is_certified
-            (n,) whether the kernel certifies the row. Ordinary functions have evaluated the
-            others.
+            (n,) whether the kernel certifies the row. Ordinary functions have evaluated all
+            other rows.
         errors
             The largest errors in certified rows, as in `REPORTED_ERRORS`.
         """
@@ -719,7 +722,7 @@ def largest_errors(field: PoleField) -> dict[str, float]:
 def _replace_rows(
     codes: SmallIntegers, rows: Indices, row_codes: SmallIntegers
 ) -> SmallIntegers:
-    """Return a copy of status codes (n,) in which those of some rows (k,) are replaced."""
+    """Return a copy of status codes (n,), with new codes in some rows (k,)."""
     result = codes.copy()
     result[rows] = row_codes
     return result

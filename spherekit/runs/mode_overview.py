@@ -18,8 +18,8 @@ MAX_LIST_ENTRIES = 32
 """Number of entries that each list of an overview has at most.
 
 The lists are the spans of samples with one status, and for each output the places of rest,
-the uncertain ones, and the places of type I singularities. Further items are counted only.
-Larger: more items are listed, and the stored state of a run is larger.
+the uncertain places, and the places of type I singularities. Further items are counted
+only. Larger: more items are listed, and the stored state of a run is larger.
 """
 
 REVERSAL_SHARE = 0.02

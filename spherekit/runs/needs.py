@@ -42,7 +42,7 @@ class Needs:
         Whether the time of each row and the rates and accelerations of the inputs are read.
     tracer
         Whether the analysis uses the position analysis of the run, in order to compute
-        other configurations than those of the samples, such as those along a curve.
+        configurations beyond the samples, such as configurations along a curve.
     turns
         Poles for which the turning of the axis is read: the derivatives of the axis
         direction with respect to the input. They need `derivatives`.

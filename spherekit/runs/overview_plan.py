@@ -111,7 +111,7 @@ def _examined_output(mechanism: Mechanism, output: Output) -> ExaminedOutput:
         _, second_link = mechanism.ends[mechanism.variable_owners[variable]]
         sense = 1.0 if second_link == link else -1.0
     label = f"{output.link}/{output.relative_to}"
-    # A name that is only that of the link says nothing new.
+    # A name that only repeats the name of the link says nothing new.
     has_name = output.name not in ("", output.link)
     direction = None
     if output.direction is not None:

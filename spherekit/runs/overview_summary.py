@@ -145,7 +145,7 @@ def _summarize_transmission(
 
 
 def _summarize_excess(output: OutputOverview) -> Facts:
-    """Return by how much extremes between samples may exceed those at the samples.
+    """Return by how much extremes between samples may exceed the extremes at samples.
 
     The estimates are for the angle of an output (rad), its velocity ratio, and its
     transmission angle (rad). An output without a transmission angle has the transmission

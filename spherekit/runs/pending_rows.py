@@ -101,7 +101,7 @@ class PendingRows:
         timing = None
         if self.times is not None:
             # (rows, inputs) times, rates and accelerations. The time is the same for all
-            # inputs, so that of the first input is taken.
+            # inputs, so the time of the first input is taken.
             t, dq, ddq = self.times.reshape(3, row_count, -1)
             timing = Timing(t[:, 0], dq, ddq)
         numbers = [mode.number for mode in motion.assembly_modes]

@@ -23,8 +23,8 @@ NO_ROWS: Indices = np.empty(0, dtype=np.intp)
 MIN_DIRECTION_COSINE = 1e-8
 """Cosine of successive directions below which the direction may have reversed.
 
-Directions of rows that are not closed yet can have errors up to a tenth of it, like those
-of certified rows. Larger: more rows are compared; smaller: reversals are missed.
+Directions of rows that are not closed yet can have errors up to a tenth of it, like
+directions of certified rows. Larger: more rows are compared; smaller: reversals are missed.
 """
 
 MAX_ROWS_COMPARED = 256
@@ -107,7 +107,7 @@ class SliceReversals:
     first_row, last_row
         Numbers of the first and the last examined row in the block (group of samples).
     by_input
-        The result for each input that moves while the others are locked.
+        The result for each input that moves while the other inputs are locked.
     """
 
     mode: int
@@ -242,7 +242,7 @@ def _bound_relative_velocities(
     ----------
     input_columns
         Computes relative velocities. Its first argument has the velocities of second links,
-        its second argument those of first links.
+        its second argument the velocities of first links.
     velocities
         (components, n) components of the angular velocities of all links at n rows
         (samples).
@@ -300,18 +300,18 @@ def find_compared_rows(
 ) -> dict[int, ComparedRows]:
     """Return the rows of a block at which pole directions have to be compared.
 
-    A pole is the axis about which one link rotates relative to another. It is a line, so
-    its direction needs a sign that is continuous from row to row. A row is one sample in
-    one assembly mode. The result has the rows before and after each gap, in which a
-    direction may reverse, and the first and the last row of each mode. All other rows have
-    the sign of the compared row before them.
+    A block is a group of samples. A pole is the axis about which one link rotates relative
+    to another. It is a line, so its direction needs a sign that is continuous from row to
+    row. A row is one sample in one assembly mode. The result has the rows before and after
+    each gap, in which a direction may reverse, and the first and the last row of each mode.
+    All other rows have the sign of the compared row before them.
 
     Parameters
     ----------
     slices
         The rows with small error bounds, in successive slices, with the gaps between them.
     input_index
-        Index of the input that moves while the others are locked.
+        Index of the input that moves while the other inputs are locked.
     is_assembled
         (modes, samples) whether the row has a configuration.
     is_uncertified
@@ -351,7 +351,7 @@ def _list_gaps_by_mode(
     slices
         The rows with small error bounds, in successive slices.
     input_index
-        Index of the input that moves while the others are locked.
+        Index of the input that moves while the other inputs are locked.
 
     Returns
     -------

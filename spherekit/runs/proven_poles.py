@@ -251,7 +251,7 @@ class PoleKey(NamedTuple):
     """Identifies a row of the table of poles.
 
     A pole is the axis about which one link rotates relative to another, while one input
-    (the moving one) moves and the others are locked.
+    (the moving one) moves and the other inputs are locked.
 
     Attributes
     ----------

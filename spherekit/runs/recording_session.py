@@ -187,7 +187,7 @@ class RecordingSession:
         While a simulation is solved, its links are shown at samples up to the requested end
         time. The simulation may end earlier, and then has fewer samples. Shown samples
         after its end are hidden. The last sample of the finished simulation is at its end,
-        so its time may differ from that of the shown sample with this number. This shown
+        so its time may differ from the time of the shown sample with this index. This shown
         sample is hidden, too.
 
         Parameters
@@ -250,7 +250,7 @@ class RecordingSession:
         """Pass a scene (drawing) to the recorder, with the samples of a block.
 
         Some scenes are drawn over a quantity such as a frequency or a parameter of a curve
-        (`over`). All others are drawn over the samples.
+        (`over`). All other scenes are drawn over the samples.
 
         Parameters
         ----------
@@ -265,7 +265,7 @@ class RecordingSession:
             self._log_over_samples(scene, motion)
 
     def _log_over_own_axes(self, scene: Scene) -> None:
-        """Pass a scene to the recorder that has axes of its own, not those of the samples.
+        """Pass a scene with separate axes, not the axes of the samples, to the recorder.
 
         Such a scene (drawing) belongs to no sample. To be shown with the recording, its
         rows are spread evenly over the inputs and times of the recording.

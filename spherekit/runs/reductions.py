@@ -37,7 +37,7 @@ class SampledValues:
         mode cannot be assembled.
     is_closed_path
         Whether the samples are a path that ends where it began. The inputs of the last
-        sample are then those of the first one, apart from whole revolutions.
+        sample then equal the inputs of the first sample, apart from whole revolutions.
     """
 
     q: Floats
@@ -121,8 +121,8 @@ def sample_weights(
     values
         (k,) values, NaN where the mechanism cannot be assembled.
     figure
-        The reduced number. Some derivatives depend on it, such as those of the root of the
-        mean square.
+        The reduced number. Some derivatives depend on the reduced number, such as the
+        derivatives of the root of the mean square.
     is_closed_path
         Whether the last sample is the first one after full revolutions of the inputs.
 

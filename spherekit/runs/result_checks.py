@@ -54,7 +54,7 @@ def compute_checked_tables(
     Raises
     ------
     PluginError
-        If `compute` fails, or if its tables are not those that were declared.
+        If `compute` fails, or if its tables are not the declared tables.
     SpherekitError
         If the analysis itself refuses the samples.
     """
@@ -74,7 +74,7 @@ def compute_checked_tables(
         data[table.name] = columns
         rows = row_count(columns)
         # The batch has a row for each sample in each assembly mode. Some tables must have
-        # equally many rows for each row of the batch. They are those with columns for
+        # equally many rows for each row of the batch. These are the tables with columns for
         # sample and assembly mode, if the analysis reads samples one by one.
         has_rows_of_samples = (
             analysis.rowwise and analysis.reads_samples and table.in_assembly_modes
@@ -110,7 +110,7 @@ def _check_columns(where: str, table: Table, data: Any) -> dict[str, Array | Int
     Raises
     ------
     PluginError
-        If the columns are not those declared, or their lengths differ.
+        If the columns are not the declared columns, or their lengths differ.
     """
     names = [column.name for column in table.columns]
     returned_names = _describe_keys(data)
@@ -200,7 +200,7 @@ def _has_values_of_kind(values: Array, kind: str) -> bool:
 def compute_findings(
     analysis: AbstractAnalysis, batch: Batch, before: Findings | None
 ) -> Findings:
-    """Return the findings of an analysis in a block, joined with those of earlier blocks.
+    """Return the findings of an analysis in a block, joined with all earlier findings.
 
     Findings are results of an analysis in addition to its tables: values for the summary,
     warnings and remarks.

@@ -92,7 +92,7 @@ class RunPlan:
         For each analysis that is not run, by name: the reason.
     requests
         The poles (axes of relative rotation of two links) to evaluate, for each input that
-        moves while the others are locked.
+        moves while the other inputs are locked.
     setting
         How velocities are computed.
     source
@@ -148,7 +148,7 @@ class RunPlan:
     def evaluate_poles(
         self, motion: Motion, sign_continuations: Sequence[SignContinuation]
     ) -> PoleFields:
-        """Evaluate the poles of a block, for each input that moves while others are locked.
+        """Evaluate the poles of a block (group of samples), for each moving input.
 
         A pole is the axis about which one link rotates relative to another. Inputs for
         which no poles are requested are left out.
@@ -168,7 +168,7 @@ class RunPlan:
             return source.fields(motion, sign_continuations)
         if self.max_poles is not None:
             # The run only measures the size of its tables, so numbers need not be right.
-            # Only few poles are evaluated, and all others get similar numbers.
+            # Only few poles are evaluated, and all other poles get similar values.
             return self._fill_in_poles(motion, self.max_poles)
         return self._evaluate_all_poles(motion, sign_continuations)
 
@@ -193,9 +193,10 @@ class RunPlan:
         """Evaluate the requested poles of a block of samples.
 
         A pole is the axis about which one link rotates relative to another. If there are
-        several inputs, each input in turn moves alone, and has its own poles. The `setting`
-        selects the method ("route": velocity equations or great circles). It also selects
-        the engine (NumPy, compiled code or quad precision).
+        several inputs, each input in turn moves while the other inputs are locked. Each
+        input has its own poles. The `setting` selects the method ("route": velocity
+        equations or great circles). It also selects the engine (NumPy, compiled code or
+        quad precision).
 
         Parameters
         ----------
@@ -205,7 +206,7 @@ class RunPlan:
             For each input, the last pole directions of the previous block. The signs of
             directions continue from there. They are updated in place.
         """
-        # The lists have an entry for each input, also for those without requested poles.
+        # The lists have an item for each input, including inputs without requested poles.
         return tuple(
             evaluate(
                 motion,
@@ -279,8 +280,8 @@ class RunPlan:
     ) -> dict[str, TableData]:
         """Return the tables of an analysis for a block of samples, after checking them.
 
-        Their columns must be those that the analysis declares. `batch` has the results of
-        the run at these samples.
+        Their columns must be the columns that the analysis declares. `batch` has the
+        results of the run at these samples.
 
         Errors raised by `compute_checked_tables`.
         """
@@ -398,8 +399,8 @@ class RunPlan:
     def tables_of(self, analysis: AbstractAnalysis) -> tuple[Table, ...]:
         """Return the tables of an analysis, with the columns that it computes.
 
-        These are the declared columns, without those that its parameters do not request. A
-        column that is declared for every input becomes one column for each input of the
+        These are the declared columns, without columns that the parameters do not request.
+        A column that is declared for every input becomes one column for each input of the
         mechanism.
         """
         return tuple(table.of(self.mechanism) for table in analysis.requested_tables())
@@ -443,7 +444,7 @@ class RunPlan:
 def collect_needs(analyses: Analyses, mechanism: Mechanism) -> DeclaredNeeds:
     """Ask each analysis for its needs (the quantities that it reads), and check them.
 
-    An analysis can be a plugin by other people. If it is faulty, the others are run
+    An analysis can be a plugin by other people. If it is faulty, the other analyses are run
     nevertheless. The reason is noted in the result.
 
     Raises
@@ -642,7 +643,8 @@ def extract_needed_part(study: Study, analyses: Analyses) -> Mechanism:
         If an analysis reads the whole mechanism, or the motion follows from loads, which
         can act on any link.
     PlanError
-        If the mechanism has not as many degrees of freedom as inputs.
+        If the number of degrees of freedom of the mechanism differs from the number of
+        inputs.
     """
     mechanism = study.mechanism
     # Only a motion that follows from loads has a start (initial state).

@@ -219,7 +219,7 @@ class RunResult:
                 "write(folder)"
             )
         # The views (figures and recordings) repeat the run when they are first used. Only
-        # results of `spherekit.run` have views; for others an error is raised.
+        # results of `spherekit.run` have views; for other results an error is raised.
         views = self._check_views(str(path))
         views.record(path)
         return path
@@ -428,7 +428,7 @@ class RunResult:
         """Write all tables and `summary.json` to a folder, and return the paths.
 
         `columns.csv` and the summary contain the unit of each column. The files appear
-        together when all of them are complete, in place of those of an older run.
+        together when all of them are complete, in place of the files of an older run.
 
         Parameters
         ----------
@@ -527,7 +527,7 @@ def _first_rows_html(analysis: str, table: Table, data: TableArrays) -> str:
 def tables_by_file_stem(declared: Declared) -> dict[str, tuple[str, Table]]:
     """Return the analysis and the table of each file, by the stem of the file.
 
-    Each table is written to a file of its own. The stem is the name of the file without its
+    Each table is written to a separate file. The stem is the name of the file without its
     ending. The first table of an analysis is in the file that is named like the analysis.
     """
     tables_by_stem = {}
@@ -580,8 +580,8 @@ def make_result(
     # when they are used, or they are in memory.
     files: list[Path] = []
     data: dict[str, dict[str, TableArrays]] = {name: {} for name in declared}
-    # Columns in memory are in rad. `write_results` replaces these units by those of the
-    # files, which may be in degrees.
+    # Columns in memory are in rad. `write_results` replaces these units by the units of the
+    # files, which may be degrees.
     summary = {**summary, "units": _units_by_stem(declared, degrees=False)}
     # Name of the analysis and table of each file, by the name of the file without ending.
     tables_by_stem = tables_by_file_stem(declared)

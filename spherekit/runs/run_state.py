@@ -79,9 +79,10 @@ class RunState:
     Attributes
     ----------
     sign_continuations
-        For each input that moves while the others are locked: the directions of all poles
-        (axes of relative rotation) in the last row, that is, at the last sample. Directions
-        in the next rows get signs that continue these directions without reversal.
+        For each input that moves while the other inputs are locked: the directions of all
+        poles (axes of relative rotation) in the last row, that is, at the last sample.
+        Directions in the next rows get signs that continue these directions without
+        reversal.
     last_angles
         For each assembly mode (way to assemble the mechanism), the pair variables in the
         last row, without jumps of whole revolutions. The next block continues them.
@@ -121,7 +122,8 @@ class RunState:
     def to_journal(self) -> Facts:
         """Return the state of a run ready for JSON, so that the run can be resumed.
 
-        The keys stay those of earlier versions, because their journals can be resumed, too.
+        The keys stay the same as in earlier versions, because journals of those versions
+        can be resumed, too.
         """
         return {
             "signs": [memory.state() for memory in self.sign_continuations],
@@ -194,9 +196,10 @@ class RunState:
         motion
             The configurations of the block.
         pole_fields
-            The poles of the block, for each input that moves while the others are locked.
+            The poles of the block, for each input that moves while the other inputs are
+            locked.
         """
-        # (modes, samples): the rows of a mode follow those of the mode before.
+        # (modes, samples): the rows of a mode follow the rows of the mode before.
         status = run_status(motion, pole_fields).reshape(-1, motion.samples)
         for mode, mode_status in zip(motion.assembly_modes, status, strict=True):
             self._count_statuses((MODE, str(mode.number)), mode_status)
@@ -229,7 +232,8 @@ class RunState:
         Parameters
         ----------
         pole_fields
-            The poles of the block, for each input that moves while the others are locked.
+            The poles of the block, for each input that moves while the other inputs are
+            locked.
         """
         has_several_inputs = len(pole_fields) > 1
         for pole_field in pole_fields:
@@ -300,7 +304,7 @@ class RunState:
         batch: Batch | None = None,
         has_rows_of_batch: bool = True,
     ) -> None:
-        """Count the rows of a table of an analysis in a block, and those that failed.
+        """Count the rows of an analysis table in a block, and the rows that failed.
 
         A row fails if it has a status other than OK, with two exceptions that are no
         failures of the analysis:
@@ -408,8 +412,8 @@ def _status_arrays(column_values: Any) -> list[tuple[Array, int]]:
     """Return the different arrays of status codes of a column, and how often each occurs.
 
     A table may have a row for each of several poles at a sample. Its columns are then
-    `Interleaved`: they store an array for each pole. Poles with no status of their own
-    share one array: the status of the rows. Counting this array only once saves time.
+    `Interleaved`: they store an array for each pole. Poles without a separate status share
+    one array: the status of the rows. Counting this array only once saves time.
     """
     is_interleaved = isinstance(column_values, Interleaved)
     parts = column_values.parts if is_interleaved else (column_values,)
@@ -431,7 +435,7 @@ def _find_ignored_statuses(needs: Needs) -> list[Status]:
 def _omit_failed_configurations(
     codes: Array, data: TableData, column: Column, batch: Batch
 ) -> Array:
-    """Return status codes of rows of a table without those of failed configurations.
+    """Return status codes of table rows, without rows of failed configurations.
 
     If the mechanism cannot be assembled at a sample, its configuration there has a status
     such as "out of reach". A row of the analysis for this sample then has the same status.
@@ -459,7 +463,7 @@ def _omit_failed_configurations(
 
 
 def _select_pole_failures(codes: Array, batch: Batch) -> Array:
-    """Return the status codes of a pole that differ from those of its configurations.
+    """Return the status codes of a pole that differ from the codes of its configurations.
 
     A pole is the axis of the relative rotation of two links. If the mechanism has no
     position at a sample, this is no failure of the poles there.
@@ -489,7 +493,7 @@ def _select_table_failures(codes: Array, data: TableData, batch: Batch) -> Array
     codes
         (n,) status codes of the rows of the table, in any order.
     data
-        Columns of the table, with those of the sample and the assembly mode.
+        Columns of the table, including the columns of the sample and the assembly mode.
     batch
         The configurations.
     """
@@ -509,7 +513,7 @@ def _find_batch_status(batch: Batch, data: TableData, rows: Indices) -> SmallInt
     batch
         The configurations.
     data
-        Columns of the table, with those of the sample and the assembly mode.
+        Columns of the table, including the columns of the sample and the assembly mode.
     rows
         (k,) numbers of rows of the table.
 
@@ -539,8 +543,8 @@ def _find_positions(wanted: Integers, numbers: Integers) -> Indices:
     """
     order = np.argsort(numbers)
     positions_when_sorted = np.searchsorted(numbers[order], wanted)
-    # `searchsorted` returns n for a number above all others. This is reduced to a valid
-    # position, and the comparison below finds that the number is missing.
+    # `searchsorted` returns n for a number above all stored numbers. This is reduced to a
+    # valid position, and the comparison below finds that the number is missing.
     candidates = order[np.minimum(positions_when_sorted, len(numbers) - 1)]
     return np.where(numbers[candidates] == wanted, candidates, -1)
 
@@ -548,8 +552,8 @@ def _find_positions(wanted: Integers, numbers: Integers) -> Indices:
 def _count_shared_arrays(arrays: Iterable[Array]) -> list[tuple[Array, int]]:
     """Return each distinct array once, and how many times it is there.
 
-    The arrays are statuses of poles (axes of relative rotation). Poles with no status of
-    their own share one array: the status of the rows. Counting this array only once saves
+    The arrays are statuses of poles (axes of relative rotation). Poles without a separate
+    status share one array: the status of the rows. Counting this array only once saves
     time. Arrays are the same if they start at the same address with the same strides.
     """
     arrays_by_memory: dict[tuple[int, tuple[int, ...]], list[Array]] = defaultdict(list)

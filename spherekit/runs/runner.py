@@ -63,8 +63,9 @@ def run(
     Parameters
     ----------
     subject
-        A study, or a mechanism with as many degrees of freedom as inputs. Both can be given
-        as an object, as the path of a file, or as the name of a shipped example.
+        A study, or a mechanism. The mechanism must have one input per degree of freedom.
+        Study and mechanism can be passed as an object, as the path of a file, or as the
+        name of a shipped example.
     analyses
         Names such as ``"poles"`` or ``"poles:only=31+42"``, or analysis objects. By
         default the analyses of the study are run, or ``"poles"`` if it names none. If no
@@ -314,7 +315,7 @@ def evaluate_block(
         The analyses with their needs, and the poles to evaluate.
     motion
         Configurations of the block: n rows. All samples of the first assembly mode (way to
-        assemble the mechanism) come first, then those of the next mode.
+        assemble the mechanism) come first, then all samples of the next mode.
     run_state
         The state after the previous block. It is updated in place.
     table_store
@@ -327,7 +328,8 @@ def evaluate_block(
     Returns
     -------
     pole_fields
-        Poles at the n rows, one field per input that moves while the others are locked.
+        Poles at the n rows, one field per input that moves while the other inputs are
+        locked.
     continued_angles
         (n,) variables in rad by pair, without jumps of whole revolutions.
 

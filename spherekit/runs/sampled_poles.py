@@ -1,7 +1,7 @@
 """Poles of which some are evaluated, to measure how large tables become.
 
-Tables of all poles of a long chain have thousands of rows at each configuration. The text
-of each row takes about as many bytes as that of another one, so a few poles show the size.
+Tables of all poles of a long chain have thousands of rows at each configuration. The texts
+of all rows take about equally many bytes, so a few poles show the size.
 """
 
 from dataclasses import fields, replace
@@ -15,15 +15,16 @@ from spherekit.velocities.pole_field import PoleField, axis_pairs
 from spherekit.velocities.pole_request import Request
 
 STAND_IN_RELATIVE_STEP = 2.0**-30
-"""Relative difference of the numbers of successive poles that stand in for others.
+"""Relative difference between the values of successive poles with substituted values.
 
-Parquet stores equal numbers once, but those of different poles are not equal. Larger:
-numbers have another size after thousands of poles. Smaller: they become equal by rounding.
+Parquet stores equal numbers once, but the true values of different poles are not equal.
+Larger: numbers have another size after thousands of poles. Smaller: they become equal by
+rounding.
 """
 
 
 def evaluate_sample(motion: Motion, request: Request, max_poles: int) -> PoleField:
-    """Evaluate some of the requested poles, and fill in the others with similar numbers.
+    """Evaluate some of the requested poles, and give the other poles similar values.
 
     The result serves to predict the size of tables with many poles in little time. A pole
     that is not evaluated gets the values of an evaluated pole with other last digits. These

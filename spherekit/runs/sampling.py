@@ -155,7 +155,7 @@ class Sampling:
         Parameters
         ----------
         simulation
-            The solved simulation, or its part solved so far.
+            The solved simulation, or the part of it that is already solved.
         samples
             (n,) indices of the samples.
         """
@@ -191,7 +191,7 @@ class Sampling:
     def continue_angles(
         self, motion: Motion, names: Collection[str], last_angles: LastAngles
     ) -> Mapping[str, Floats]:
-        """Return pair variables of a block that continue those of the previous block.
+        """Return pair variables of a block that continue from the previous block.
 
         Angles of a motion are in (-pi, pi], except for the inputs, and so they jump by
         whole revolutions. The returned variables have no such jumps, also from block to
@@ -587,12 +587,12 @@ def _simulate_study(
     def show_progress(partial_simulation: Simulation) -> None:
         """Pass the part of a simulation that is solved so far to `on_progress`.
 
-        It is passed as a `Sampling` at all times `t`, also those that are not solved yet.
-        `on_progress`, `t` and `position_analysis` belong to the enclosing function.
+        It is passed as a `Sampling` at all times `t`, including times that are not solved
+        yet. `on_progress`, `t` and `position_analysis` belong to the enclosing function.
         """
-        # A `Sampling` needs inputs and rates at all samples, but later ones are not known
-        # yet. `on_progress` does not read them, because it computes motions from the
-        # simulation. So NaN stands for the inputs and rates at all samples.
+        # A `Sampling` needs inputs and rates at all samples, but later inputs and rates are
+        # not known yet. `on_progress` does not read them, because it computes motions from
+        # the simulation. So NaN stands for the inputs and rates at all samples.
         unknown = nans((len(t), 1))
         assert on_progress is not None
         on_progress(
@@ -764,7 +764,7 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
 def _default_timing(q: Floats, is_straight: bool) -> Timing:
     """Return times, rates and accelerations of inputs that have no time laws.
 
-    The fastest input moves at the constant speed `DEFAULT_INPUT_SPEED`, the others in
+    The fastest input moves at the constant speed `DEFAULT_INPUT_SPEED`, the other inputs in
     proportion to it. Time begins at 0, and accelerations are 0. Analyses then have rates
     and velocities to compute with.
 

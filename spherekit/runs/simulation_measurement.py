@@ -58,7 +58,7 @@ Smaller: a single disturbed round decides. Larger: the budget is exceeded by slo
 
 @dataclass(frozen=True)
 class TradeOptions:
-    """Options of `spherekit.trade`, beside those that it shares with other functions.
+    """Options of `spherekit.trade` that no other function shares.
 
     The function measures how much accuracy a run trades for speed: the time and the error
     of each setting. A setting is one way to compute the run, such as an engine.
@@ -146,7 +146,7 @@ class TimedTables(NamedTuple):
 
 @dataclass(frozen=True)
 class Candidate:
-    """A way to run an analysis, to be compared with others by time and error.
+    """A way to run an analysis, to be compared with other ways by time and error.
 
     It is a setting of the run (such as an engine), or a value of a parameter of the
     analysis.
@@ -229,9 +229,9 @@ def _make_batches(
     analysis
         The analysis.
     reference_fields
-        Poles (axes of the relative rotation of two links) at all samples, with which those
-        of the blocks will be compared. There is a field for each input that moves while the
-        others are locked. Empty if poles are not compared.
+        Poles (axes of the relative rotation of two links) at all samples, with which the
+        poles of the blocks will be compared. There is a field for each input that moves
+        while the other inputs are locked. Empty if poles are not compared.
     """
     motions = run_plan.source.blocks(run_plan.block_size)
     for motion, pole_fields, continued_angles in run_plan.evaluate_blocks(motions):
@@ -247,7 +247,7 @@ def _find_reference_rows(motion: Motion, sample_count: int) -> Indices:
     """Return the row (n,) of the whole run to which each row of a block belongs.
 
     A row is one sample in one assembly mode (way to assemble the mechanism). The whole run
-    first has the rows of all samples in the first mode, then those in the next mode. The
+    first has the rows of all samples in the first mode, then the rows in the next mode. The
     block has the same order, but only some of the samples.
 
     Parameters
@@ -515,7 +515,7 @@ def _simulate_tables(
 
 @dataclass(frozen=True)
 class _TightestSimulation:
-    """The most accurate simulation (of the smallest tolerance), the reference for others.
+    """The most accurate simulation (smallest tolerance), the reference for the others.
 
     Attributes
     ----------
@@ -584,8 +584,8 @@ def _compute_exact_tables(
     (driven,) = simulation.driven
 
     # A simulation counts revolutions, but a motion has angles in (-pi, pi]. So the exact
-    # variables are shifted by whole revolutions to those of the motion. Only the input
-    # keeps its revolutions, in the motion too.
+    # variables are shifted by whole revolutions to the variables of the motion. Only the
+    # input keeps its revolutions, in the motion too.
     revolutions = np.round((centre_floats(states) - motion.values) / TURN)
     with exact.arithmetic.within():
         values = centre_floats(states - exact_balls(revolutions) * (2 * pi_ball()))

@@ -56,8 +56,8 @@ _FILE_WORDING = TypeWording(
 def make_study_analyses(study: Study) -> list[AbstractAnalysis]:
     """Return the analyses that a study names in its file.
 
-    A study is a mechanism with the motion to analyse. If it names no analysis, that of
-    poles (axes of the relative rotation of two links) is returned.
+    A study is a mechanism with the motion to analyse. If it names no analysis, the analysis
+    of poles (axes of the relative rotation of two links) is returned.
 
     Raises
     ------
@@ -89,8 +89,8 @@ def make_run_analyses(
         The study, which may name analyses in its file.
     requests
         Analyses that the user asks for: objects, or names with parameters, such as
-        ``"poles:only=31+42"``. By default those of the study, or poles if the study names
-        none.
+        ``"poles:only=31+42"``. By default the analyses of the study, or poles if the study
+        names none.
 
     Raises
     ------

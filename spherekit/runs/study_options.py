@@ -159,7 +159,7 @@ def takes_study_options(options_class: type) -> Callable[[Function], Function]:
     """
 
     def show_options(function: Function) -> Function:
-        """Return the function, with all options in the signature that others see."""
+        """Return the function, with all options in the signature that users see."""
         signature = inspect.signature(function)
         # All parameters but ``**options``.
         parameters = [

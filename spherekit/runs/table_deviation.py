@@ -24,7 +24,7 @@ class Deviation:
         The largest deviation, divided by `scale`. The smallest possible value is the
         rounding error of float64.
     scale
-        1 for absolute errors, such as those of angles. Otherwise the largest reference
+        1 for absolute errors, such as errors of angles. Otherwise the largest reference
         value of all columns of the table with the same unit.
     compared
         Number of reference values.
@@ -78,10 +78,10 @@ def compute_deviations(
 ) -> list[Deviation]:
     """Return the largest deviation of every column of numbers from reference values.
 
-    Some errors are absolute, such as errors of angles. The others are relative to a scale:
-    the largest reference value of all columns of the table with the same unit. A single
-    column is no good scale, because all its values may be rounding errors, for example of a
-    torque that is zero in theory.
+    Some errors are absolute, such as errors of angles. All other errors are relative to a
+    scale: the largest reference value of all columns of the table with the same unit. A
+    single column is no good scale, because all its values may be rounding errors, for
+    example of a torque that is zero in theory.
 
     Parameters
     ----------

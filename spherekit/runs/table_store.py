@@ -72,7 +72,7 @@ class StoredTables:
 
         # The final table has all rows of an assembly mode (way to assemble the mechanism)
         # together. With several blocks, the rows of each file are therefore sorted by mode.
-        # A single block needs no sorting, and its rows count as those of one mode.
+        # A single block needs no sorting, and its rows count as rows of one mode.
         needs_sorting = self._has_several_blocks and table.in_assembly_modes
         columns = convert_columns(table, arrays(data))
         sorted_block = (

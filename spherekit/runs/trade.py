@@ -245,7 +245,8 @@ def trade(
         See `spherekit.run`.
     """
     study, trade_options = apply_study_options("trade", subject, options, TradeOptions)
-    # Settings of a simulation have tolerances of their own, instead of that of the study.
+    # Each setting of a simulation has its own tolerance, in place of the tolerance of the
+    # study.
     study = replace(study, tolerance=DEFAULT_TOLERANCE)
     if isinstance(analysis, str):
         analysis = create_analysis(analysis, study.mechanism.angle_unit)

@@ -91,8 +91,9 @@ class ReferenceTables:
     tables
         The tables, by name.
     pole_fields
-        The poles from which they are computed, for each input that moves while the others
-        are locked. A pole is the axis about which one link rotates relative to another.
+        The poles from which they are computed, for each input that moves while the other
+        inputs are locked. A pole is the axis about which one link rotates relative to
+        another.
     lacking
         Text about the rows without reference values, such as ", 3 rows without". It is the
         end of a text such as "the closure equations in 20 digits, 3 rows without". Empty if
@@ -125,7 +126,7 @@ def compute_reference_tables(
     """
     (analysis,) = run_plan.analyses
     # A pole is the axis about which one link rotates relative to another. A request lists
-    # the poles that are read while one input moves and the others are locked.
+    # the poles that are read while one input moves and the other inputs are locked.
     requests = [request for request in run_plan.requests if request.poles]
     pole_fields = [evaluate(motion, request) for request in requests]
     # A pole field has the computed poles of all rows for one request.

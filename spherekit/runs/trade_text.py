@@ -72,8 +72,8 @@ def describe_errors(trade: Trade) -> list[str]:
     """Return lines that explain the errors of a trade.
 
     A trade has the measured errors of several ways (settings) to compute a run. The first
-    lines are estimates that an analysis makes of its own error. The others say to which
-    scale the errors of each column are relative.
+    lines are estimates that an analysis makes of its own error. The remaining lines say to
+    which scale the errors of each column are relative.
     """
     lines = [
         f"  {measured.name}: the analysis's own estimate of its error "

@@ -1,11 +1,11 @@
 """Verification of a run: some of its rows are computed again in many digits.
 
-While the run goes on, rows are chosen: those with the largest closure residual, the
-largest error bound of a pole direction and the worst conditioning, and others that are
-spread evenly over assembly modes and samples. `spherekit.proof`, which shares no solver
-with the run, computes their configurations, rates and derivatives. Each analysis is then
-computed from these reference rows, and its tables are compared. If an analysis reads all
-samples at once, the reference rows replace those of the whole motion.
+While the run goes on, rows are chosen: those with the largest closure residual, the largest
+error bound of a pole direction and the worst conditioning, and further rows that are spread
+evenly over assembly modes and samples. `spherekit.proof`, which shares no solver with the
+run, computes their configurations, rates and derivatives. Each analysis is then computed
+from these reference rows, and its tables are compared. If an analysis reads all samples at
+once, the reference rows replace rows of the whole motion.
 """
 
 import time
@@ -73,7 +73,7 @@ class _BlockRows(ArrayRows):
     motion
         The configurations.
     pole_fields
-        The poles, for each input that moves while the others are locked.
+        The poles, for each input that moves while the other inputs are locked.
     continued_angles
         Variables (rad) without jumps of whole revolutions, by pair.
     """
@@ -130,10 +130,11 @@ class _BlockRows(ArrayRows):
             (k,) number in `source` of the row that replaces each of them.
         """
         # The rotations of links (`placed`) may not be computed yet. They are computed here,
-        # so that they can be joined with those of `source`.
+        # so that they can be joined with the rows of `source`.
         motion = replace(self.motion, placed=self.motion.rotations)
         joined = _BlockRows.concatenate([replace(self, motion=motion), source])
-        # In the joined rows, the n rows of this object are followed by those of `source`.
+        # In the joined rows, the n rows of this object are followed by the rows of
+        # `source`.
         n = len(motion)
         row_numbers = np.arange(n)
         row_numbers[rows] = n + source_rows
@@ -190,7 +191,7 @@ class ReferenceRows:
     Attributes
     ----------
     exact
-        Values in many digits, for each input that moves while the others are locked.
+        Values in many digits, for each input that moves while the other inputs are locked.
     motion
         The configurations, rounded from these values to float64.
     pole_fields
@@ -213,7 +214,7 @@ def compute_reference(
     """Compute configurations and poles in many digits, as a reference for a run.
 
     A pole is the axis about which one link rotates relative to another, while one input
-    moves and the others are locked.
+    moves and the other inputs are locked.
 
     Parameters
     ----------
@@ -228,7 +229,7 @@ def compute_reference(
         The number of digits; see `exact_rows_by_input`, which also lists the errors that
         can be raised.
     inputs
-        (n, inputs) inputs in more digits than float64. By default those of the motion.
+        (n, inputs) inputs in more digits than float64. By default the values of the motion.
     """
     all_rows = np.ones(len(motion), dtype=bool)
     # The moving input of each request. Without requests it is the first input.
@@ -249,8 +250,8 @@ def compute_reference(
     exact = exact_rows_by_input(
         motion, all_rows, input_pairs, arithmetic, inputs=inputs, frames=frames
     )
-    # The values for all moving inputs have the same configurations, so those of the first
-    # one are taken.
+    # The values for all moving inputs have the same configurations, so the configurations
+    # of the first input are taken.
     return ReferenceRows(
         exact=exact,
         motion=exact_motion(motion, all_rows, exact[0]),
@@ -313,8 +314,8 @@ class Verifier:
 
         Verification compares rows of the run (samples in assembly modes) with values that
         are computed in many digits. `_count` rows are verified: those with the largest
-        residuals, error bounds and condition numbers, and others spread evenly over the
-        run. After each block they are selected anew, from the earlier selection and the
+        residuals, error bounds and condition numbers, and further rows spread evenly over
+        the run. After each block they are selected anew, from the earlier selection and the
         rows of the block. So only few rows are in memory.
 
         Parameters
@@ -322,8 +323,8 @@ class Verifier:
         motion
             The configurations of the block.
         pole_fields
-            The poles of the block, for each input that moves while the others are locked. A
-            pole is the axis about which one link rotates relative to another.
+            The poles of the block, for each input that moves while the other inputs are
+            locked. A pole is the axis about which one link rotates relative to another.
         continued_angles
             Variables (rad) without jumps of whole revolutions, by pair.
         """
@@ -551,7 +552,8 @@ class Verifier:
         has_reference = self._has_reference[row]
 
         for column in table.columns:
-            # Residuals are not compared: that of the reference only shows its own rounding.
+            # Residuals are not compared: the residual of the reference only shows its own
+            # rounding.
             if column.kind != "number" or column == RESIDUAL:
                 continue
             values = np.where(has_reference, values_by_column[column.name], np.nan)
@@ -563,7 +565,7 @@ class Verifier:
             roundings = deviation / (rounding * self._condition[row])
             is_compared = bool(np.any(np.isfinite(deviation)))
             is_beyond = roundings > allowed[row]
-            # A number with an error bound of its own may deviate as far as that. Near
+            # A value with an error bound may deviate by up to this bound. Near
             # singularities derivatives lose more digits than the condition number tells.
             # Whether errors are within their bounds is checked separately.
             bounds = values_by_column.get(f"{column.name}_error_bound")
@@ -614,7 +616,7 @@ class Verifier:
         ----------
         pole_fields
             The poles of the verified rows as the run has computed them, for each input that
-            moves while the others are locked.
+            moves while the other inputs are locked.
         reference
             The reference values of these rows.
 
@@ -754,7 +756,7 @@ def _summarize_columns(columns: Sequence[Facts]) -> Facts:
     worst = max(compared, key=lambda item: item["in_roundings"])
 
     def name(item: Facts) -> str:
-        """Return the name of a column with that of its table."""
+        """Return the name of a column with the name of its table."""
         return f"{item['table']}.{item['column']}"
 
     return {

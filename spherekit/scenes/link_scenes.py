@@ -80,10 +80,10 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
     """Return a scene (drawing) with the ground, and the plans of the poles as a text.
 
     A pole is the axis of the relative rotation of two links. A plan lists the steps in
-    which poles are found while one input moves and the others are locked. The search for
-    poles has several rounds, called passes. In each pass poles are found as intersections
-    of great circles through poles of earlier passes. The other poles belong to an
-    irreducible part: links with poles that follow from one system of equations.
+    which poles are found while one input moves and the other inputs are locked. The search
+    for poles has several rounds, called passes. In each pass poles are found as
+    intersections of great circles through poles of earlier passes. The other poles belong
+    to an irreducible part: links with poles that follow from one system of equations.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
         The plan for each input.
     shapes
         The links from `link_shapes`. Only the first one, the ground, is shown here, since
-        the others move.
+        the other links move.
     """
     mechanism = plans[0].mechanism
     lines = [f"# Plan of {mechanism.name}"]
@@ -156,14 +156,15 @@ def graph_scene(mechanism: Mechanism) -> Scene:
     ]
     positions = layout_graph(mechanism).tolist()
     graph = Graph("graph", nodes, edges, positions)
-    # Without a page of its own, the graph is shown on every page.
+    # Without a separate page, the graph is shown on every page.
     return Scene(page=None, primitives=(graph,))
 
 
 def moving_link_scenes(motion: Motion, shapes: list[Body]) -> list[Scene]:
     """Return drawings of the moving links at the samples of a block.
 
-    There is one scene (drawing) for each assembly mode (way to assemble the mechanism).
+    A block is a group of samples that are computed together. There is one scene (drawing)
+    for each assembly mode (way to assemble the mechanism).
 
     Parameters
     ----------

@@ -78,7 +78,7 @@ def choose_plot_range(
     """Return the least and the greatest value that a plot shows.
 
     A constant quantity gets a range in which rounding errors are not visible. A few values
-    that are very far from the others, for example near a singularity, are cut off.
+    that are very far from the rest, for example near a singularity, are cut off.
 
     Parameters
     ----------

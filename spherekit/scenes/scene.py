@@ -660,7 +660,7 @@ def _convert_fields(item: Any, axis_factors: Floats) -> Any:
         The object (a primitive of a scene, such as a curve) or the axis.
     axis_factors
         (axes,) factors that convert values on the axes of the scene: 180/pi for angles and
-        their rates, 1 for others.
+        their rates, 1 for other quantities.
     """
     # `InputMarks` have no unit of their own. They are values on the axes of the scene.
     if isinstance(item, InputMarks):
