@@ -67,7 +67,7 @@ class EngineError(SpherekitError):
     """
 
     def __init__(self, fault: str, instead: str = "") -> None:
-        """Keep the fault and the advice as `args`, so that pickles have both."""
+        """Keep the fault and the advice as `args`, so that pickles contain them."""
         super().__init__(fault, instead)
 
     @property

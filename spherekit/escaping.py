@@ -90,7 +90,7 @@ def javascript_comment(line: str) -> str:
 
     In an HTML page ``</script`` ends the script, even in a comment. After ``<!--`` and
     ``<script``, browsers no longer find the end of the script. A space after ``<`` prevents
-    both.
+    these two effects.
     """
     return re.sub(r"<(?=[!/?A-Za-z])", "< ", one_line(line))
 

@@ -328,7 +328,7 @@ def _describe_mode_table(mode_table: ModeTable) -> Names:
     - Which modes are left out of the source code, for each reason.
     - How to get source code for some of these modes, the undetermined ones. The source code
       solves the same equations in all its modes. In an undetermined mode these equations
-      depend on each other. Source code for this mode alone uses other equations.
+      depend on each other. Source code for only this mode uses other equations.
     - What happens where the configuration curves of two modes cross. Such a curve consists
       of all configurations of a mode, over the input.
     """

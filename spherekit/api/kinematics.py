@@ -681,9 +681,9 @@ def _single_row_evaluator(
     )
     mode = position_analysis.assembly_modes[mode_index]
     # The kernel (set of functions for one row) eliminates variables from the loop
-    # equations, in an order without division by small numbers. It finds this order with
-    # a few known configurations. Other modes may need another order, so the
-    # configurations are those of this mode.
+    # equations, in an order without division by small numbers. It finds this order with a
+    # few known configurations. Other modes may need another order, so the known
+    # configurations are taken from this mode.
     few_configurations = position_analysis.sparse(REFERENCES)
     reference_motion = few_configurations.rows(
         few_configurations.assembly_mode == mode.number

@@ -88,7 +88,7 @@ def sweep(
     samples
         Number of samples at which each design is computed. The samples are on a straight
         path through the ranges of the inputs. A sequence of numbers, one for each input,
-        states a grid. By default the samples are those of the study.
+        states a grid. By default the study states the samples.
     crossings
         How an assembly mode continues where its curve of configurations crosses the curve
         of another mode. With ``"end"`` the mode keeps the signs of its dyads. A dyad is two

@@ -722,7 +722,7 @@ def _report_curves(report: ScreenReport, curves: "CertifiedCurves") -> None:
     intervals with a constant number of modes.
 
     Singularities have types. At type I the output can rest while the input moves. At type
-    II the mechanism can move while the input rests. Type III meets both conditions.
+    II the mechanism can move while the input rests. Type III meets the two conditions.
 
     Parameters
     ----------

@@ -367,7 +367,7 @@ def _rest_cell(
             if abs(stop_time - place) <= place_text.sample_step:
                 text_by_place[place] = place_text.value(stop_time)
     # A rest is uncertain if the samples before and after it are too far apart to
-    # interpolate. The text then names the places of both samples.
+    # interpolate. The text then names the places of these two samples.
     for first, last in motion["uncertain_rests"]:
         text_by_place[first] = place_text.between(first, last)
     places = [text_by_place[place] for place in sorted(text_by_place)]

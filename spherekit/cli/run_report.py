@@ -429,7 +429,7 @@ def _describe_meetings(summary: Any) -> Lines:
 def _describe_drive(summary: Any) -> Lines:
     """Return lines on what moves the mechanism in a simulation, and how far inputs move.
 
-    Causes are loads, a driving torque, or the inertia alone.
+    Causes are loads, a driving torque, or only the inertia.
 
     Parameters
     ----------

@@ -104,8 +104,8 @@ def compute_on_cluster(
 
     Yields
     ------
-    The number of each part as soon as all its files are in `folder`. The order is that in
-    which the parts are finished.
+    The number of each part as soon as all its files are in `folder`. The parts are in the
+    order in which they are finished.
 
     Raises
     ------
@@ -185,7 +185,7 @@ def _connect(address: str) -> "Iterator[Client]":
         x for x in logging.root.manager.loggerDict if x.startswith("distributed")
     ]
     levels = {name: logging.getLogger(name).level for name in logger_names}
-    # Dask sets the level of each logger, so changing the parent logger alone has no effect.
+    # Dask sets the level of each logger, so changing only the parent logger has no effect.
     for name in logger_names:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:

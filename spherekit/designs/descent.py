@@ -195,8 +195,8 @@ class Descent:
 
         # One symbol for each design variable and each figure of merit. Texts of the user,
         # such as objectives, become expressions of these symbols. `convert_to_graph`
-        # requires two nodes for each name, with and without whole revolutions; here both
-        # are equal.
+        # requires two nodes for each name, with and without whole revolutions; here the two
+        # nodes are equal.
         symbols_by_name = {node.arguments[0]: node for node in symbols(sweep.names)}
         nodes_by_name = {name: (node, node) for name, node in symbols_by_name.items()}
         # The name MATCH is the root mean square of the errors at precision points.
@@ -595,7 +595,7 @@ class Descent:
 def is_better(
     optimum: LocalOptimum, other_optimum: LocalOptimum, tolerance: Floats
 ) -> bool:
-    """Return whether an optimum is better than another one, within a tolerance (k,).
+    """Return whether an optimum is better than another optimum, within a tolerance (k,).
 
     An optimum has k objectives, which are minimised. It is better if an objective is
     smaller by more than the tolerance, and none is larger by more than the tolerance.

@@ -29,9 +29,9 @@ class Condition:
     text
         The condition as the user wrote it.
     less, more
-        The expressions on both sides.
+        The expressions on the two sides.
     allows_equality
-        Whether the condition is met if both sides are equal.
+        Whether the condition is met if the two sides are equal.
     """
 
     text: str

@@ -114,9 +114,9 @@ class DesignMotion:
         The configurations of all modes at the samples of the inputs.
     values
         (variables, samples + points, modes) pair (joint) variables in rad. The samples of
-        the inputs come first. The points are further inputs at which some figures of merit
-        (numbers that rate a design) are evaluated. NaN where the mechanism cannot be
-        assembled in the mode.
+        the inputs come first. The points are additional sets of inputs, at which some
+        figures of merit (numbers that rate a design) are evaluated. NaN where the mechanism
+        cannot be assembled in the mode.
     """
 
     position_analysis: PositionAnalysis
@@ -629,7 +629,7 @@ class DesignEvaluator:
         row says this in its column `claim`.
         """
         parts = []
-        # Numbers that depend on the sizes alone, computed once for all modes.
+        # Numbers that depend only on the sizes, computed once for all modes.
         prepared = kernel.prepare(sizes)
         dyad_count = len(kernel.position_arguments)
         sample_count = len(self.figures.rows)
@@ -730,8 +730,8 @@ class DesignEvaluator:
         Returns
         -------
         The modes, with configurations at all samples of the inputs, and then at the points.
-        A point is further inputs at which a figure of merit (number that rates a design) is
-        evaluated.
+        A point is an additional set of inputs, at which a figure of merit (number that
+        rates a design) is evaluated.
         """
         assert self._tracking_start is not None
         path_kernel, start_solutions = self._tracking_start
@@ -778,7 +778,7 @@ class DesignEvaluator:
             mechanism,
             self.inputs,
             **sampling,
-            # What a mode does where its configuration curve crosses another one: "pass"
+            # What a mode does where its configuration curve crosses another curve: "pass"
             # follows the smooth curve.
             crossings=self.samples.crossings,
         )
@@ -829,8 +829,8 @@ class DesignEvaluator:
         Returns
         -------
         (unwrapped pairs, samples + points, n) offsets (rad). Unwrapped pairs are those
-        whose revolutions matter. Points are further inputs, at which figures of merit are
-        evaluated.
+        whose revolutions matter. Points are additional sets of inputs, at which figures of
+        merit are evaluated.
         """
         rows = self.figures.rows
         input_count = len(self.inputs)
@@ -887,7 +887,8 @@ class DesignEvaluator:
         """Return the mechanism of a design, in which links replace sliding contacts.
 
         A link between the centres of two circles moves the links like their contact does.
-        The kernel (function for many designs) is for this mechanism with R pairs alone.
+        The kernel (function for many designs) is for this mechanism, which has only R
+        pairs.
 
         Parameters
         ----------
@@ -1058,7 +1059,8 @@ class DesignEvaluator:
         kernel: DesignKernel | RedundantKernel
         # `by_rank`: constraints are redundant, and independent ones are chosen.
         if position_analysis.by_rank:
-            # Equations that are independent in one mode may not be so in another one.
+            # Equations that are independent in one mode may depend on each other in another
+            # mode.
             configurations = most_regular_configurations(motion)
             if not configurations:
                 return DesignTable.from_columns(

@@ -1,7 +1,7 @@
 """Functions that evaluate quantities of all designs of one topology at once.
 
 The sizes of the designs are arguments of these functions. A row of their arguments is one
-sample of one design in one assembly mode. Everything that depends on the sizes alone is
+sample of one design in one assembly mode. Everything that depends only on the sizes is
 computed once for each design (`prepare`) and not again at every row (`evaluate`).
 """
 
@@ -38,8 +38,8 @@ class DesignKernel:
     """Functions that compute quantities of many designs, samples and modes at once.
 
     Designs differ in sizes. An assembly mode is one way to assemble the links. `prepare`
-    takes the sizes (sizes, n) of n designs. It returns (k, n) numbers that depend on the
-    sizes alone, so that they are not computed again at every sample.
+    takes the sizes (sizes, n) of n designs. It returns (k, n) numbers that depend only on
+    the sizes, so that these numbers are not computed again at every sample.
 
     `evaluate` takes one array, whose rows are these arguments in this order:
 
@@ -142,7 +142,7 @@ class DesignKernel:
             *revolution_offsets.values(),
         ]
         passive_angles = [expressions.angle(pair) for pair in revolution_offsets]
-        # `prepared` are the parts of the expressions that depend on the sizes alone. The
+        # `prepared` are the parts of the expressions that depend only on the sizes. The
         # squares tell whether the dyads close: they are negative if not.
         self._output_expressions, prepared = separate_constant_parts(
             [*expressions.triple_squares, *outputs, *passive_angles],
@@ -314,7 +314,7 @@ class RedundantKernel:
             )
             for chosen in distinct_expressions
         ]
-        # Each kernel has a first part, which depends on variable sizes alone. There are no
+        # Each kernel has a first part, which depends only on variable sizes. There are no
         # such sizes here, so the first part is computed only once.
         no_sizes = np.empty((0, 1))
         self._prepared = [kernel.prepare(no_sizes) for kernel in self._kernels]
@@ -363,7 +363,7 @@ class RedundantKernel:
             for kernel, prepared in zip(self._kernels, self._prepared, strict=True)
         ]
         columns = np.full((len(self._follows_from_rates), rows.shape[1]), np.nan)
-        # Columns that follow from positions alone are the same in every kernel.
+        # Columns that follow only from positions are the same in every kernel.
         is_independent = ~self._follows_from_rates
         columns[is_independent] = outputs_of_kernels[-1].columns[is_independent]
 
@@ -393,7 +393,7 @@ class RedundantKernel:
         kernel
             One of the kernels of the design.
         prepared
-            (k, 1) arguments of this kernel that follow from the sizes alone.
+            (k, 1) arguments of this kernel that follow only from the sizes.
         rows
             (arguments, n) the other arguments, as for `evaluate`.
         """

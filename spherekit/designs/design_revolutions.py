@@ -55,7 +55,7 @@ def _follow_all_designs(
 ) -> tuple[Floats, Floats]:
     """Return angles of all designs at successive inputs, and their changes in between.
 
-    The angles are those of pairs (joints) for which loads depend on whole revolutions. The
+    The angles belong to pairs (joints) for which loads depend on whole revolutions. The
     change (growth) of an angle is continuous, without jumps by 2 pi.
 
     Parameters

@@ -210,7 +210,7 @@ def design_variable(document: Document, key: str) -> DesignVariable:
 
 
 def _find_geometric_angle(document: Document, path: KeyPath) -> GeometricAngle | None:
-    """Return which angle of a link, pair (joint) or output a number is, or None.
+    """Return the angle of a link, pair (joint) or output that a number states, or None.
 
     Functions for many designs treat these angles as arguments.
 
@@ -289,8 +289,8 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
 
     A file states either the sizes of links, or the axes of all pairs (joints) in a
     reference pose. In the second case this function derives the sizes. An arc is the angle
-    between the first axis of a link and another one. An angle says how far the plane of
-    another arc is turned from the plane of the first arc.
+    between the first axis of a link and another axis of the link. An angle says how far the
+    plane of another arc is turned from the plane of the first arc.
 
     The result has the sizes by their keys, such as ``links.2.arc``. A file with sizes has
     the same keys. The result is empty if the file has sizes. It is also empty if there are

@@ -162,8 +162,8 @@ class FigureGradients:
             (numbers, samples + points) numbers that determine the positions of the links in
             one assembly mode (way to assemble the mechanism). In closed form they are the
             signs of the dyads (groups of two links with three revolute pairs). Otherwise
-            they are the pair variables (rad). The points are further inputs, at which
-            single figures of merit (numbers that rate a design) are evaluated.
+            they are the pair variables (rad). The points are additional sets of inputs, at
+            which single figures of merit (numbers that rate a design) are evaluated.
 
         Returns
         -------
@@ -209,8 +209,8 @@ class FigureGradients:
             The design (choice of sizes).
         configurations
             (variables, samples + points) pair variables (rad) in one assembly mode (way to
-            assemble the mechanism). Points are further inputs, at which single figures of
-            merit (numbers that rate a design) are evaluated.
+            assemble the mechanism). Points are additional sets of inputs, at which single
+            figures of merit (numbers that rate a design) are evaluated.
 
         Returns
         -------

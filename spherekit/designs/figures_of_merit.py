@@ -631,9 +631,9 @@ class KernelFigures:
         """Evaluate the figures of n modes, each of which is an assembly mode of a design.
 
         The kernel computes the quantities at all samples and points, block by block. Points
-        are further inputs, which figures such as ``at(theta_41, 0.5)`` state. The
-        expressions of the figures are evaluated from the quantities and then reduced over
-        the samples, or taken at the point of the figure.
+        are additional sets of inputs, which figures such as ``at(theta_41, 0.5)`` state.
+        The expressions of the figures are evaluated from the quantities and then reduced
+        over the samples, or taken at the point of the figure.
 
         Parameters
         ----------

@@ -1,7 +1,7 @@
 """Tracks closed configurations from design to design and from one input to another.
 
 If the inputs are not real, the solutions of the closure equations neither meet nor
-disappear. All complex solutions of one design then lead to all solutions of another one
+disappear. All complex solutions of one design then lead to all solutions of another design
 (coefficient-parameter continuation; Sommese and Wampler, The Numerical Solution of Systems
 of Polynomials, 2005, chapter 7). Real solutions are tracked with smaller steps, so that
 they do not jump to another assembly mode.
@@ -104,7 +104,7 @@ It takes variables (variables, k), the numbers (k,) of the paths and the path pa
 """
 
 NO_INPUTS = np.zeros((0, 1)), np.zeros((0, 1))
-"""Inputs at both ends of paths along which the kernel keeps the inputs."""
+"""Inputs at the ends of paths along which the inputs stay constant."""
 
 
 @dataclass(frozen=True)
@@ -186,9 +186,10 @@ class DesignPaths:
     kernel
         The closure equations that all designs share.
     start_sizes, end_sizes
-        (k, n) or (k, 1) sizes at both ends. They are linear functions of the parameter.
+        (k, n) or (k, 1) sizes at start and end. Between them, sizes are linear functions of
+        the parameter.
     start_inputs, end_inputs
-        (inputs, n) or (inputs, 1) inputs (rad) at both ends.
+        (inputs, n) or (inputs, 1) inputs (rad) at start and end.
     detour
         (inputs, 1) deviation (rad) of the inputs from a straight path, at half of the path.
         An imaginary detour leads around real inputs at which solutions meet, because
@@ -314,7 +315,7 @@ def track_solutions(
     # The paths that are still tracked. A path whose start is NaN never arrives.
     paths = np.flatnonzero(all_finite(start, 0))
     with np.errstate(all="ignore"):
-        # The first slope is that of a Newton step at a small fraction of the path.
+        # The first slope follows from a Newton step at a small fraction of the path.
         near_start = start[:, paths]
         near_parameters = np.full(len(paths), SLOPE_FRACTION)
         near_start[driven] = design_paths.inputs_at(paths, near_parameters)
@@ -447,7 +448,7 @@ class PathCorrection:
     Attributes
     ----------
     values
-        (variables, m) configurations (rad) after both steps.
+        (variables, m) configurations (rad) after the two steps.
     first_length, second_length
         (m,) largest change (rad) of a variable in each step.
     determinant
@@ -598,7 +599,7 @@ def are_distinct(solutions: Array) -> Bools:
     """Return for each design whether its solutions are all finite and different.
 
     All solutions of the closure equations of a design are tracked together along paths. If
-    a path jumps to another one, two solutions become equal and one is lost.
+    a path jumps to another path, two solutions become equal and one solution is lost.
 
     Parameters
     ----------

@@ -287,8 +287,8 @@ def _collect_modes(
 class _SolutionTracker:
     """Follows all solutions of many designs from one sample of the inputs to another.
 
-    The solutions are those of the closure equations. Assembly modes are real solutions that
-    are connected.
+    The solutions solve the closure equations. Assembly modes are real solutions that are
+    connected.
 
     Attributes
     ----------
@@ -390,10 +390,10 @@ class _SolutionTracker:
         Parameters
         ----------
         solutions, next_solutions
-            (variables, columns) pair variables (rad) of all solutions at both samples. The
-            solutions of a design are successive columns.
+            (variables, columns) pair variables (rad) of all solutions at the two samples.
+            The solutions of a design are successive columns.
         start_inputs, end_inputs
-            (inputs, 1) inputs (rad) of both samples.
+            (inputs, 1) inputs (rad) of the two samples.
 
         Returns
         -------
@@ -465,7 +465,8 @@ def _track_along_detour(
         (inputs, 1) inputs (rad) at the start and at the end.
     detour_ratio
         Imaginary part of the inputs half-way between start and end, divided by their
-        change. Along the path it is a parabola that is zero at both ends.
+        change. Along the path the imaginary part is a parabola that is zero at start and
+        end.
 
     Returns
     -------

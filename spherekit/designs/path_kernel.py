@@ -84,14 +84,14 @@ def complex_function(
     parts_by_variable = dict(zip(variables, zip(real, imaginary, strict=True), strict=True))
 
     def split_node(node: ExpressionNode, arguments: list[ComplexParts]) -> ComplexParts:
-        """Return the real and the imaginary part of a node from those of its arguments.
+        """Return the real and the imaginary part of a node from the parts of its arguments.
 
         A node is a variable, or an operation such as "*" with its arguments.
         """
         if node.operation == "variable":
             # One of `numbers` is real: its imaginary part is 0.
             return parts_by_variable.get(node, (node, 0.0))
-        # An operation returns both parts of its result, from those of its arguments.
+        # An operation returns the two parts of its result, from the parts of its arguments.
         return _OPERATIONS[node.operation](*arguments)
 
     def split_constant(number: float) -> ComplexParts:
@@ -210,7 +210,7 @@ class NewtonStep(NamedTuple):
 
 
 class StepExpressions(NamedTuple):
-    """A step of Newton's method as expressions; the fields are those of `NewtonStep`."""
+    """A step of Newton's method as expressions, with the same fields as `NewtonStep`."""
 
     change: Sequence[Expr]
     determinant: Expr
@@ -248,7 +248,7 @@ def _newton_step_expressions(expressions: DesignExpressions) -> StepExpressions:
 class PathKernel:
     """Newton's method for the loop closure equations of designs with equal links and pairs.
 
-    First `prepare` computes what depends on the sizes of a design alone. Then `newton_step`
+    First `prepare` computes what depends only on the sizes of a design. Then `newton_step`
     evaluates the equations at configurations of this design.
 
     Parameters
@@ -297,7 +297,7 @@ class PathKernel:
         # Symbols of values that change along a path: the pair variables, and the geometry
         # (tangent, point, curvature) of contact curves that are not circles.
         moving = [*variable_symbols, *expressions.profile_symbols]
-        # Parts that depend on the sizes alone are replaced by symbols. `prepare` computes
+        # Parts that depend only on the sizes are replaced by symbols. `prepare` computes
         # these parts once for each design.
         self._outputs, expression_by_symbol = separate_constant_parts(outputs, moving)
         prepared_symbols = [*expression_by_symbol]
@@ -376,7 +376,7 @@ class PathKernel:
         numbers
             (k, n) the other numbers in the equations, which are real. First come the
             tangent, point and curvature of contact curves, if these are not circles. Then
-            come the parts of the equations that depend on the sizes alone, from `prepare`.
+            come the parts of the equations that depend only on the sizes, from `prepare`.
 
         Returns
         -------

@@ -117,7 +117,7 @@ class DesignProfiles:
     def interpolate_to(self, deviations: Floats) -> ProfileColumns:
         """Return a function for contact profiles between this design and deviating designs.
 
-        A profile is the curve along which a link touches another one. In a tolerance
+        A profile is the curve along which a link touches another link. In a tolerance
         analysis, each draw is one set of random deviations from this design. A
         configuration of this design is followed to each draw along a path, by Newton's
         method. This needs the profiles in between.
@@ -148,7 +148,7 @@ class DesignProfiles:
     def differentiate_columns(self, values: Floats) -> Floats:
         """Return how the contact profiles change with each design variable.
 
-        A profile is the curve along which a link touches another one. Eight numbers
+        A profile is the curve along which a link touches another link. Eight numbers
         (columns) describe it at the point of contact: the tangent (3), the point (3), the
         geodesic curvature and its derivative with respect to arc length.
 
@@ -199,7 +199,7 @@ class DesignProfiles:
     ) -> dict[int, float]:
         """Return how the start arc lengths of rolling profiles change with a variable.
 
-        A profile is the curve along which a link touches another one. If the file states a
+        A profile is the curve along which a link touches another link. If the file states a
         reference pose, the contact starts where both profiles are nearest in this pose.
         This point moves if a profile changes.
 
@@ -326,7 +326,7 @@ def make_contact_profiles(
 ) -> list[ContactProfile]:
     """Return the profiles (curves) of all contacts, two for each contact.
 
-    A profile is the curve along which a link touches another one. The profiles are in the
+    A profile is the curve along which a link touches another link. The profiles are in the
     order of the contact pairs, and of the two links of each pair.
 
     Parameters
@@ -402,7 +402,7 @@ class ProfilesTowardsDraws:
         # one path leads to each draw, in the order of the draws.
         draws_of_points = paths % len(self.draws)
         columns = self._columns_of_draws(values, draws_of_points)
-        # At path parameter 1 the columns are those of the draw.
+        # At path parameter 1 the columns are the columns of the draw.
         inner_points = np.flatnonzero(parameters < 1.0)
         if len(inner_points):
             nominal_columns = evaluate_profile_columns(
@@ -496,7 +496,7 @@ def differentiate_profile(
 ) -> CurveDerivative:
     """Return the derivative of a contact profile with respect to a design variable.
 
-    A profile is the curve along which a link touches another one.
+    A profile is the curve along which a link touches another link.
 
     Parameters
     ----------
@@ -691,7 +691,7 @@ def evaluate_profile_columns(
 ) -> Floats:
     """Return columns of numbers that describe contact profiles at some configurations.
 
-    A profile is the curve along which a link touches another one. The nine columns of a
+    A profile is the curve along which a link touches another link. The nine columns of a
     profile describe it at the point of contact: the tangent (3), the point (3) on the unit
     sphere, the geodesic curvature, and the first two derivatives of the curvature with
     respect to arc length.
@@ -740,7 +740,7 @@ def _interpolate_columns(start: Floats, end: Floats, fractions: Floats) -> Float
     Parameters
     ----------
     start, end
-        (9 * profiles, n) columns of both designs.
+        (9 * profiles, n) columns of the two designs.
     fractions
         (n,) 0 for `start`, 1 for `end`, and numbers in between.
 

@@ -472,7 +472,7 @@ class Sensitivity:
 
     @cached_property
     def _quantity_kernel(self) -> DesignKernel:
-        """Computes the quantities alone."""
+        """Computes the quantities without derivatives."""
         return DesignKernel(self._expressions, self.quantities, compiled=False)
 
     @cached_property
@@ -519,7 +519,7 @@ class Sensitivity:
         self._check_times(times_in_s)
         # The kernel computes the quantities and their derivatives. Contacts of circles can
         # be replaced in the kernel by links between the centres of the circles. The pair
-        # variables of the kernel then differ from those of the mechanism.
+        # variables of the kernel then differ from the pair variables of the mechanism.
         kernel_variables = self._kernel_variables(values)
         column_gradients = self._nominal_design.evaluate_gradients(
             self._gradient_kernel,
@@ -631,7 +631,7 @@ class Sensitivity:
         configurations, is_closed = track_solutions(
             self._path_kernel,
             nominal_configurations,
-            # From the nominal sizes, up to whole revolutions, to those of the draw.
+            # From the nominal sizes, up to whole revolutions, to the sizes of the draw.
             sizes=(sizes - size_changes, sizes),
             profiles=profiles,
             contraction=SHORT_PATH_CONTRACTION,

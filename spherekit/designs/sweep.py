@@ -196,7 +196,7 @@ class Sweep:
 
     @property
     def names(self) -> list[str]:
-        """Column names of the variables, followed by those of the figures of merit."""
+        """Column names of the variables, followed by the names of the figures of merit."""
         return [x.name for x in self.variables] + [merit.name for merit in self.merits]
 
     @cached_property
@@ -223,8 +223,8 @@ class Sweep:
         - Some follow from quantities at samples of the inputs, such as an angle. A
           `DesignEvaluator` computes them for many designs at once.
         - Others follow from result tables of analyses, which are run for each design. A
-          study says what is run. `DesignRuns` computes both kinds, with a `DesignEvaluator`
-          for the first one.
+          study says what is run. `DesignRuns` computes the two kinds, with a
+          `DesignEvaluator` for the first kind.
         """
         kernel_evaluator = None
         # `samples` is None if no figure follows from quantities at samples.
@@ -378,7 +378,7 @@ class Sweep:
         """
         start = number * self.part_size
         designs = self.space.compute_designs(start, start + self.part_size)
-        # Conditions on variables alone save the computation of designs that violate them.
+        # Designs that violate conditions on variables need not be computed.
         meets_conditions = self._meet_conditions(
             self._variable_columns(designs), designs.shape[1]
         )
@@ -585,7 +585,7 @@ class Sweep:
 
         Returns
         -------
-        The path of the table of designs, followed by those of the tables of runs.
+        The path of the table of designs, followed by the paths of the tables of runs.
 
         Raises
         ------

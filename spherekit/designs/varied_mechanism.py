@@ -168,7 +168,7 @@ class DesignPoint:
         closes = np.all(outputs[: kernel.reach_count] >= 0.0, axis=0)
         count = len(pair_values)
         if not kernel.columns:
-            # Figures of sizes and inputs alone need no column of a configuration.
+            # Figures that depend only on sizes and inputs use no column of a configuration.
             return ColumnGradients(
                 closes,
                 columns=np.zeros((0, count)),
@@ -278,7 +278,7 @@ class VariedMechanism:
         """Return the quantities of the mechanism as expressions of the sizes of a design.
 
         The sizes depend on the kind of mechanism. If contacts are replaced by links, the
-        expressions are those of the equivalent linkage of R pairs. Its sizes are the
+        expressions describe the equivalent linkage of R pairs. The sizes are then the
         numbers of the linkage that change with the variables (`varied_contact_numbers`).
         Otherwise the sizes are those variables that are sizes of R pairs, or of directions
         of outputs.
@@ -384,8 +384,8 @@ class VariedMechanism:
         """Return the direction of each output for which longitude or latitude varies.
 
         An output is a direction fixed in a link. The result is a unit vector in link axes,
-        as a symbolic expression. An angle that varies is a symbol, the other one is a
-        number.
+        as a symbolic expression. An angle that varies is a symbol, and an angle that does
+        not vary is a number.
         """
         # Longitude and latitude (rad) by output.
         angles_by_output: dict[str, list[Any]] = {}

@@ -34,7 +34,8 @@ WORKER_PROGRAM = (
 )
 """The Python code of a worker.
 
-It first reads the `sys.path` of this process, so that both import the same modules.
+The code first reads the `sys.path` of this process, so that the worker imports the same
+modules.
 """
 
 MAX_DEATHS_AMONG_OTHERS = 2

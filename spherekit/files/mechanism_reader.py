@@ -293,8 +293,8 @@ class _MechanismReader:
             angle_unit=self.document.data["angle_unit"],
         )
         # A file can state the phase of wheels: angles of their shafts at which they mesh.
-        # The model needs the start of the contact instead: arc lengths on both circles at
-        # which the wheels then touch. They follow from the phase and all other sizes, so
+        # The model needs the start of the contact instead: arc lengths on the two circles
+        # at which the wheels then touch. They follow from the phase and all other sizes, so
         # they are computed last.
         pairs = tuple(self.with_start(mechanism, pair) for pair in mechanism.pairs)
         return replace(mechanism, pairs=pairs) if pairs != mechanism.pairs else mechanism
@@ -538,7 +538,7 @@ class _MechanismReader:
 
     @cached_property
     def axes_in_links(self) -> LinkAxes:
-        """The unit vector along each R pair, in the coordinates of both of its links.
+        """The unit vector along each R pair, in the coordinates of each of its two links.
 
         Other pairs, such as circles of gear wheels, are placed by these vectors. The
         complete mechanism does not exist yet when they are read. The vectors are therefore

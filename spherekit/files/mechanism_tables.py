@@ -20,7 +20,7 @@ Tables = Mapping[Any, Any]
 """Tables by name. Faults in them are reported with the path of the key."""
 
 TablesOrNames = Tables | Sequence[str]
-"""Tables by name, or names alone."""
+"""Tables by name, or only names."""
 
 
 @checked(ModelError)

@@ -111,8 +111,8 @@ def _lines(mechanism: Mechanism, unit: AngleUnit) -> Iterator[str]:
 def _tables(mechanism: Mechanism) -> dict[str, _Table]:
     """Return the tables of a mechanism file by name. Empty tables are left out.
 
-    Values are those of the model, with angles in rad. They are converted to the unit of the
-    file later.
+    Values are taken from the model, with angles in rad. They are converted to the unit of
+    the file later.
     """
     geometry = mechanism.geometry
     source = mechanism.source

@@ -95,8 +95,8 @@ def check(document: Document, kind: Kind = "mechanism") -> None:
         the file.
     """
     _check_format_version(document)
-    # Infinite, NaN and huge numbers are reported alone. The rules of the schema compare
-    # numbers, which makes no sense for these.
+    # If there are infinite, NaN or huge numbers, only these are reported. The rules of the
+    # schema compare numbers, which makes no sense for these.
     faults = list(_unusable_numbers(document.data))
     if not faults:
         errors = validator(kind).iter_errors(document.data)

@@ -77,7 +77,7 @@ def dash_positions(leaders: Sequence[int]) -> list[DashPosition]:
 def find_coinciding_paths(paths: Sequence[Floats], size: float) -> list[DashPosition]:
     """Return for each drawn path its position among the paths that coincide with it.
 
-    Paths at different positions get different dashes, so that none hides another one. Two
+    Paths at different positions get different dashes, so that none hides another. Two
     paths coincide if nearly all points of the first path are on the second path, up to the
     thickness of a line. The first of several coinciding paths is their leader.
 

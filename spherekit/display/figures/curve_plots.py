@@ -267,7 +267,7 @@ def _draw_marks(panel: Axes, curve: Curve, input_marks: InputMarks) -> None:
 def _find_coinciding(values_by_curve: Sequence[Floats], span: float) -> list[DashPosition]:
     """Return for each curve its position among the curves that coincide with it.
 
-    Curves at different positions get different dashes, so that none hides another one. Two
+    Curves at different positions get different dashes, so that none hides another. Two
     curves coincide if they differ by less than the thickness of a drawn line at nearly all
     rows. The first of several coinciding curves is their leader, at position 0.
 

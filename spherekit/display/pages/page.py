@@ -141,10 +141,10 @@ class PageMaker:
         # Keys of the numbers with sliders: those that the user names, or all sizes.
         self._has_named_sizes = vary is not None
         self.keys = self._find_sizes() if vary is None else tuple(vary)
-        # For each input that moves alone: the steps by which all pole axes (axes of
-        # relative rotation of two links) are constructed. If equations are redundant,
-        # counting links and pairs gives too small a mobility. Then the mobility follows
-        # from the rank of the equations.
+        # For each input, while only this input moves: the steps by which all pole axes
+        # (axes of relative rotation of two links) are constructed. If equations are
+        # redundant, counting links and pairs gives too small a mobility. Then the mobility
+        # follows from the rank of the equations.
         moves_by_rank = is_mobile_by_rank_only(self._mechanism)
         self._pole_plans = plans(self._mechanism, moves_by_rank)
 

@@ -335,8 +335,8 @@ def _cursor_position(
     timelines
         The first position on each timeline of the recording, by its name.
     sample, input_deg
-        A sample number or an input (deg). If both are None, the beginning of the recording
-        is chosen, on the timeline of times, of the input or of samples.
+        A sample number or an input (deg). If neither is given, the beginning of the
+        recording is chosen, on the timeline of times, of the input or of samples.
     recording
         Path of the recording, for messages.
 
