@@ -43,8 +43,8 @@ def find_pose(
 ) -> ExportedPose:
     """Return a mechanism and one of its configurations in an assembly mode.
 
-    Exporters need it as the pose in which the exported model starts. An assembly mode is
-    one of the ways to assemble the links at the same inputs.
+    An exported model starts in this configuration. An assembly mode is one of the ways to
+    assemble the links at the same inputs.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def find_pose(
     Raises
     ------
     SolveError
-        If the number of inputs is wrong, or the mode does not exist at them.
+        If the number of inputs is wrong, or the mode does not exist at these inputs.
     """
     # Compute the assembly mode at samples of the input ranges, or at the given inputs. The
     # texts `searched` and `advice` are for the message if there is no configuration.

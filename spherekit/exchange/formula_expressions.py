@@ -61,7 +61,7 @@ class Mode(NamedTuple):
     Attributes
     ----------
     number, name
-        Number and title of the mode in the mechanism.
+        Index and title of the mode in the mechanism.
     at
         The inputs (rad) of one known configuration of the mode.
     values
@@ -111,7 +111,8 @@ class SmoothModes(NamedTuple):
 
     Intervals divide the range of the only input, since the mode values can change at each
     crossing. A short interval surrounds each crossing, because rounding decides on which
-    side such an input is. Modes with changing signs have the mode values NaN there.
+    side of the crossing an input in this interval is. Modes with changing signs have the
+    mode values NaN there.
 
     Attributes
     ----------
@@ -119,7 +120,7 @@ class SmoothModes(NamedTuple):
         Ends of the range of the input (rad).
     period
         Growth of the input (rad) after which all configurations return, infinite if they
-        never do. An input outside of the range is moved into it by whole periods. If no
+        never return. An input outside of the range is moved into it by whole periods. If no
         whole number of periods leads into it, the nearest input is used.
     crossings
         Inputs (rad) in the range at which curves are known to cross.
@@ -181,7 +182,7 @@ class LeftOutMode(NamedTuple):
     Attributes
     ----------
     number, title
-        Its number, and its signs or its name in the file.
+        Index of the mode, and its signs or its name in the file.
     reason
         The reason for which it has no formulas.
     """
@@ -216,10 +217,10 @@ class ModeTable(NamedTuple):
         Numbers of the modes that are left out for one reason. If constraints are redundant,
         the formulas use only as many velocity equations as are necessary. The equations
         that were chosen do not determine the rates in these modes. Such a mode can be
-        exported alone, with other equations.
+        exported by itself, with other equations.
     compared
-        Number of inputs at which each mode was compared. If it differs between modes, it is
-        the smallest. It is 0 if no mode was compared.
+        Number of inputs at which each mode was compared. If the number differs between
+        modes, this is the smallest. It is 0 if no mode was compared.
     largest_difference
         Largest difference (rad) of a joint angle between the formulas and the mechanism.
     smooth
@@ -256,14 +257,14 @@ class SeriesTable(NamedTuple):
     variable
         The symbol of the variable, which is an argument of the formulas.
     start
-        Offset of the series: they are functions of variable + `start`.
+        Offset of the series: the series are functions of variable + `start`.
     series
         The series of all functions, on common cells.
     length
         Period of the functions if `closed` is true, in the unit of the variable.
     closed
-        Whether the functions are periodic, as on a closed curve. If not, they are NaN
-        outside of the cells.
+        Whether the functions are periodic, as on a closed curve. If not, the functions are
+        NaN outside of the cells.
     """
 
     terms: tuple[ExpressionNode, ...]
@@ -372,7 +373,7 @@ class Formulas:
         all configurations. The function returns an array (expressions, n).
         """
         # The compiled function takes one array. Its rows are the three groups of arguments
-        # in turn. They are followed by functions that have no formula and are stored as
+        # in turn. After these rows come functions that have no formula and are stored as
         # series, such as the coordinates of a contact profile over its arc length. A table
         # has the symbols of several such functions (`terms`) of one variable.
         row_symbols = [symbol for symbol_group in self.variables for symbol in symbol_group]

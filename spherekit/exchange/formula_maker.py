@@ -1,9 +1,9 @@
 """Makes the explicit formulas of a mechanism, from which sources are printed.
 
 Positions have a closed form if every group is a dyad, or if every group becomes one when
-wheels and circles are replaced by links. They then follow from the signs of the dyads, and
-nothing is iterated. Otherwise the variables of all pairs are arguments, and a step of
-Newton's method brings them nearer to a configuration in which the loops are closed.
+wheels and circles are replaced by links. The positions then follow from the signs of the
+dyads, and nothing is iterated. Otherwise the variables of all pairs are arguments, and a
+step of Newton's method brings them nearer to a configuration in which the loops are closed.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -72,8 +72,8 @@ More: modes that exist at few inputs are found; fewer: the search is faster.
 class MotionArguments:
     """The arguments of formulas that describe a motion, and their symbols.
 
-    They are inputs (rad), and rates, accelerations, the time or torques if results depend
-    on these.
+    The arguments are inputs (rad). Rates, accelerations, the time or torques are added if
+    results depend on them.
 
     Attributes
     ----------
@@ -111,15 +111,14 @@ def formulas(
         Keys of the mechanism file, such as ``"links.2.arc"``. Their numbers become
         arguments of the formulas.
     input_pair
-        The driven pairs, by default those of the mechanism.
+        The driven pairs, by default the inputs of the mechanism.
     assembly_mode
         The only assembly mode of the formulas, by default all.
     crossings
-        How an assembly mode continues where its curve of configurations crosses that of
-        another mode. With "end" it keeps the signs of its dyads. A dyad is two links
-        with three R pairs, and its sign is one of two ways to assemble it. With "pass"
-        the mode follows the smooth curve through the crossings of the mechanism in the
-        file.
+        How an assembly mode continues where its curve of configurations crosses the curve
+        of another mode. With "end" it keeps the signs of its dyads. A dyad is two links
+        with three R pairs, and its sign is one of two ways to assemble it. With "pass" the
+        mode follows the smooth curve through the crossings of the mechanism in the file.
 
     Raises
     ------
@@ -229,7 +228,7 @@ def _find_configuration_of_mode(
 
     If constraints are redundant, some velocity equations repeat others. Which equations are
     independent can differ between assembly modes (ways to assemble the mechanism). The
-    configuration belongs to the mode that the formulas are for.
+    configuration belongs to the mode for which the formulas are made.
 
     Parameters
     ----------
@@ -332,7 +331,7 @@ def _list_quantities(
         f"*_coefficient_*_{mechanism.ground}",
         "transmission_angle_*",
         "B",  # equivalent inertia of one input
-        "dB_dq",  # its derivative by the input
+        "dB_dq",  # its derivative with respect to the input
         "torque",  # driving torque
         *(f"B_{pair}" for pair in inputs),  # inertia matrix of several inputs
     ]
@@ -352,7 +351,7 @@ def _find_results(
 ) -> dict[str, Expr]:
     """Return quantities as expressions, by their names.
 
-    Most expressions are those of `design_expressions`. A quantity such as "closure_2" tells
+    Most expressions come from `design_expressions`. A quantity such as "closure_2" tells
     whether the second dyad (two links with three revolute joints) can be assembled. The
     three axes are the corners of a spherical triangle with known arcs. The quantity is the
     square of the triple product of the axes, computed from the arcs. It is negative if no
@@ -425,9 +424,10 @@ def _express_revolutions(
     """Return expressions for the whole revolutions (rad) of pairs that can't turn fully.
 
     The formulas compute angles in (-pi, pi]. Loads such as springs depend on the angle with
-    all whole revolutions. If a pair (joint) swings over less than a turn, the right angle
-    is the one nearest to the middle of its swing. This gives its revolutions. Pairs that
-    turn fully are left out; their revolutions remain an argument of the formulas.
+    all whole revolutions. If a pair (joint) swings over less than a turn, its actual angle
+    is the one nearest to the middle of its swing. This angle gives the revolutions of the
+    pair. Pairs that turn fully are left out; their revolutions remain an argument of the
+    formulas.
 
     Parameters
     ----------
@@ -442,7 +442,7 @@ def _express_revolutions(
 
     Returns
     -------
-    The revolutions by their symbol.
+    The expression of the revolutions of each pair, by the symbol of these revolutions.
     """
     used_symbols = _list_symbols(results)
     # `angles` has the R pairs (revolute joints). Contacts do not have revolutions.

@@ -1,13 +1,13 @@
 """Bevel gears that have the same equations as couplings between hinges of a model.
 
-A coupling is a linear equation between the rates of hinges. Two bevel gears give one too:
-u x + v y = 0, where x is the rate at which their carrier turns about the axis A relative to
-the first gear, and y that at which the second gear turns about the axis B relative to the
-carrier. The pitch cones touch along v A - u B.
+A coupling is a linear equation between the rates of hinges. Two bevel gears give such an
+equation too: u x + v y = 0. Here x is the rate at which their carrier turns about the axis
+A relative to the first gear, and y the rate at which the second gear turns about the axis B
+relative to the carrier. The pitch cones touch along v A - u B.
 
 All couplings are examined together. A bevel differential is the reason: its couplings are
-usually the sum and the difference of two motor angles. Neither of them alone is the
-equation of two gears, but combinations of both are.
+usually the sum and the difference of two motor angles. Neither of these couplings by itself
+is the equation of two gears, but combinations of both are.
 
 Hinges are numbered by their position in the list of hinges, links by their numbers in the
 imported model.
@@ -123,17 +123,17 @@ class IdlerWheel:
     """A wheel that is added to an imported mechanism between two gears with the same axis.
 
     A model can state a ratio of two links that turn about one axis. Gears with the same
-    axis do not touch each other. A third wheel with its axis at right angles to theirs
-    rolls on both of them and gives them this ratio.
+    axis do not touch each other. A third wheel, with its axis at right angles to the axis
+    of the gears, rolls on both gears and gives them this ratio.
 
     Attributes
     ----------
     link
         Number of the new link that is the wheel.
     carrier
-        Number of the link that carries it.
+        Number of the link that carries the wheel.
     axis
-        (3,) unit vector of its axis, in world axes.
+        (3,) unit vector of the axis of the wheel, in world axes.
     """
 
     link: int
@@ -143,7 +143,7 @@ class IdlerWheel:
 
 @dataclass(frozen=True)
 class CoupledGears:
-    """The gears of all couplings, by name, and the idler wheels that have to be added."""
+    """Gears of all couplings, by name, and idler wheels to be added between gears."""
 
     gears: Mapping[str, BevelGears]
     idlers: Sequence[IdlerWheel]
@@ -220,9 +220,9 @@ class BevelEquation:
     """The equation u x + v y = 0 of two links that turn about crossing axes of a carrier.
 
     Two bevel gears can have this equation. x is the angular velocity (rad/s) of the carrier
-    relative to the first link, about the first axis. y is that of the second link relative
-    to the carrier, about the second axis. Both are sums of rates of hinges (revolute
-    joints).
+    relative to the first link, about the first axis. y is the angular velocity of the
+    second link relative to the carrier, about the second axis. Both x and y are sums of
+    rates of hinges (revolute joints).
 
     Attributes
     ----------
@@ -253,8 +253,8 @@ class CoaxialEquation:
 
     Here x and y are the angular velocities (rad/s) of the first and the second link
     relative to the carrier. Each is the rate of a hinge (revolute joint), up to the sign.
-    Two gears with one axis do not touch. An idler wheel with its axis at right angles to
-    theirs rolls on both, and gives them this equation.
+    Two gears with one axis do not touch. An idler wheel, with its axis at right angles to
+    the axis of the gears, rolls on both gears, and gives them this equation.
 
     Attributes
     ----------
@@ -340,7 +340,7 @@ def find_gears(
     Raises
     ------
     ModelError
-        If the equations of gears between links do not span those of the couplings.
+        If the equations of gears between links do not span the equations of the couplings.
     """
     # Equations are rows: factors of the rates of all hinges, in a sum that is zero. Two
     # rows of rank 1 are the same equation. A row that raises the rank is independent.
@@ -441,13 +441,13 @@ def construct_gears_with_ratio(
         (3,) unit vectors of the axes of the gears. Angular velocities are counted about
         these.
     ratio
-        Angular velocity of the second gear, divided by that of the first gear. Both are
-        relative to the carrier of the gears.
+        Angular velocity of the second gear, divided by the angular velocity of the first
+        gear. Both are relative to the carrier of the gears.
     """
     # `construct_bevel_gears` needs the factors u and v of an equation u x + v y = 0. There,
-    # x is the angular velocity of the carrier relative to the first gear, so that of the
-    # first gear is -x. That of the second gear is y. So y = ratio (-x), which is
-    # -ratio x - y = 0.
+    # x is the angular velocity of the carrier relative to the first gear. So relative to
+    # the carrier, the first gear has the angular velocity -x and the second gear y. Then y
+    # = ratio (-x), which is -ratio x - y = 0.
     u = -ratio
     v = -1.0
     return construct_bevel_gears(links, axes, factors=(u, v))
@@ -501,7 +501,8 @@ def _construct_pitch_circle(link: int, axis: Floats, contact_line: Floats) -> Pi
     axis
         (3,) unit vector of its axis.
     contact_line
-        (3,) unit vector to the point, at which the circle touches that of another gear.
+        (3,) unit vector to the point, at which the circle touches the circle of another
+        gear.
     """
     centre = axis if axis @ contact_line >= 0.0 else -axis
     return PitchCircle(float(arc(centre, contact_line)), link, centre)
@@ -647,8 +648,8 @@ def _find_implied_factors(rotations: Floats, equations: Floats) -> Floats | None
     """Return the factors u, v of an equation of two rotations that the couplings imply.
 
     The equation is u x + v y = 0 with the rates x and y of the rotations. The couplings
-    imply it if x and y satisfy it in every motion that they allow. Each motion gives a
-    point (x, y) of a plane. There are three cases:
+    imply the equation if x and y satisfy it in every motion that the couplings allow. Each
+    motion gives a point (x, y) of a plane. There are three cases:
 
     - The points fill the plane: x and y are independent, so there is no equation.
     - The points are on a line through the origin: (u, v) is the normal of this line. If one
@@ -684,8 +685,8 @@ def _find_implied_factors(rotations: Floats, equations: Floats) -> Floats | None
 def _measure_extent(points: Floats) -> Extent:
     """Return how far points (2, n) of a plane spread from the origin, in two directions.
 
-    The points are columns. The directions, at right angles, are those of the largest and
-    the smallest extent.
+    The points are columns. The two directions, at right angles, are the directions of the
+    largest and the smallest extent.
 
     The extent along a direction is the root of the sum of the squares of the components of
     all points along this direction. Without points it is 0.
@@ -741,8 +742,8 @@ def _group_by_axis(hinges: Sequence[ImportedPair], path: LinkPath) -> list[Coaxi
 def _link_paths(hinges: Sequence[ImportedPair]) -> Iterator[LinkPath]:
     """Yield the path of hinges between any two links, each path once.
 
-    The links and hinges (revolute joints) form a tree, so there is only one path. It leads
-    from the link with the smaller number to the other one.
+    The links and hinges (revolute joints) form a tree, so there is only one path. The path
+    leads from the link with the smaller number to the other link.
     """
     ends = [hinge.links for hinge in hinges]
     links = sorted({link for links in ends for link in links})

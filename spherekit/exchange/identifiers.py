@@ -1,8 +1,8 @@
 """Names of functions and enumerators that each language of a source allows.
 
-Names of mechanisms are letters, digits and underscores. Some are keywords, functions or
-macros of a language, begin with a digit, or are used by the source itself. Such a name gets
-``m_`` in front. The head of a source states each change.
+Names of mechanisms are letters, digits and underscores. Some of these names are keywords,
+functions or macros of a language, begin with a digit, or are used by the source itself.
+Such a name gets ``m_`` in front. The head of a source states each change.
 """
 
 import builtins
@@ -71,8 +71,8 @@ class NameRules:
     def is_taken(self, name: str) -> bool:
         """Return whether a text cannot be used as a name in the generated source code.
 
-        It may be no name at all, a word of the language, or the name of an argument, an
-        intermediate term or a helper function in the generated sources.
+        The text cannot be used if it is no name at all, a word of the language, or the name
+        of an argument, an intermediate term or a helper function in the generated sources.
         """
         return bool(
             not name

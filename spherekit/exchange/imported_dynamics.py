@@ -63,13 +63,13 @@ class ImportedDynamics:
     def mass_tables(self) -> dict[str, Table]:
         """Return the masses of the moving links, as tables of a mechanism file.
 
-        The result has a table by the name of each link with inertia. The table has the
-        inertia tensor about the centre of the sphere. It also has mass and centre of mass
-        if the model states them.
+        The result has a table for each link with inertia, by the name of the link. The
+        table has the inertia tensor about the centre of the sphere, and also mass and
+        centre of mass if the model states them.
 
         The tensor of a link is the sum over its bodies, and over rotors. MuJoCo can add a
-        moment of inertia about a hinge (its armature), such as that of a motor's rotor. The
-        link that turns in this hinge gets it.
+        moment of inertia about a hinge (its armature), such as the inertia of a motor's
+        rotor. This moment is added to the link that turns in this hinge.
         """
         tables: dict[str, Table] = {}
         # (3, 3) tensor of the rotor, by number of the link that has one.
@@ -101,9 +101,9 @@ class ImportedDynamics:
         centre of mass. The last two are omitted if the masses of the model are not real:
         MuJoCo needs masses, so spherekit invents some when it exports a mechanism.
 
-        MuJoCo can compensate the weight of a body by a force. A mechanism file can't. The
-        centre of mass is then computed as if this body were at the centre of the sphere,
-        where its weight has no moment. A comment in the file tells the user.
+        MuJoCo can compensate the weight of a body by a force. A mechanism file cannot state
+        this. The centre of mass is then computed as if this body were at the centre of the
+        sphere, where its weight has no moment. A comment in the file tells the user.
 
         Parameters
         ----------
@@ -181,9 +181,9 @@ class ImportedDynamics:
 
         A mechanism file has one mass and one centre of mass for a link. The weight of the
         link has a moment about the centre of the sphere, which follows from these two. In
-        MuJoCo, a link can consist of several bodies, and some may be weightless. These are
-        placed at the centre of the sphere here, so that their weight has no moment. Without
-        weightless bodies the result is the centre of mass.
+        MuJoCo, a link can consist of several bodies, and some may be weightless. The mass
+        of weightless bodies is placed at the centre of the sphere here, so that its weight
+        has no moment. Without weightless bodies the result is the centre of mass.
 
         Returns
         -------
@@ -199,9 +199,9 @@ class ImportedDynamics:
     def _find_rotors(self) -> dict[int, Floats]:
         """Return inertia tensors (3, 3) for links that turn with a rotor, by link number.
 
-        MuJoCo can add a moment of inertia (armature) about the axis of a hinge, such as
-        that of a motor's rotor. If the hinge is on the ground, a thin disc that turns with
-        the link has the same effect. Its moments about the other two axes are half as
+        MuJoCo can add a moment of inertia (armature) about the axis of a hinge, such as the
+        inertia of a motor's rotor. If the hinge is on the ground, a thin disc that turns
+        with the link has the same effect. Its moments about the other two axes are half as
         large. If the hinge is on a moving link, no rigid body has this effect, so the
         armature is left out with a note.
         """
@@ -362,7 +362,7 @@ class ImportedDynamics:
         actuator, name
             Number and name of an actuator with control.
         is_at_joint
-            Whether it acts at a hinge.
+            Whether the actuator acts at a hinge.
         """
         if not is_at_joint:
             self._linkage.notes.append(f"actuator {name} left out: it drives no hinge")

@@ -120,7 +120,7 @@ def _find_half_width(
     half_width = float(np.pi)
     for pair, pair_rates in zip(pairs, np.abs(rates), strict=True):
         # Largest rate of the pair if all unlimited inputs have rates of 1 or -1. It is zero
-        # up to rounding if the pair does not depend on them.
+        # up to rounding if the pair does not depend on these inputs.
         total_rate = sum(pair_rates[inputs.index(k)] for k in unlimited_inputs)
         if pair.joint in linkage.joint_limits and total_rate > LEAST_RATE_RATIO:
             low, high = linkage.joint_limits[pair.joint]
@@ -172,8 +172,8 @@ def _find_rank(equations: Floats) -> int:
 def find_outputs(linkage: ImportedLinkage) -> Table:
     """Return the outputs of an imported mechanism, as tables by their names.
 
-    Outputs are the links that sensors of the model observe. Without such sensors, they are
-    the links at the ends of chains, such as the hand of a robot.
+    Outputs are the links that sensors of the model observe. Without such sensors, outputs
+    are the links at the ends of chains, such as the hand of a robot.
 
     Parameters
     ----------
@@ -208,9 +208,9 @@ def _find_last_links(linkage: ImportedLinkage) -> list[int]:
     """Return the indices of the links at the ends of chains, which become outputs.
 
     The end of an open chain is a link with a single pair (joint). If there are such links,
-    they are returned, but a wheel in a gear train, such as that of a motor, is no output.
-    So links at joints that gears turn are left out. Those farthest from the ground are kept
-    even then, since a gear train may drive the last link.
+    they are returned, but a wheel in a gear train, such as the wheel of a motor, is no
+    output. So links at joints that gears turn are left out. The links farthest from the
+    ground are kept even then, since a gear train may drive the last link.
 
     If all chains are closed, the links farthest from the ground are returned.
     """
@@ -231,7 +231,7 @@ def _find_last_links(linkage: ImportedLinkage) -> list[int]:
 
 
 def _find_farthest_links(linkage: ImportedLinkage, links: Sequence[int]) -> list[int]:
-    """Return those of some links that the most pairs separate from the ground."""
+    """Return, of some links, the links that the most pairs separate from the ground."""
     distance = {0: 0}  # from the ground, link 0, as a number of pairs
     for _, parent, child in find_spanning_tree([pair.links for pair in linkage.pairs]):
         distance[child] = distance[parent] + 1

@@ -1,8 +1,9 @@
 """Links and pairs of an imported model: bodies become links, hinges and loops pairs.
 
-Links are numbered as the bodies of the model. Bodies that are rigidly joined have the
-number of one of them; the ground has number 0. Links that are no bodies, such as those
-between two hinges of one body, have the numbers after the last body.
+Links are numbered like the bodies of the model. Bodies that are rigidly joined form one
+link, which has the number of one of these bodies; the ground has number 0. Links that are
+no bodies, such as those between two hinges of one body, have the numbers after the last
+body.
 """
 
 import re
@@ -62,16 +63,16 @@ class ImportedLinkage:
         The model.
     max_distance
         Distance (m) by which axes of joints may miss the centre of the sphere. By default
-        it is `CENTRE_TOLERANCE` times the size of the model. The size is the distance of
-        the farthest centre of mass, joint or loop point (where a loop is closed) from the
-        mean of all these points.
+        this distance is `CENTRE_TOLERANCE` times the size of the model. The size is the
+        distance of the farthest centre of mass, joint or loop point (where a loop is
+        closed) from the mean of all these points.
 
     Attributes
     ----------
     link_by_body
         Number of the link of each body of the model, then the numbers of added links.
-        Bodies that are rigidly joined form one link, which has the number of one of them.
-        The ground is 0.
+        Bodies that are rigidly joined form one link, which has the number of one of these
+        bodies. The ground is 0.
     links
         Numbers of the links that have pairs, the ground first.
     pairs
@@ -137,9 +138,9 @@ class ImportedLinkage:
         self.loop_points = self._group_loop_points()  # points at which loops are closed
         # The centre (3,), and the largest distance (m) of an axis from it.
         self.centre, self.centre_distance = self._find_centre(max_distance)
-        # The reader of the file has replaced each ball joint by three hinges. They are left
-        # out if other pairs connect the two links: all links turn about the centre, so the
-        # ball joint does not constrain them.
+        # The reader of the file has replaced each ball joint by three hinges. These hinges
+        # are left out if other pairs connect the two links: all links turn about the
+        # centre, so the ball joint does not constrain the links.
         self._removed_hinges = self._find_redundant_ball_hinges()
         self.pairs: list[ImportedPair] = []
         self._add_joint_pairs()
@@ -154,11 +155,11 @@ class ImportedLinkage:
     def link_name(self, link: int) -> str:
         """Return the name of a link in the mechanism file: the name of its body.
 
-        The ground has the name of the only body that is fixed to the world. If there are
-        none or several, it is called ground.
+        The ground has the name of the only body that is fixed to the world. If no or
+        several bodies are fixed to the world, the ground is called "ground".
         """
         if link not in self._name_by_link:  # names are chosen at the first call
-            # The number of a link is that of one of its bodies.
+            # The number of a link is the number of one of its bodies.
             text = self.foreign_model.body_names[link]
             if link == 0:
                 # Bodies that belong to the ground and have the world (body 0) as parent.
@@ -247,7 +248,7 @@ class ImportedLinkage:
     def _list_axis_lines(self) -> list[AxisLine]:
         """Return the axes that have to pass the centre of the sphere.
 
-        They are the axes of all joints that can turn. Loops of the model are closed at
+        These are the axes of all joints that can turn. Loops of the model are closed at
         points at which two links are held together. Two links with two such points can only
         turn about the line through them. This line is then an axis, too.
         """
@@ -379,8 +380,9 @@ class ImportedLinkage:
     def _list_connections_without_balls(self) -> list[tuple[int, int]]:
         """Return the couples of links that are joined directly, other than by a ball joint.
 
-        They are joined by joints between a body and its parent in MuJoCo's tree of bodies,
-        or by loop points: common points at which the model holds two links together.
+        Links are joined directly by joints between a body and its parent in MuJoCo's tree
+        of bodies, or by loop points: common points at which the model holds two links
+        together.
         """
         mj_model = self._mj_model
         bodies_on_balls = {
@@ -429,9 +431,9 @@ class ImportedLinkage:
         value
             Variable (joint angle, rad) in the pose of the model.
         joint
-            Number of the joint of the model. It is -1 for a pair that is no joint there:
-            one that closes a loop, or that carries an idler wheel. Such a wheel is added
-            between two gears that turn about one axis.
+            Number of the joint of the model. It is -1 for a pair that is no joint in the
+            model: a pair that closes a loop, or a pair that carries an idler wheel. Such a
+            wheel is added between two gears that turn about one axis.
         """
         name = self.make_unique_name(text, (pair.name for pair in self.pairs))
         self.pairs.append(ImportedPair(name, links, axis, value, joint))
@@ -440,8 +442,8 @@ class ImportedLinkage:
     def _add_joint_pairs(self) -> None:
         """Add the hinges of all bodies as pairs (joints) of the mechanism.
 
-        A body may be joined to its parent by several hinges. They become a chain of pairs,
-        with a new link between each hinge and the next.
+        A body may be joined to its parent by several hinges. These hinges become a chain of
+        pairs, with a new link between each hinge and the next.
         """
         hinges = [
             joint for joint in self._turning_joints if joint not in self._removed_hinges
@@ -513,7 +515,8 @@ class ImportedLinkage:
             )
         links_of_pairs = [pair.links for pair in self.pairs]
         part_of_link = component_labels(len(self.link_by_body), links_of_pairs)
-        # Connected links are in one part. The part of the ground has the number 0.
+        # Connected links form one component of the graph. The component of the ground has
+        # the number 0.
         separate_links = {
             link for links in links_of_pairs for link in links if part_of_link[link]
         }

@@ -84,14 +84,15 @@ JAVASCRIPT_MOVED_INPUT_TEMPLATE = """\
 def write_javascript(source: FormulaSource) -> str:
     """Return the formulas of a mechanism as the text of an ES module.
 
-    It begins with a description: names of arguments and results, sizes, and the mode
+    The text begins with a description: names of arguments and results, sizes, and the mode
     values. Mode values are numbers that select an assembly mode (a way to assemble the
     mechanism), such as the signs of dyads (groups of two links). JavaScript functions
     follow:
 
     - Functions that the formulas contain, such as profiles of contacts. They are stored as
       tables of Chebyshev coefficients (series).
-    - The formulas. If there is no closed form, a step of Newton's method is one of them.
+    - The formulas. If there is no closed form, a step of Newton's method is one of these
+      functions.
     - A function that returns the mode values at an input, if they depend on the input.
     """
     formulas = source.formulas
@@ -151,10 +152,10 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
     """Yield the text of the function that selects an assembly mode at an input q.
 
     A mode (way to assemble the mechanism) follows a smooth curve of configurations as q
-    changes. The formulas take numbers that select it, the mode values. In closed form they
-    are the signs of the dyads (groups of two links). Otherwise they are the pair variables
-    of a known configuration. Crossings with other curves divide the range of q into
-    intervals. In each interval the mode has other values.
+    changes. The formulas take numbers that select the mode, the mode values. In closed form
+    these are the signs of the dyads (groups of two links). Otherwise they are the pair
+    variables of a known configuration. Crossings with other curves divide the range of q
+    into intervals. In each interval the mode has other values.
 
     The written function takes the number k of the mode, the input q, and an array. It
     writes the mode values in the interval of q to the array::
@@ -164,9 +165,9 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
           return mode;
         }
 
-    It returns the array in closed form. Otherwise it returns the input of the known
-    configuration, from which steps of Newton's method lead to q. Nothing is yielded if the
-    mode values do not depend on q.
+    The written function returns the array in closed form. Otherwise it returns the input of
+    the known configuration, from which steps of Newton's method lead to q. Nothing is
+    yielded if the mode values do not depend on q.
     """
     if source.smooth_modes is None:
         return

@@ -100,13 +100,15 @@ JULIA_MOVED_INPUT_TEMPLATE = """\
 def write_julia(source: FormulaSource) -> str:
     """Return the formulas of a mechanism as the text of a Julia program.
 
-    It begins with constants: the names of the results, the sizes of the mechanism, and the
-    mode values. Mode values are numbers that select an assembly mode (a way to assemble the
-    mechanism), such as the signs of dyads (groups of two links). Julia functions follow:
+    The text begins with constants: the names of the results, the sizes of the mechanism,
+    and the mode values. Mode values are numbers that select an assembly mode (a way to
+    assemble the mechanism), such as the signs of dyads (groups of two links). Julia
+    functions follow:
 
     - Functions that the formulas contain, such as profiles of contacts. They are stored as
       tables of Chebyshev coefficients (series).
-    - The formulas. If there is no closed form, a step of Newton's method is one of them.
+    - The formulas. If there is no closed form, a step of Newton's method is one of these
+      functions.
     - A function that returns the mode values at an input, if they depend on the input.
     """
     formulas = source.formulas
@@ -151,10 +153,10 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
     """Yield the text of the function that selects an assembly mode at an input q.
 
     A mode (way to assemble the mechanism) follows a smooth curve of configurations as q
-    changes. The formulas take numbers that select it, the mode values. In closed form they
-    are the signs of the dyads (groups of two links). Otherwise they are the pair variables
-    of a known configuration. Crossings with other curves divide the range of q into
-    intervals. In each interval the mode has other values.
+    changes. The formulas take numbers that select the mode, the mode values. In closed form
+    these are the signs of the dyads (groups of two links). Otherwise they are the pair
+    variables of a known configuration. Crossings with other curves divide the range of q
+    into intervals. In each interval the mode has other values.
 
     The written function takes the number k of the mode and the input q. It returns the mode
     values in the interval of q, or NaN if q is NaN::
@@ -167,9 +169,9 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
             return mode
         end
 
-    Without closed form it also returns the input of the known configuration, from which
-    steps of Newton's method lead to q. Nothing is yielded if the mode values do not depend
-    on q.
+    Without closed form the written function also returns the input of the known
+    configuration, from which steps of Newton's method lead to q. Nothing is yielded if the
+    mode values do not depend on q.
     """
     if source.smooth_modes is None:
         return

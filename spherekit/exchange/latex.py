@@ -1,4 +1,4 @@
-"""The formulas of a mechanism of dyads as a LaTeX document, as printed in a paper."""
+"""The formulas of a mechanism of dyads as a LaTeX document, like those in a paper."""
 
 import fnmatch
 import re
@@ -94,7 +94,8 @@ def latex(
         the ground and, if there are masses, torques.
     vary
         Keys of sizes and masses in the file of the mechanism, such as ``links.2.arc``, that
-        stay symbols. Without this, an angle of 90 degrees would be inserted as a number.
+        stay symbols. Otherwise an angle of 90 degrees, for example, is inserted as a
+        number.
 
     Raises
     ------
@@ -118,7 +119,7 @@ def latex(
     key_by_size = _find_free_sizes(mechanism, vary)
     # Formulas contain arcs and angles of links. If the file gives the axes of the pairs in
     # a reference pose instead, links are described by arcs and angles first. Each link then
-    # has new axes; `ground_axes` are those of the ground.
+    # has new axes; `ground_axes` are the axes of the ground.
     sized_mechanism, ground_axes = _convert_to_sizes(mechanism)
     latex_formulas = LatexFormulas(sized_mechanism, ground_axes, key_by_size)
     expressions = _select_expressions(latex_formulas, quantities)
@@ -276,8 +277,9 @@ def _format_right_side(rows: Sequence[Expr]) -> str:
 def _break_sum(text: str) -> str:
     """Break a long sum in LaTeX into rows of the environment ``align``.
 
-    A row can end only before a plus or minus sign outside all brackets and braces. It ends
-    there if the next summand would make it longer than `MAX_ROW_CHARACTERS`.
+    A row can end only before a plus or minus sign outside all brackets and braces. A row
+    ends at such a sign if the next summand would make the row longer than
+    `MAX_ROW_CHARACTERS`.
     """
     rows = [""]
     text_before = ""  # all summands so far, in which open brackets are counted
@@ -389,7 +391,7 @@ def _convert_to_sizes(mechanism: Mechanism) -> tuple[Mechanism, Floats]:
 def _find_new_frame(axes: Mapping[str, Floats]) -> Floats:
     """Return the frame of a link with its first pair axis (joint axis) as z axis.
 
-    Its second pair axis is in the half-plane x = 0, y > 0.
+    The second pair axis is in the half-plane x = 0, y > 0.
 
     Parameters
     ----------

@@ -47,9 +47,10 @@ class CoefficientFormulas:
     """Formulas of the motion of all links per unit rate of each input.
 
     A velocity coefficient is the angular velocity of a link about its pole (axis of its
-    rotation) per unit rate of an input. An acceleration coefficient is its derivative with
-    respect to the input. The constructor writes formulas to the list: poles, velocity
-    coefficients, acceleration coefficients, then coefficients between moving links.
+    rotation) per unit rate of an input. An acceleration coefficient is the derivative of a
+    velocity coefficient with respect to the input. The constructor writes formulas to the
+    list: poles, velocity coefficients, acceleration coefficients, then coefficients between
+    moving links.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ class CoefficientFormulas:
     mechanism
         The mechanism.
     positions
-        Formulas of its positions.
+        Formulas of the positions of the mechanism.
     pole_plans
         For each input the plan (order of computation) of the poles while it moves.
     input_suffixes
@@ -80,10 +81,10 @@ class CoefficientFormulas:
     ) -> None:
         """Add all formulas of velocities to a LaTeX document, section by section.
 
-        There are formulas for each input, which moves while the others are locked. They are
-        of poles (axes about which one link rotates relative to another), and of the
+        There are formulas for each input, which moves while the others are locked. The
+        formulas give poles (axes about which one link rotates relative to another), and the
         velocity and acceleration coefficients (angular velocity about the pole per unit
-        rate of the input, and its derivative).
+        rate of the input, and the derivative of this angular velocity).
 
         Parameters
         ----------
@@ -192,9 +193,9 @@ class CoefficientFormulas:
             formula_list.section = (
                 f"Poles of pass {roman_numeral(step.pass_number)}{condition}"
             )
-            # `via` are all third bodies whose two poles are known. Those that turn about
-            # one axis (`coaxial`) with one of the two bodies give the same plane. They form
-            # a group, and one of each group is used.
+            # `via` are all third bodies whose two poles are known. Third bodies that turn
+            # about one axis (`coaxial`) with one of the two bodies give the same plane.
+            # They form a group, and one body of each group is used.
             third_body_groups = group_by_circle(step.via, step.pole, pole_plan.coaxial)
             normals: list[Expr] = []
             for third_body, *_ in third_body_groups[:2]:
@@ -366,14 +367,15 @@ class CoefficientFormulas:
         """Store expressions of poles, velocities and coefficients by names for users.
 
         Users ask for a quantity by a name such as ``velocity_coefficient_2_1``. In the
-        formulas it is a symbol, such as m_21. This function stores the expression of each
-        name.
+        formulas the quantity is a symbol, such as m_21. This function stores the expression
+        of each name.
 
         A coefficient of two links a and b describes the rotation of a relative to b per
-        unit rate of the input. It is 0 if both are rigid with each other. If one link is at
-        rest, the coefficients relative to the ground are used, which have formulas already.
-        Otherwise their formulas are written here: the components of the relative angular
-        velocity, and of its derivative, along the pole (axis of the relative rotation).
+        unit rate of the input. The coefficient is 0 if both links are rigid with each
+        other. If one link is at rest, the coefficients relative to the ground are used,
+        which have formulas already. Otherwise the formulas of the coefficients are written
+        here: the components of the relative angular velocity, and of its derivative, along
+        the pole (axis of the relative rotation).
         """
         formula_list = self._formula_list
         links = self._mechanism.links

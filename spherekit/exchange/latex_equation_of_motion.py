@@ -7,7 +7,7 @@ unit rate of input k. Vectors x, y, z and I are in link axes. The torque of inpu
     tau_k = sum_i B_ki qdd_i + r_k - Q_k,
 
 where Q_k are the generalized forces, and r_k are the inertia forces at constant rates of
-the inputs. They are r = (1/2) B' qd^2 for one input. For several inputs
+the inputs. For one input, r = (1/2) B' qd^2. For several inputs
 
     r_k = sum over links of x_k . (I z + y x (I y)),
 
@@ -51,9 +51,9 @@ class LatexEquationOfMotion:
     mechanism
         A mechanism with masses or loads.
     positions, coefficients
-        Formulas of its positions, poles and coefficients.
+        Formulas of the positions, poles and coefficients of the mechanism.
     input_suffixes
-        For each input the text that ends the names of its quantities.
+        For each input the text that ends the names of the quantities that belong to it.
     free_sizes
         Keys of the numbers that stay symbols, such as ("mass", name of a link) for a mass.
 
@@ -84,7 +84,7 @@ class LatexEquationOfMotion:
         mechanism
             A mechanism with masses or loads.
         positions, coefficients
-            Formulas of its positions, poles (axes of relative rotation of links) and
+            Formulas of the positions, poles (axes of relative rotation of links) and
             coefficients (rates per unit rate of an input), which are in the list.
         input_suffixes
             For each input the end of the names of quantities while it moves, such as
@@ -184,9 +184,9 @@ class LatexEquationOfMotion:
     def _declare_tensor(self, mass: Mass) -> ExpressionNode:
         """Declare the symbol of the inertia tensor of a link, and return it.
 
-        The printed list of symbols shows its numbers as a matrix. A tensor is free if users
-        want to insert other numbers for it. The symbol of a free tensor is also stored in
-        `free_symbols`. A later check makes sure that formulas contain it.
+        The printed list of symbols shows the numbers of the tensor as a matrix. A tensor is
+        free if users want to insert other numbers for it. The symbol of a free tensor is
+        also stored in `free_symbols`. A later check makes sure that formulas contain it.
         """
         link_label = self._formula_list.link_labels[self._mechanism.link_number[mass.link]]
         is_free = ("mass", mass.link) in self._free_sizes
@@ -219,9 +219,9 @@ class LatexEquationOfMotion:
         link
             Number of the link.
         tensor
-            Its inertia tensor in link axes.
+            Inertia tensor of the link, in link axes.
         velocities
-            Its angular velocity w_k in ground axes per unit rate of each input.
+            Angular velocities w_k of the link in ground axes, per unit rate of each input.
 
         Returns
         -------
@@ -269,7 +269,8 @@ class LatexEquationOfMotion:
     ) -> Expr:
         """Write a vector by its components along axes of a link, and return their symbol.
 
-        It adds one formula to the list of formulas: a symbol and the three components.
+        The function adds one formula to the list of formulas: a symbol and the three
+        components.
 
         Parameters
         ----------
@@ -337,8 +338,8 @@ class LatexEquationOfMotion:
     ) -> Expr:
         """Return the magnitude of a component of a load, in N m or N.
 
-        It is an expression of the mechanism file. A table of torques over time has no
-        formula, so its torque is printed as a symbol.
+        The magnitude is an expression in the mechanism file. A table of torques over time
+        has no formula, so its torque is printed as a symbol.
 
         Parameters
         ----------
@@ -347,8 +348,8 @@ class LatexEquationOfMotion:
         load_name
             Name of the load that has this component.
         label
-            Index of the symbols of the component: the number of the component among those
-            of all loads, counted from 1.
+            Index of the symbols of the component: the number of the component among the
+            components of all loads, counted from 1.
         """
         law = component.magnitude
         if isinstance(law, TorqueTable):

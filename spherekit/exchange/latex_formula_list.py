@@ -38,7 +38,7 @@ class Formula(NamedTuple):
 
 
 class SymbolMeaning(NamedTuple):
-    """Meaning of a symbol that no formula defines, such as a size, and its value.
+    """Meaning and value of a symbol that no formula defines, such as a size.
 
     Both are LaTeX texts. The value is empty if it is not known, as for an input.
     """
@@ -92,8 +92,8 @@ class FormulaList:
     def join_labels(self, link_a: int, link_b: int) -> str:
         """Return the index of a symbol that belongs to two links, given by numbers.
 
-        The labels are those of the links, such as "2" and "1" in the index 21. A comma
-        separates the labels only if one of them has two characters or more.
+        The index consists of the labels of the links, such as "2" and "1" in the index 21.
+        A comma separates the labels only if one label has two characters or more.
         """
         label_a = self.link_labels[link_a]
         label_b = self.link_labels[link_b]
@@ -101,13 +101,13 @@ class FormulaList:
         return label_a + separator + label_b
 
     def number_by_input(self, letter: str, input_index: int) -> str:
-        """Return a letter with the number of an input, without it for the only input."""
+        """Return a letter with the number of an input, or only the letter for one input."""
         return f"{letter}_{{{input_index + 1}}}" if self.has_several_inputs else letter
 
     def input_mark(self, input_index: int) -> str:
-        """Return the superscript of symbols that hold while this input alone moves.
+        """Return the superscript of symbols that hold while only this input moves.
 
-        It is empty for the only input.
+        The superscript is empty if there is only one input.
         """
         return rf"^{{({input_index + 1})}}" if self.has_several_inputs else ""
 

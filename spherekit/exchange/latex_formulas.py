@@ -1,6 +1,7 @@
 """All printed formulas of a mechanism of dyads: positions, coefficients, torques.
 
-Each formula gives a quantity by those before it, as in a paper (Di Gregorio 2024).
+Each formula gives a quantity from quantities in earlier formulas, as in a paper (Di
+Gregorio 2024).
 """
 
 from collections.abc import Collection, Sequence
@@ -65,8 +66,8 @@ class LatexFormulas:
     ) -> None:
         """Write all formulas: positions, poles and velocity coefficients, then torques.
 
-        A pole is the axis of the relative rotation of two links. Its velocity coefficient
-        is their relative angular velocity per unit rate of an input.
+        A pole is the axis of the relative rotation of two links. The velocity coefficient
+        of a pole is the relative angular velocity of its links per unit rate of an input.
 
         Parameters
         ----------
@@ -109,7 +110,8 @@ class LatexFormulas:
         )
         # Names of loads without a formula.
         self.omitted_loads: Sequence[str] = []
-        # Symbols of the free sizes; the equation of motion adds those of inertia tensors.
+        # Symbols of the free sizes; the equation of motion adds the symbols of inertia
+        # tensors.
         self.free_symbols: dict[Any, ExpressionNode] = {**self.positions.free_symbols}
         if mechanism.masses or mechanism.loads:
             self.formula_list.section = "Equation of motion"

@@ -9,7 +9,8 @@ from the second axis, so
 
 The reference arc of a link at an axis leads to the first other axis of the link. A pair at
 the axis u has the variable theta: the tangent t2 to the reference arc of its second link is
-that of its first link, t1, rotated about u by the zero of the pair plus theta.
+the tangent t1 to the reference arc of its first link, rotated about u by the zero of the
+pair plus theta.
 """
 
 from collections.abc import Collection
@@ -109,8 +110,8 @@ def _end_of_arc(start: Expr, tangent: Expr, length: AngleExpression) -> Expr:
 def _tangent_of_return(start: Expr, tangent: Expr, length: AngleExpression) -> Expr:
     """Return the unit tangent at the end of an arc, in the direction back to its start.
 
-    It is sin(length) start - cos(length) tangent: minus the derivative of the end point
-    with respect to the length. The parameters are those of `_end_of_arc`.
+    The result is sin(length) start - cos(length) tangent: minus the derivative of the end
+    point with respect to the length. The parameters are those of `_end_of_arc`.
     """
     return length.sine * start - length.cosine * tangent
 
@@ -259,9 +260,9 @@ class PositionFormulas:
             arc of a link, ("angles", (link, pair)) for an angle between two of its arcs, or
             ("zeros", pair) for the angle at which the variable of a pair (joint) is zero.
         name, meaning
-            LaTeX of its symbol, and its meaning.
+            LaTeX of the symbol of the size, and the meaning of the size.
         value
-            Its value (rad) in the mechanism.
+            Value of the size (rad) in the mechanism.
         """
         is_free = size in self._free_sizes
         degrees = rf"${number(float(np.degrees(value)))}^{{\circ}}$"
@@ -292,9 +293,9 @@ class PositionFormulas:
     def _declare_link_axes(self, link: int) -> list[LinkAxis]:
         """Declare the symbols of the sizes of a link, and return its axes.
 
-        The axes of a link are those of its pairs (joints). The first axis has no sizes.
-        Each other axis has an arc from the first axis. From the third axis on it also has
-        an angle about the first axis, measured from the arc to the second axis.
+        The axes of a link are the axes of its pairs (joints). The first axis has no sizes.
+        Each other axis has an arc from the first axis. From the third axis on, an axis also
+        has an angle about the first axis, measured from the arc to the second axis.
 
         Raises
         ------
@@ -783,7 +784,8 @@ class PositionFormulas:
         tangent
             The unit tangent t at k of the arc from k to some axis of the link.
         azimuth
-            Angle b about k from the second axis of the link to that axis.
+            Angle b about k from the second axis of the link to the axis at the end of this
+            arc.
         """
         label = self._formula_list.link_labels[link]
         k = self._axes_by_link[link][0].vector  # of the first axis
@@ -806,8 +808,9 @@ class PositionFormulas:
     def _tangent_symbol(self, link: int, pair: int) -> ExpressionNode:
         """Return the symbol of a tangent from which the angle of a pair is measured.
 
-        It is the unit tangent, at the axis of the pair (joint), to the reference arc of the
-        link. This arc leads from the axis of the pair to the first other axis of the link.
+        The tangent is the unit tangent, at the axis of the pair (joint), to the reference
+        arc of the link. This arc leads from the axis of the pair to the first other axis of
+        the link.
         """
         link_label = self._formula_list.link_labels[link]
         return make_symbol(rf"\mathbf{{t}}^{{{link_label}}}_{{{self._pair_labels[pair]}}}")
@@ -858,7 +861,7 @@ class PositionFormulas:
     ) -> Expr:
         """Return a vector at right angles to the axis of a pair, rotated about that axis.
 
-        The rotation is by `angle` if `sense` is 1.0, and by its opposite if it is -1.0.
+        The rotation is by `angle` if `sense` is 1.0, and by -`angle` if `sense` is -1.0.
         """
         axis = self.pair_axes[pair]
         return angle.cosine * vector + sense * angle.sine * cross_product(axis, vector)

@@ -34,7 +34,7 @@ _TEMPLATE_BY_OPERATION: Mapping[str, str] = {
 
 
 class Binding(IntEnum):
-    """How loosely the parts of an expression are joined: a looser one needs brackets."""
+    """How loosely the parts of an expression are joined: sums need more brackets."""
 
     SYMBOL = 0
     PRODUCT = 1
@@ -63,29 +63,31 @@ _RANK_BY_MARK = (
 
 
 class LatexText(NamedTuple):
-    """An expression as LaTeX, with what is needed to insert it into a larger expression.
+    """An expression as LaTeX, with its properties for insertion into a larger expression.
 
     Attributes
     ----------
     text
         The LaTeX.
     binding
-        How loosely its parts are joined: as a symbol, a product or a sum. A sum needs
-        brackets as a factor of a product, for example.
+        How loosely the parts of the expression are joined: as a symbol, a product or a sum.
+        A sum needs brackets as a factor of a product, for example.
     rank
-        Its position among the factors of a product: numbers first, vectors last.
+        Position of the expression among the factors of a product: numbers first, vectors
+        last.
     is_variable
-        Whether it is the name of a variable. Then it needs no brackets in a sine or cosine,
-        or before an exponent.
+        Whether the expression is the name of a variable. Such a name needs no brackets in a
+        sine or cosine, or before an exponent.
     has_exponent
-        Whether it ends with an exponent, such as a square or the name ``c^{(1)}``. LaTeX
-        refuses two exponents on one symbol, so it needs brackets before another one.
+        Whether the text ends with an exponent, such as a square or the name ``c^{(1)}``.
+        LaTeX refuses two exponents on one symbol, so the text needs brackets before another
+        exponent.
     is_negative
         Whether the text begins with a minus sign. A sum shows it as ``a - b`` instead of
         ``a + -b``.
     is_spaced_product
-        Whether it is a product with factors separated by thin spaces. Then it needs no
-        brackets as a factor, in contrast to a vector product.
+        Whether the expression is a product with factors separated by thin spaces. Such a
+        product needs no brackets as a factor, in contrast to a vector product.
     """
 
     text: str
@@ -120,7 +122,7 @@ def number(value: float) -> str:
 
 
 def _print_number(value: float) -> LatexText:
-    """Return a number as LaTeX; a negative one is bracketed like a sum."""
+    """Return a number as LaTeX; a negative number is bracketed like a sum."""
     text = r"\frac{1}{2}" if value == 0.5 else number(value)
     binding = Binding.SUM if value < 0.0 else Binding.SYMBOL
     # A zero can be negative, too.
@@ -140,7 +142,7 @@ def _print_operation(node: ExpressionNode, arguments: list[LatexText]) -> LatexT
     node
         The node.
     arguments
-        Its arguments as LaTeX; empty for a variable.
+        Arguments of the node as LaTeX; empty for a variable.
     """
     operation = node.operation
     if operation == "variable":
@@ -199,7 +201,7 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
         The product as an expression. It shows whether factors are equal, or numbers. Only
         the first factor can be a number.
     arguments
-        Its two factors as LaTeX.
+        The two factors of the product as LaTeX.
     """
     first_argument, second_argument = node.arguments
     first_text, second_text = arguments

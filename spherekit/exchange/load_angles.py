@@ -2,8 +2,8 @@
 
 A load such as a spring follows the angle of its pair over any number of turns. Formulas in
 closed form give that angle in (-pi, pi] only, so in general whole turns are an argument. A
-pair that swings over less than one turn in every assembly mode needs none: its angle is the
-one nearest to the middle of its swing.
+pair that swings over less than one turn in every assembly mode needs no such argument: its
+angle is the value nearest to the middle of its swing.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,11 +35,11 @@ def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[st
     """Return the middle (rad) of the swing of pairs that cannot turn fully, by name.
 
     Loads such as springs depend on the angle with all whole turns, but formulas compute
-    angles only up to whole turns. If a pair (joint) swings over less than a turn, the right
-    angle is the one nearest to the middle of the swing. The swing is the range of the angle
-    in all assembly modes (ways to assemble the mechanism) together, over a whole turn of
-    the input. It must be less than a turn by `LEAST_GAP_RAD`, because it is known at
-    samples only.
+    angles only up to whole turns. If a pair (joint) swings over less than a turn, the
+    actual angle is the value nearest to the middle of the swing. The swing is the range of
+    the angle in all assembly modes (ways to assemble the mechanism) together, over a whole
+    turn of the input. It must be less than a turn by `LEAST_GAP_RAD`, because it is known
+    at samples only.
 
     The result is empty with several inputs, because angles then depend on the path, and
     with contacts, because wheels may return only after several turns.
@@ -77,8 +77,8 @@ def revolutions_about(angle: Expr, middle: float) -> ExpressionNode:
     """Return the whole turns (rad) to add to an angle so that it is nearest to a middle.
 
     With the difference d = angle - middle, atan2(sin d, cos d) is d reduced to (-pi, pi].
-    The angle nearest to the middle is middle + atan2(sin d, cos d). Minus the original
-    angle, this gives the whole turns.
+    The angle nearest to the middle is middle + atan2(sin d, cos d). The difference between
+    this angle and the original angle is the whole turns.
 
     Parameters
     ----------

@@ -48,7 +48,8 @@ class ImportedFile:
     Raises
     ------
     FileError
-        If axes miss the point or are parallel, nothing moves, or couplings are no gears.
+        If axes miss their common point or are parallel, nothing moves, or couplings are no
+        gears.
     """
 
     def __init__(
@@ -104,7 +105,8 @@ class ImportedFile:
         # are added. Couplings do not mention the hinge of such a wheel, so the wheel would
         # become an input.
         inputs = choose_inputs(linkage)
-        # Couplings become gears. Between two gears with one axis an idler wheel is needed.
+        # Couplings become gears. Two gears with one axis do not touch, so an idler wheel is
+        # put between them.
         gear_train = self._find_gears()
         linkage.add_idler_wheels(gear_train.idlers)
         contacts = self._contact_tables(gear_train.gears)

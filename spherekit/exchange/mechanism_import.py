@@ -42,7 +42,7 @@ class Imported(NamedTuple):
         Raises
         ------
         OutputError
-            If it cannot be written there.
+            If the file cannot be written there.
         """
         write_text(path, self.text)
 
@@ -67,8 +67,8 @@ def import_mechanism(path: AnyPath, *, within: float | None = None) -> Imported:
     Raises
     ------
     FileError
-        If MuJoCo (extra ``import``) is not installed or cannot read the file, its axes do
-        not meet in a point, or it has joints other than hinges.
+        If MuJoCo (extra ``import``) is not installed or cannot read the file, if the axes
+        of the mechanism do not meet in a point, or if it has joints other than hinges.
 
     Examples
     --------

@@ -193,8 +193,9 @@ class MujocoModel:
         """Return the radius (m) of the sphere on which links are drawn.
 
         Axes and arcs of a spherical mechanism are angles, so they have no size in metres.
-        Centres of mass have. The radius is therefore the distance of the farthest stated
-        centre of mass from the centre of the sphere. It is 1 m if the file states none.
+        Only centres of mass have a size in metres. The radius is therefore the distance of
+        the farthest stated centre of mass from the centre of the sphere. It is 1 m if the
+        file states none.
         """
         # MuJoCo needs masses. If the file has none, the export has invented them, so the
         # centres of mass mean nothing.
@@ -371,14 +372,14 @@ class MujocoModel:
     def _add_custom_numbers(self, custom: Element) -> None:
         """Add numbers that only a later import by `spherekit import` reads.
 
-        They are the ranges of inputs (rad) and the values (rad) of pairs (joints) that
-        close loops. MuJoCo has no place for either. A text says whether the export has
-        invented the masses.
+        These numbers are the ranges of inputs (rad) and the values (rad) of pairs (joints)
+        that close loops. MuJoCo has no place for either of these. A text says whether the
+        export has invented the masses.
 
         Parameters
         ----------
         custom
-            Element of the model to which they are added.
+            Element of the model to which the numbers are added.
         """
         for driven in self._mechanism.inputs:
             _add(
@@ -398,10 +399,10 @@ class MujocoModel:
         The method calls itself for each new body, so it builds the whole tree of bodies.
 
         A hinge joins a child (body) to its parent, which is already in the tree. Hinges
-        that close loops are not in the tree. If a load acts at such a hinge, it gets a
-        child of its own: a second body of the link `hinge.child`, called twin. `_add_loops`
-        welds the twin to the first body of the link. Each of them gets a part of the
-        inertia (`_add_inertia`). Twins are not drawn.
+        that close loops are not in the tree. If a load acts at such a hinge, the hinge gets
+        a child of its own: a second body of the link `hinge.child`, called twin.
+        `_add_loops` welds the twin to the first body of the link. Each of these two bodies
+        gets a part of the inertia (`_add_inertia`). Twins are not drawn.
 
         Parameters
         ----------
@@ -563,7 +564,7 @@ class MujocoModel:
                 )
 
     def _add_loops(self, tendons: Element, equalities: Element) -> None:
-        """Add the constraints that close loops, and those of rolling contacts.
+        """Add the constraints that close loops, and the constraints of rolling contacts.
 
         - A pair (joint) that closes a loop is a constraint: one point of its axis is the
           same in both links, parent and child. All links share the centre of the sphere
@@ -624,7 +625,7 @@ class MujocoModel:
         Parameters
         ----------
         actuators
-            Element of the model to which they are added.
+            Element of the model to which the actuators are added.
         """
         rigid_bodies = self._rigid_bodies
         has_made_up_masses = rigid_bodies.has_made_up_masses

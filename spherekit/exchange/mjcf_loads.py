@@ -44,7 +44,7 @@ class MujocoLoads:
         (3,) acceleration (m/s2) in ground axes.
     hinge_attributes
         Springs, dampers, dry friction and limits as attributes of joints, by name of the
-        pair (joint). Pairs without any are missing.
+        pair (joint). Pairs without any of these are missing.
     actuator_loads
         Other loads, each with the attributes of the actuator (drive) that exerts it in
         MuJoCo. An actuator without a control signal can exert a torque b0 + b1 angle + b2
@@ -67,8 +67,8 @@ class MujocoLoads:
     def loaded_pairs(self) -> list[str]:
         """Pairs (joints) at which a load or a limit acts.
 
-        They have to be joints in MuJoCo. A pair without loads that closes a loop can be a
-        constraint of MuJoCo instead, at which no torque can act.
+        These pairs have to be joints in MuJoCo. A pair without loads that closes a loop can
+        be a constraint of MuJoCo instead, at which no torque can act.
         """
         torque_pairs = [
             load.pair for load, _ in self.actuator_loads if isinstance(load, PairTorque)
@@ -80,7 +80,7 @@ class MujocoLoads:
 class JointSums:
     """Sums of the springs, dampers and dry friction at one pair (joint).
 
-    A joint of MuJoCo can have only one of each.
+    A joint of MuJoCo can have only one spring, one damper and one dry friction.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class JointSums:
         Torque of dry friction (N m).
     weighted_rest
         Sum of stiffness times rest angle (N m) over the springs. Divided by the stiffness,
-        it is the rest angle of one spring that replaces all.
+        this sum is the rest angle of one spring that replaces all springs.
     """
 
     stiffness: float = 0.0
@@ -105,9 +105,9 @@ def convert_loads(mechanism: Mechanism) -> MujocoLoads:
     """Return the loads and joint limits of a mechanism in the form that MuJoCo has.
 
     Springs, dampers and dry friction at one pair (joint) are added up, since a joint of
-    MuJoCo has one of each. Other loads become actuators without control if they are
-    constant, or linear in the angle and rate of their pair. All others are left out, with a
-    reason.
+    MuJoCo has only one spring, one damper and one dry friction. Other loads become
+    actuators without control if they are constant, or linear in the angle and rate of their
+    pair. All others are left out, with a reason.
     """
     gravity = np.zeros(3)
     sums_by_pair = {pair: JointSums() for pair in mechanism.angles}
@@ -174,8 +174,9 @@ def _actuator_attributes(mechanism: Mechanism, load: ActuatorLoad) -> Attributes
     - ``joint``: the pair (joint) at which a torque acts;
     - ``site``: the point of a link at which a force or moment acts;
     - ``refsite``: the site in whose axes the vector of a force or moment is stated. It is a
-      site of the ground. Without it the axes are those of ``site``;
-    - ``gear``: (6,) the vector of the force, then that of the moment. The name is MuJoCo's;
+      site of the ground. Without ``refsite`` the axes of ``site`` are used;
+    - ``gear``: (6,) the vector of the force, then the vector of the moment. The name is
+      MuJoCo's;
     - ``biasprm``: three factors b. The magnitude, by which ``gear`` is multiplied, is
       b[0] + b[1] length + b[2] rate. At a joint the length is its angle.
 
@@ -240,7 +241,7 @@ def _find_torque_factors(component: LoadComponent, pair: str) -> Floats:
     Raises
     ------
     EngineError
-        If the torque is another function. MuJoCo cannot express it.
+        If the torque is another function, which MuJoCo cannot express.
     """
     variable_names = (f"theta_{pair}", f"dtheta_{pair}")
     law = _require_motion_law(component, variable_names)

@@ -75,15 +75,16 @@ def name_elements(
     """Return names for the elements of a MuJoCo model.
 
     MuJoCo requires different names for elements of one kind. If a name is taken, the later
-    element gets another one. Each load gets the names of two sites (marked points): its own
-    name for the site at which it acts, and ``LOAD_axes`` for a site with the ground axes.
+    element gets another name. Each load gets the names of two sites (marked points): its
+    own name for the site at which it acts, and ``LOAD_axes`` for a site with the ground
+    axes.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     links
-        Names of its links, and of bodies that the model has in addition.
+        Names of the links of the mechanism, and of bodies that the model has in addition.
     twins
         The links that have a second body (twin), by the pair (joint) that moves the twin. A
         weld between the twin and the first body closes the loop through this pair.

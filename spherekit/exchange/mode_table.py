@@ -1,15 +1,15 @@
 """Finds the assembly modes of explicit formulas, and compares each with the mechanism.
 
 Exported source code contains a table of assembly modes. Each mode has *mode values*, the
-numbers that select it in the formulas (see `formula_expressions`):
+numbers that select the mode in the formulas (see `formula_expressions`):
 
-- If the formulas are in closed form, they are the sign of each dyad (+1 or -1). This is the
-  sign of the triple product of its three axes. An assembly mode of a run has one sign for
-  each dyad by definition. If circles in contact are replaced by links between their
-  centres, the equivalent linkage has other dyads. Their signs are determined from
-  configurations.
-- Otherwise they are the variables of all pairs at one input, at which the loops are well
-  conditioned. Newton's method starts from them.
+- If the formulas are in closed form, the mode values are the sign of each dyad (+1 or -1):
+  the sign of the triple product of its three axes. An assembly mode of a run has one sign
+  for each dyad by definition. If circles in contact are replaced by links between their
+  centres, the equivalent linkage has other dyads. The signs of these dyads are determined
+  from configurations.
+- Otherwise the mode values are the variables of all pairs at one input, at which the loops
+  are well conditioned. Newton's method starts from them.
 
 If modes follow smooth curves through crossings, the inputs at which curves cross divide the
 range of the input into *intervals*, and a mode has values in each of them. Otherwise there
@@ -123,9 +123,9 @@ class ModeCandidate:
     values
         (n, variables) pair variables (rad) in these configurations. For contacts of
         circles, the formulas belong to an equivalent linkage without contacts. The
-        variables are then those of this linkage.
+        variables are then the variables of this linkage.
     interval
-        (n,) number of the interval of each configuration.
+        (n,) index of the interval of each configuration.
     mode_values
         (intervals, values) mode values in each interval. For formulas in closed form, they
         are the signs (+1 or -1) of the dyads (two links and three R pairs). Otherwise they
@@ -164,7 +164,7 @@ class ModeCandidate:
 def _middle_row(row_intervals: Indices, interval: int) -> int | None:
     """Return the index of the middle configuration in an interval, or None without any.
 
-    A row is one configuration. `row_intervals` has the number of its interval.
+    A row is one configuration. `row_intervals` has the index of the interval of each row.
     """
     rows = np.flatnonzero(row_intervals == interval)
     return int(rows[len(rows) // 2]) if len(rows) else None
@@ -196,10 +196,10 @@ def compare_modes(
     assembly_mode
         Number or name of the only assembly mode to write. By default all are written.
     crossings
-        How an assembly mode continues where its curve of configurations crosses that of
-        another mode. With "end" it keeps the signs of its dyads. A dyad is two links
-        with three R pairs, and its sign is one of two ways to assemble it. With "pass"
-        the mode follows the smooth curve through the crossing.
+        How an assembly mode continues where its curve of configurations crosses the curve
+        of another mode. With "end" it keeps the signs of its dyads. A dyad is two links
+        with three R pairs, and its sign is one of two ways to assemble it. With "pass" the
+        mode follows the smooth curve through the crossing.
 
     Returns
     -------
@@ -353,8 +353,8 @@ def _join_mode_values(
 
     Mode values are the numbers that select a mode in the formulas. Crossings divide the
     range of the input into intervals, and a mode can have other values in each of them.
-    There is also a short interval about each crossing. In it the values of a mode are
-    unknown (NaN) if they change at the crossing.
+    There is also a short interval about each crossing. In this interval the values of a
+    mode are unknown (NaN) if they change at the crossing.
 
     Parameters
     ----------
@@ -442,7 +442,7 @@ def _find_candidate(
         intervals, in which the mode has different values if it follows a smooth curve.
     varied, terms
         The mechanism of the formulas, and the terms from which they are built. The formulas
-        can be those of an equivalent linkage, in which links replace contacts of circles.
+        can belong to an equivalent linkage, in which links replace contacts of circles.
 
     Raises
     ------
@@ -463,7 +463,7 @@ def _find_candidate(
     interval_count = len(crossing_inputs) + 1
     if terms.has_closed_form and varied.equivalent_linkage is None:
         # A mode is defined by its signs. A mode that follows a smooth curve through
-        # crossings consists of pieces, one in each interval, with different signs.
+        # crossings consists of sections, one in each interval, with different signs.
         signs = [piece.signs for _, piece in mode.pieces] or [mode.signs] * interval_count
         return ModeCandidate(mode, motion, values, interval, np.array(signs, dtype=float))
     # The mode values of each interval are read from the configurations in it.
@@ -494,8 +494,8 @@ def _select_well_conditioned_rows(
 
     The formulas must give the same configurations as the mechanism. Near a dead centre the
     variables are inaccurate, and Newton's method may converge to another mode. Therefore
-    only the better conditioned half of the configurations in each interval is used: those
-    with a `sensitivity` up to the median.
+    only the better conditioned half of the configurations in each interval is used: the
+    configurations with a `sensitivity` up to the median.
 
     Parameters
     ----------
@@ -579,8 +579,8 @@ def _spread_well_conditioned(sensitivity: Floats, rows: Indices, count: int) -> 
 def _find_accurate_rows(sampled_motion: Motion, mode: AssemblyMode) -> Indices:
     """Return the indices of the rows of a mode that are accurate enough to compare.
 
-    A row is one configuration of one assembly mode. It must have the status OK, and the
-    error bound of its variables must not exceed `MAX_CONFIGURATION_ERROR_RAD`.
+    A row is one configuration of one assembly mode. An accurate row has the status OK, and
+    the error bound of its variables does not exceed `MAX_CONFIGURATION_ERROR_RAD`.
     """
     is_valid = (sampled_motion.assembly_mode == mode.number) & (
         sampled_motion.status == Status.OK
@@ -593,9 +593,10 @@ def _find_accurate_rows(sampled_motion: Motion, mode: AssemblyMode) -> Indices:
 def _dyad_signs(terms: DesignExpressions, values: Floats) -> Floats:
     """Return the sign of each dyad (two links and three R pairs) in one assembly mode.
 
-    A dyad can be assembled in two ways. Its sign, that of the triple product of its three
-    axes, tells which one. If the mechanism has contacts of circles, the formulas belong to
-    an equivalent linkage: a link between the centres replaces the contact.
+    A dyad can be assembled in two ways. The sign of the dyad, which is the sign of the
+    triple product of its three axes, tells which way is meant. If the mechanism has
+    contacts of circles, the formulas belong to an equivalent linkage: a link between the
+    centres replaces the contact.
 
     Parameters
     ----------

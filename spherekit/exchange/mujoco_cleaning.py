@@ -14,8 +14,8 @@ import numpy as np
 def drop_missing_files(mujoco: Any, spec: Any, folder: Path) -> list[str]:
     """Delete everything that a model reads from files that are missing.
 
-    Files that show only the appearance are often missing. MuJoCo would refuse the model
-    without them.
+    Files that show only the appearance are often missing. MuJoCo would refuse a model that
+    refers to missing files.
 
     Textures become plain colours. Skins, height fields, meshes and the shapes (geoms) of
     bodies that use them are deleted.
@@ -51,8 +51,8 @@ def drop_missing_files(mujoco: Any, spec: Any, folder: Path) -> list[str]:
         if is_missing(skin.file, spec.meshdir):
             spec.delete(skin)
 
-    # Shapes refer to meshes and height fields by name; an unnamed one is called like its
-    # file.
+    # Shapes refer to meshes and height fields by name; an unnamed element has the name of
+    # its file.
     missing_fields = [x for x in spec.hfields if is_missing(x.file, spec.meshdir)]
     missing_meshes = [x for x in spec.meshes if is_missing(x.file, spec.meshdir)]
     files_by_mesh = {

@@ -38,7 +38,8 @@ class ObservedLink(NamedTuple):
     name
         Name of the sensor.
     body, reference
-        Number of the body, and of the body relative to which the sensor reads it.
+        Number of the body, and of the body relative to which the sensor reads the
+        orientation.
     point
         (3,) a point of the body (m, world axes), or None. The direction from the centre of
         the sphere to this point becomes the direction of the output.
@@ -119,8 +120,8 @@ class ForeignModel:
     Raises
     ------
     FileError
-        If MuJoCo is not installed or cannot read the file, it has joints that are no
-        hinges, or loops that do not close near its pose.
+        If MuJoCo is not installed or cannot read the file, or if the file has joints that
+        are no hinges, or loops that do not close near its pose.
     """
 
     def __init__(self, path: Path) -> None:
@@ -143,7 +144,7 @@ class ForeignModel:
             spec = self._read_spec(root, is_urdf)
             ball_hinges, notes = replace_ball_joints(mujoco, spec)
             self.notes += notes
-            # MuJoCo refuses moving bodies without mass, so a tiny one is the lower bound.
+            # MuJoCo refuses moving bodies without mass, so a tiny mass is the lower bound.
             spec.compiler.boundmass = spec.compiler.boundmass or MASSLESS_KG
             spec.compiler.boundinertia = spec.compiler.boundinertia or MASSLESS_KG
             mj_model = spec.compile()
@@ -208,7 +209,7 @@ class ForeignModel:
         return spec
 
     def _check_joints(self) -> None:
-        """Raise `FileError` unless all joints are hinges with names, and there are some.
+        """Raise `FileError` unless there are joints, and all of them are hinges with names.
 
         Each ball joint of the file has already been replaced by three hinges, so ball
         joints are allowed.
@@ -252,7 +253,7 @@ class ForeignModel:
 
         Returns
         -------
-        The ends of the range by the number of the joint, or None if the file gives none.
+        The ends of the range, by the number of the joint; None if the file states no range.
         """
         mj_model = self.mj_model
         ranges: dict[int, Sequence[float] | None] = {}
@@ -414,7 +415,7 @@ class ForeignModel:
         equality
             Number of a constraint between two joints, or one or two tendons.
         name
-            Its name, for messages.
+            Name of the constraint, for messages.
 
         Returns
         -------

@@ -53,8 +53,8 @@ def close_loops(
 
     MuJoCo closes loops only by forces, so loops can be open in the pose of a file.
 
-    First only the other joints move, so that driven joints (inputs) keep their angles. If
-    that fails, all joints move.
+    First only joints that are not driven move, so that driven joints (inputs) keep their
+    angles. If this does not close the loops, all joints move.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def _measure_gaps(mujoco: Any, model: Any, data: Any) -> tuple[Bools, Floats]:
     Returns
     -------
     is_equality_row
-        (constraints,) whether a scalar constraint of MuJoCo is a part of an equality
+        (constraints,) whether a scalar constraint of MuJoCo belongs to an equality
         constraint.
     gaps
         (equalities,) the gap (m or rad) of each of these scalar constraints.

@@ -25,7 +25,7 @@ def write_constants(source: FormulaSource, library: str) -> str:
     a library and define four constants: the names of the arguments that describe the
     motion, the sizes (numbers of the mechanism that can change) with their values, the
     names of the results, and for each assembly mode (way to assemble the mechanism) the
-    values that select it.
+    values that select the mode.
 
     Parameters
     ----------

@@ -115,7 +115,7 @@ def _write_function(source: FormulaSource, function: SourceFunction) -> str:
 
     - the inputs and rates, in the order of the constant MOTION of the file;
     - the values that select the assembly mode (way to assemble the mechanism);
-    - the sizes of links, by default those of the constant SIZES.
+    - the sizes of links, by default the values of the constant SIZES.
 
     The further axes of these arrays are samples. The function returns an array with one row
     for each result, in the order of the constant RESULTS.

@@ -70,7 +70,7 @@ class Hinge(NamedTuple):
 
 
 class Branch(NamedTuple):
-    """A pair of the tree of links, with its known link and the one that it places.
+    """A pair of the tree of links, with its known link and the link that the pair places.
 
     All three are given by number.
     """
@@ -92,19 +92,20 @@ class RigidBodies(NamedTuple):
     mechanism
         The mechanism.
     hinges
-        First the hinges of the tree, depth first, so that each subtree is in one piece, as
-        Pinocchio assumes. Then the hinges of couplers. A coupler is a body that replaces
-        the contact of two circles that slide on each other, because their centres have a
-        constant distance. Its hinge at the centre of the first circle joins it to the first
-        link.
+        First the hinges of the tree, depth first, so that the hinges of each subtree follow
+        each other, as Pinocchio assumes. Then the hinges of couplers. A coupler is a body
+        that replaces the contact of two circles that slide on each other, because their
+        centres have a constant distance. Its hinge at the centre of the first circle joins
+        it to the first link.
     bodies
         Inertia of the bodies. Body k is the child of hinge k.
     loop_hinges
         The R pairs that close loops, and the second hinge of each coupler, at the centre of
         the second circle.
     gear_equations
-        The equation of each rolling contact, by the name of the contact. It is a mapping
-        from R pairs to factors: the sum of factors times rates of these pairs is zero.
+        The equation of each rolling contact, by the name of the contact. Each equation is a
+        mapping from R pairs to factors: the sum of factors times rates of these pairs is
+        zero.
     rotations
         (links, 3, 3) rotations from link axes to ground axes.
     has_made_up_masses
@@ -142,13 +143,13 @@ def construct_rigid_bodies(
         (variables,) a closed configuration.
     tree_pairs
         Names of pairs (joints) that should be hinges of the tree instead of closing a loop,
-        the most important first. Inputs and pairs of links without mass go before all
-        these.
+        the most important first. Inputs and pairs of links without mass take precedence
+        over these pairs.
 
     Raises
     ------
     ModelError
-        If a contact has no constant ratio, some links are joined by contacts alone, or the
+        If a contact has no constant ratio, some links are joined only by contacts, or the
         number of variables is wrong.
     """
     values = np.asarray(values, dtype=float)
@@ -244,8 +245,9 @@ def _find_light_ends(
 
     Dynamics programs (engines) need a mass in each body, so links without mass get a little
     inertia. This is enough for a link that carries links with mass in the tree. A link that
-    carries none needs more (`LIGHT_END_RATIO`), because engines follow a load on a light
-    body less exactly. If a whole chain has no mass, all its links are returned.
+    carries no link with mass needs more inertia (`LIGHT_END_RATIO`), because engines follow
+    a load on a light body less exactly. If a whole chain has no mass, all its links are
+    returned.
 
     Parameters
     ----------
@@ -295,8 +297,8 @@ def _find_gear_equation(
 
     Returns
     -------
-    Factors by pair: the sum of the factors times the rates of these pairs is zero. The
-    largest factor is 1 or -1.
+    Factors, by the number of the pair: the sum of the factors times the rates of these
+    pairs is zero. The largest factor is 1 or -1.
 
     Raises
     ------
@@ -333,8 +335,8 @@ def _choose_tree(mechanism: Mechanism, preferred_pairs: Iterable[str]) -> list[B
     Parameters
     ----------
     preferred_pairs
-        Names of pairs, the most important first. Each of them belongs to the tree unless it
-        closes a loop with the pairs before it.
+        Names of pairs, the most important first. Each of these pairs belongs to the tree
+        unless it closes a loop with the pairs before it.
 
     Raises
     ------

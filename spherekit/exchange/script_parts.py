@@ -27,9 +27,9 @@ def write_series(
     """Yield the source code of a function for each stored series, which evaluates it.
 
     A stored series is a table of Chebyshev coefficients by which functions of one variable
-    are computed, such as the coordinates of a contact profile over its arc length. Its
-    range is divided into cells. A template is source code with fields in braces, which
-    `str.format` replaces by the values of a series.
+    are computed, such as the coordinates of a contact profile over its arc length. The
+    range of the variable is divided into cells. A template is source code with fields in
+    braces, which `str.format` replaces by the values of a series.
 
     Parameters
     ----------
@@ -39,9 +39,9 @@ def write_series(
         Template of the function in a programming language. Its fields are the keys of the
         dictionaries in `FormulaSource.series_fields`, and ``{around}``.
     closed_template, open_template
-        Templates of the lines that replace ``{around}``. They deal with values of the
-        variable outside of the range of the series. On a closed curve they are moved into
-        the range by whole periods, on an open curve the function returns NaN.
+        Templates of the lines that replace ``{around}``. These lines deal with values of
+        the variable outside of the range of the series. On a closed curve such values are
+        moved into the range by whole periods. On an open curve the function returns NaN.
     """
     for fields in source.series_fields:
         around_template = closed_template if fields["closed"] else open_template
@@ -56,11 +56,11 @@ def write_series(
 
 @dataclass(frozen=True)
 class SmoothModeTexts:
-    """Pieces of source code for a generated function that selects an assembly mode.
+    """Parts of the source code of a generated function that selects an assembly mode.
 
-    The function reads the mode values at an input from a table, which these pieces define.
+    The function reads the mode values at an input from a table, which these parts define.
 
-    Mode values are arguments of the formulas. They select the assembly mode (way to
+    Mode values are arguments of the formulas. Mode values select the assembly mode (way to
     assemble the mechanism):
 
     - Formulas in closed form need the sign of each dyad (two links and three R pairs),
@@ -98,10 +98,10 @@ def smooth_mode_texts(
     """Return the table of mode values by intervals of the input, as source code.
 
     Mode values are numbers that select an assembly mode (way to assemble the mechanism) in
-    the formulas. Over the input, the configurations of a mode form a smooth curve. It can
-    cross the curve of another mode. Beyond the crossing the curve has other mode values.
-    The table therefore has mode values for each interval of the input. It also has an input
-    at which a configuration with these mode values is known.
+    the formulas. Over the input, the configurations of a mode form a smooth curve. This
+    curve can cross the curve of another mode. Beyond the crossing the curve has other mode
+    values. The table therefore has mode values for each interval of the input. It also has
+    an input at which a configuration with these mode values is known.
 
     Parameters
     ----------

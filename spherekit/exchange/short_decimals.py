@@ -21,7 +21,7 @@ DEGREES_ROUNDING = 1e-14
 def round_to_short_decimal(
     value: float, scale: float, rounding: float = DECIMAL_ROUNDING
 ) -> float:
-    """Return the number with the fewest digits that equals a number up to rounding errors.
+    """Return the shortest decimal that equals a number up to rounding errors.
 
     For example 29.999999999999996 becomes 30.0. Such numbers come from computed poses.
 
@@ -52,8 +52,8 @@ def round_to_short_degrees(angle: float) -> float:
 def round_relative_to_one(vector: Floats) -> list[float]:
     """Return the components of a vector, without digits that are only rounding errors.
 
-    Rounding errors are those of numbers near 1, even for small components. The vector is a
-    unit vector, or a point of a model (m).
+    Rounding errors are assumed to be as large as those of numbers near 1, even for small
+    components. The vector is a unit vector, or a point of a model (m).
     """
     return [round_to_short_decimal(component, 1.0) for component in vector]
 

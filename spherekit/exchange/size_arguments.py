@@ -182,12 +182,12 @@ def check_arguments(formula_sets: Iterable[Formulas]) -> None:
 
 
 def idle_arguments(formula_sets: Iterable[Formulas]) -> Names:
-    """Return the file keys of the sizes that change no result of any of the formulas.
+    """Return the file keys of the sizes that change no result in any set of formulas.
 
     Parameters
     ----------
     formula_sets
-        One or more formulas with the same sizes.
+        One or more sets of formulas with the same sizes.
     """
     # A size is idle if it is idle in all formulas. The result has the order of the sizes.
     idle_by_formulas = [_idle_arguments(formulas) for formulas in formula_sets]
@@ -260,9 +260,9 @@ def _compute_least_effects(
 ) -> Floats:
     """Return the smallest change of each result that cannot be rounding.
 
-    A changed size has an effect only if a result changes by more. The rounding error is
-    estimated twice: relative to the size of the result, and from its noise. The larger
-    estimate counts.
+    A changed size has an effect only if a result changes by more than this. The rounding
+    error is estimated twice: relative to the size of the result, and from its noise. The
+    larger estimate counts.
 
     Parameters
     ----------

@@ -110,10 +110,10 @@ def _mode_lines(source: FormulaSource, position: int, mode: Mode) -> Iterator[st
     The lines state its number, name, mode values and inputs. Mode values are the numbers
     that select the mode (way to assemble the mechanism). They are the signs of its dyads
     (two links and three R pairs), or the pair variables (rad) from which Newton's method
-    starts. The inputs are those of one configuration with these values.
+    starts. The inputs belong to one configuration with these values.
 
-    Over the input, the configurations of a mode form a curve. It can cross the curve of
-    another mode. A source can follow the smooth curve through the crossing
+    Over the input, the configurations of a mode form a curve. This curve can cross the
+    curve of another mode. A source can follow the smooth curve through the crossing
     (`source.smooth_modes`). Beyond the crossing the mode then has other mode values. A
     further line states the mode values of each part of the curve.
 
@@ -194,7 +194,8 @@ def _smooth_mode_sentences(source: FormulaSource) -> str:
       Newton's method could change to the other curve.
 
     If configurations repeat after a period of the input, an input outside of the range is
-    moved by whole periods. It can still be outside if the range is shorter than a period.
+    moved by whole periods. The input can still be outside afterwards if the range is
+    shorter than a period.
     """
     smooth_modes = source.smooth_modes
     assert smooth_modes is not None

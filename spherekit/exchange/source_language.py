@@ -35,9 +35,9 @@ class Language:
         - {argument}: the expression of the argument,
         - {columns}: number of functions in the table, the length of the array.
     comment_prefix
-        Begins the lines of a comment.
+        Text that begins the lines of a comment.
     escape_comment
-        Changes a text so that a comment can contain it.
+        Function that changes a text so that a comment can contain it.
     name_rules
         Rules for names of functions.
     helper_by_operation

@@ -34,7 +34,7 @@ WRITERS: Mapping[str, SourceWriter] = {
 def source(formulas: Formulas, language: str) -> str:
     """Return formulas as source code.
 
-    It is the text of functions that other programs can call.
+    The result is the text of functions that other programs can call.
 
     Parameters
     ----------

@@ -2,8 +2,8 @@
 
 Expressions are graphs in which an expression that occurs twice is one node, so each value
 is computed once. C returns the same numbers as NumPy's arrays. For comparison, code that
-CasADi generates from the same expressions has 2 to 6 % fewer operations. It has squares and
-changes of sign as operations of their own.
+CasADi generates from the same expressions has 2 to 6 % fewer operations. CasADi's code has
+squares and changes of sign as operations of their own.
 """
 
 import re
@@ -31,7 +31,7 @@ class SourceFunction(NamedTuple):
         The statements. Calls come first that evaluate stored Chebyshev series, such as the
         coordinates of a contact profile. Then follows one assignment for each operation.
     results
-        The values that it returns: names or numbers.
+        The values that the function returns: names or numbers.
     closure_residual
         Name of the variable with the closure residual (how far loops are open). It is empty
         unless the function is a step of Newton's method.
@@ -88,7 +88,7 @@ class FormulaSource:
 
     @cached_property
     def functions(self) -> list[SourceFunction]:
-        """The function of the results, and that of Newton's step if there is one."""
+        """The function of the results, and one for Newton's step if this is used."""
         functions = [self._write_function(self.name, self.formulas.outputs)]
         if self.formulas.step:
             step_name = f"{self.name}_step"
@@ -107,8 +107,8 @@ class FormulaSource:
         name
             Name of the function.
         outputs
-            The expressions. Those of a step of Newton's method end with the closure
-            residual, by how much the loops were open before the step.
+            The expressions. The expressions of a step of Newton's method end with the
+            closure residual: how far the loops were open before the step.
         """
         language = self.language
         formulas = self.formulas
@@ -200,9 +200,9 @@ class FormulaSource:
         """Names and numbers that are inserted in the template of `smooth_function`.
 
         `smooth_function` is a function of the generated source. An assembly mode (way to
-        assemble the mechanism) is selected by a few numbers, its mode values. They are
-        constant only within an interval of the input. The function has a table with a row
-        of mode values for each interval and mode. It returns the row for a mode and an
+        assemble the mechanism) is selected by a few numbers, its mode values. Mode values
+        are constant only within an interval of the input. The function has a table with a
+        row of mode values for each interval and mode. It returns the row for a mode and an
         input. Keys of the result are:
 
         - ``name``, ``mode``: names of the function and of the argument that selects a mode,

@@ -76,7 +76,7 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
         results={**unit_by_result, "torque": "N m"},
         outputs=(*series_symbols, *heading.torques),
         step=(),
-        # Symbols of the motion; there are none of mode values and of sizes.
+        # Symbols of the motion; there are no symbols of mode values and of sizes.
         variables=(motion_symbols, (), ()),
         tables=(table,),
         title=f"stored functions, errors up to {model.error:.2g} of the largest of each",
@@ -104,7 +104,7 @@ def profile_table(
     configuration_symbols
         Symbols of all pair variables.
     """
-    # The symbols of the nine functions in this order. The last one is that of d2k/ds2.
+    # The symbols of the nine functions in this order. The last symbol stands for d2k/ds2.
     function_symbols: Any = (*profile_side.contact_symbols, profile_side.last_derivative)
     profile_series = profile_side.series
     # The series of the profile has the functions up to dk/ds. Its derivative is added.

@@ -31,7 +31,7 @@ class UrdfContent:
         combination of two joints.
     loop_axes
         Unit axis (3,) of each loop joint (joint that closes a loop) that has one, by the
-        name of the joint. It is in the axes of the first link of this joint.
+        name of the joint. The vector is in the axes of the first link of this joint.
     notes
         Sentences on parts that were left out or are not known.
     """
@@ -91,10 +91,10 @@ def read_urdf(mujoco: Any, root: Element, path: Path) -> UrdfContent:
 def _add_wheel(mujoco: Any, spec: Any, drive: DrivenWheel, path: Path) -> None:
     """Add a wheel for one motor to a model, and couple it with the two joints it drives.
 
-    The motor turns a combination of two joints. The inner joint carries the outer one. The
-    angle of the wheel is that of the inner joint plus `drive.ratio` times that of the outer
-    joint. In MuJoCo this equation is a tendon (sum of joint angles with factors) that stays
-    constant: wheel - inner - ratio outer = 0.
+    The motor turns a combination of two joints. The inner joint carries the outer joint.
+    The angle of the wheel is the angle of the inner joint plus `drive.ratio` times the
+    angle of the outer joint. In MuJoCo this equation is a tendon (sum of joint angles with
+    factors) that stays constant: wheel - inner - ratio outer = 0.
 
     Parameters
     ----------

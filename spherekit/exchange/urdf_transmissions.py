@@ -45,10 +45,11 @@ class DrivenJoint:
 class DrivenWheel:
     """A wheel that stands for one motor of a transmission with two motors and two joints.
 
-    The inner joint carries the outer one. In a differential, for example, each motor turns
-    a side wheel, and both wheels together move both joints. The wheel is coaxial with the
-    inner joint. Its angle is the angle of the inner joint plus `ratio` times that of the
-    outer joint. The other motor of the transmission has a second equation of this form.
+    The inner joint carries the outer joint. In a differential, for example, each motor
+    turns a side wheel, and both wheels together move both joints. The wheel is coaxial with
+    the inner joint. The angle of the wheel is the angle of the inner joint plus `ratio`
+    times the angle of the outer joint. The other motor of the transmission has a second
+    equation of this form.
 
     Attributes
     ----------
@@ -99,7 +100,7 @@ def read_transmissions(
     Returns
     -------
     driven
-        A joint for each motor that turns one joint alone. A motor in a differential turns
+        A joint for each motor that turns only one joint. A motor in a differential turns
         two joints together by a wheel; the wheel then takes the place of the joint.
     notes
         Sentences on transmissions of unknown types.
@@ -159,9 +160,9 @@ def _equations(
     """Return the factors of both joint angles in the angle of each actuator.
 
     A transmission of a URDF file couples two actuators (angles a) with two joints (angles
-    q). Let n_a and n_j be their reductions. In a differential, a1 = n_a1 (n_j1 q1 + n_j2
-    q2) and a2 = n_a2 (n_j1 q1 - n_j2 q2). In a four-bar linkage, a1 = n_a1 n_j1 q1 and a2 =
-    n_a2 (q1 + n_j2 q2).
+    q). Let n_a be the reductions of the actuators, and n_j the reductions of the joints. In
+    a differential, a1 = n_a1 (n_j1 q1 + n_j2 q2) and a2 = n_a2 (n_j1 q1 - n_j2 q2). In a
+    four-bar linkage, a1 = n_a1 n_j1 q1 and a2 = n_a2 (q1 + n_j2 q2).
 
     Parameters
     ----------
@@ -193,7 +194,7 @@ def _drive(
     is a = f_i q_i + f_o q_o. If one factor is zero, the actuator turns only the joint with
     the other factor. Otherwise it turns a wheel that is coaxial with the inner joint. The
     angle of the wheel is q_i + ratio q_o with ratio = f_o / f_i. The angle of the actuator
-    is f_i times that of the wheel.
+    is f_i times the angle of the wheel.
 
     Parameters
     ----------
@@ -272,7 +273,7 @@ def _ends(item: Element, tag: str, where: str) -> list[TransmissionEnd]:
 def _find_joined_links(root: Element) -> Mapping[str, tuple[str, str]]:
     """Return the parent and the child link of each joint that turns, by its name.
 
-    Links that fixed joints join are one body. Of these links, the result has the one
+    Links that fixed joints join are one body. Of these links, the result has the link
     nearest to the root of the tree.
     """
     links_by_joint: dict[str, tuple[str, str]] = {}
@@ -343,7 +344,7 @@ def name_wheels(
     """Give each driven wheel a name that no link and no joint of the URDF has.
 
     A driven wheel stands for one motor of a transmission, and the URDF has no name for it.
-    It gets the name of its motor if that is free. Otherwise "_wheel" is added.
+    The wheel gets the name of its motor if this name is free. Otherwise "_wheel" is added.
 
     Parameters
     ----------

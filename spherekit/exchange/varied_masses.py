@@ -35,8 +35,8 @@ def express_masses(
 ) -> tuple[Mass, ...]:
     """Return the masses of a mechanism as expressions of the numbers that can vary.
 
-    A mass consists of an inertia tensor, and often an amount (kg) and a centre of mass. It
-    becomes an expression if one of its numbers in the file has an expression.
+    A mass consists of an inertia tensor, and often an amount (kg) and a centre of mass. A
+    mass becomes an expression if one of its numbers in the file has an expression.
 
     The file can also refer to axes of pairs (joints). It can state a mass as a uniform arc
     between two axes, or a tensor in a frame of two axes. The mass then becomes an
@@ -50,8 +50,8 @@ def express_masses(
     mechanism
         The mechanism of this file.
     pair_rotations
-        The pairs as rotations between their links, with sizes of links as symbols. From
-        them follow the axes of pairs in link axes.
+        The pairs as rotations between their links, with sizes of links as symbols. The axes
+        of pairs in link axes follow from these rotations.
     expression_by_path
         Expressions that replace numbers of the document (SI units). A path is the list of
         keys that lead to a number.
