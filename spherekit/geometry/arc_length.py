@@ -256,8 +256,8 @@ def integrate_rate(
         series = half * (rate(low[:, None] + half * (1.0 + nodes)) @ to_coefficients)
         largest = max_abs(series, axis=1)
         # The integral over a panel is twice its first coefficient, which is the largest one
-        # of a smooth speed. The largest one is taken instead, because the first one can
-        # vanish if the function changes its sign.
+        # of a smooth speed. The largest coefficient is taken instead, because the first
+        # coefficient can vanish if the function changes its sign.
         if halvings == 0:
             scale = 2.0 * float(np.sum(largest))
         # Integration divides the coefficient of order k by 2 k + 1, so the last ones are

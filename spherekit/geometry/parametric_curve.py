@@ -60,8 +60,8 @@ class CirclePath:
     Attributes
     ----------
     axes
-        (3, 3) orthonormal columns. The third one points to the centre of the circle on the
-        sphere, the first one from there towards the start of the circle.
+        (3, 3) orthonormal columns. The third column points to the centre of the circle on
+        the sphere, the first column from there towards the start of the circle.
     sine, cosine
         Sine and cosine of the angular radius.
     """
@@ -107,8 +107,8 @@ class FourierPath:
     Attributes
     ----------
     axes
-        (3, 3) orthonormal columns. Colatitude 0 is at the third one, azimuth 0 is towards
-        the first one and azimuth 90 degrees towards the second one.
+        (3, 3) orthonormal columns. Colatitude 0 is at the third column, azimuth 0 is
+        towards the first column and azimuth 90 degrees towards the second column.
     cosines, sines
         (k,) coefficients (rad).
     """

@@ -371,8 +371,8 @@ class RegionRefinement:
         second_at_entry = np.full(crossing_count, -1)
         second_at_entry[segments.start[second]] = second
 
-        # (n,) for each segment, the second one of the same triangle, and the leading one of
-        # the triangle that the border enters next.
+        # (n,) for each segment, the second segment of the same triangle, and the leading
+        # segment of the triangle that the border enters next.
         second_in_triangle = second_at_entry[segments.start]
         leading_in_next_triangle = leading_at_entry[segments.stop]
         ends_at_corner = segments.is_leading & (second_in_triangle >= 0)

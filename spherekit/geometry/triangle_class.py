@@ -24,7 +24,7 @@ For a polynomial of degree 3 the factor 11 is enough."""
 MIN_CORNER_RAD = 0.25
 """Corners of the region that are sharper than this are cut out by ever smaller triangles.
 Larger: more triangles are cut. Smaller: gradients may point in more different directions in
-a triangle whose border is taken for a simple curve."""
+a triangle in which the border is taken for a simple curve."""
 
 STEADY_RATIO = 1.0
 """A margin that is undefined in a part of a triangle keeps its sign if its smallest size is

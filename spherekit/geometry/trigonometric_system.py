@@ -179,8 +179,9 @@ class EliminantSamples:
         equations. An eliminant far below its limits at all m angles counts as zero
         everywhere.
     can_eliminate
-        (n,) whether the second angle can be eliminated. Of three equations, the first one
-        is solved for it, and must depend on it. Always true for two equations.
+        (n,) whether the second angle can be eliminated. Of three equations, the first is
+        solved for the second angle, and must depend on this angle. Always true for two
+        equations.
     """
 
     values: Complexes
@@ -213,7 +214,7 @@ class SecondAngleZeros:
 
     With a value of the first angle inserted, the equations in y and z are
 
-    1. c0 + c1 cos(y) + c2 sin(y) = 0, because the first one does not contain z,
+    1. c0 + c1 cos(y) + c2 sin(y) = 0, because the first equation does not contain z,
     2. and 3. two equations that contain both y and z.
 
     Equation 1 has two zeros y. With one of them inserted, the equations 2 and 3 become
@@ -336,8 +337,8 @@ def _can_eliminate_in_order(incidence: Bools) -> bool:
     A system has t equations in t angles. For t = 2 or 3, the last angle is eliminated from
     the last two equations. Both must contain this angle, and one equation remains of these
     two. For t = 3, the second angle is then eliminated from the remaining equation and the
-    first one. The first one must contain the second angle, but not the last. For t = 1, the
-    equation must contain its angle.
+    first equation. The first equation must contain the second angle, but not the last. For
+    t = 1, the equation must contain its angle.
 
     Parameters
     ----------
@@ -769,7 +770,7 @@ def _insert_first_angle(equations: Numbers, first_angles: Numbers) -> Complexes:
 def _second_angle_forms(equations: Numbers, first_angles: Numbers) -> Complexes:
     """Return the equation in the second angle at values of the first angle.
 
-    Of three equations, the first one does not contain the last angle. With the first angle
+    The first of three equations does not contain the last angle. With the first angle
     inserted, it is a form c0 + c1 cos + c2 sin = 0 in the second angle.
 
     Parameters

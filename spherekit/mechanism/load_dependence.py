@@ -14,7 +14,7 @@ from spherekit.mechanism.mechanism import Mechanism
 
 
 def used_pairs(mechanism: Mechanism) -> frozenset[str]:
-    """Return the R pairs at which loads act, or on whose variable or rate loads depend."""
+    """Return the R pairs at which loads act, or whose angle or rate appears in loads."""
     used_names = _used_names(mechanism)
     pairs_acted_on = {component.pair for component in _components(mechanism)}
     return frozenset(
@@ -58,7 +58,7 @@ def has_smooth_loads(mechanism: Mechanism) -> bool:
 
 
 def find_steep_arguments(mechanism: Mechanism) -> tuple[Expression, ...]:
-    """Return the terms at whose zeros and extrema the loads may change suddenly.
+    """Return terms of loads; where a term is zero or extremal, loads may change suddenly.
 
     An example is x in tanh(x / 0.001). The result has the `Expression.steep_arguments` of
     all loads, each once. Knots of torque tables are not included.

@@ -159,7 +159,7 @@ class Expression:
 
     @cached_property
     def steep_arguments(self) -> "tuple[Expression, ...]":
-        """Subexpressions at whose zeros and extrema the value may change suddenly.
+        """Subexpressions; where one is zero or extremal, the value may change suddenly.
 
         An example is x in tanh(x / 0.001). Series fitted to samples could miss such a
         change. The steep arguments are the arguments of all functions except
@@ -459,12 +459,12 @@ def _read_function_name(call: ast.Call, column: int) -> str:
 def _iterate_steep_arguments(
     node: Node, ignored_functions: Sequence[str]
 ) -> Iterator[Node]:
-    """Yield arguments near whose zeros a function changes suddenly, innermost first.
+    """Yield arguments of functions that change suddenly near zero, innermost first.
 
-    Series that approximate an expression are inaccurate near such zeros. These arguments
-    are called steep. Sums, products, sine and cosine have none. Examples of other functions
-    are tanh(1000 x) and sqrt(x), with the steep arguments 1000 x and x. For a / b it is the
-    denominator b, and for max(a, b) the difference a - b. Constants are left out.
+    Series that approximate an expression are inaccurate near zeros of these arguments. The
+    arguments are called steep. Sums, products, sine and cosine have none. Examples of other
+    functions are tanh(1000 x) and sqrt(x), with the steep arguments 1000 x and x. For a / b
+    it is the denominator b, and for max(a, b) the difference a - b. Constants are left out.
 
     Parameters
     ----------
@@ -489,7 +489,7 @@ def _iterate_steep_arguments(
 
 
 def _steep_arguments(name: str, arguments: list[Node]) -> list[Node]:
-    """Return the expressions near whose zeros a function or operation may change suddenly.
+    """Return the steep expressions: near their zeros, a function may change suddenly.
 
     Parameters
     ----------
@@ -497,7 +497,7 @@ def _steep_arguments(name: str, arguments: list[Node]) -> list[Node]:
         Name of the function, or sign of the operation. Operations without such expressions,
         such as sums and products, are not passed.
     arguments
-        Its arguments.
+        Arguments of the function or operation.
     """
     if name in ("min", "max"):
         # The value has a kink where two arguments are equal.

@@ -177,7 +177,7 @@ def _relative_rotation(
     value
         Value (rad) of the variable of the pair.
     kept_link
-        The link to whose axes the rotation leads: the one that remains after locking.
+        The link that remains after locking. The rotation leads to the axes of this link.
     """
     # Each link has a frame of the pair, with the axis as z axis. The value of the pair is
     # the rotation about z between both frames.

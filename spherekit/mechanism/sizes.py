@@ -15,7 +15,7 @@ Sizes = float | Sequence[float] | Mapping[str, float]
 """Arcs or angles of a link.
 
 The value is a number if the link has only one arc or angle, a sequence of all of them, or a
-mapping of some of them by the pair to whose axis they lead.
+mapping of some of them by the pair at whose axis they end.
 """
 
 Vector = tuple[float, float, float]

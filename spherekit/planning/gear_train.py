@@ -480,7 +480,7 @@ def _fit_contact_to_angles(
 def _choose_independent_contacts(relations: _Relations) -> list[int]:
     """Return indices of contacts with independent relations, the first possible ones."""
     independent: list[int] = []
-    # Take each contact whose row of factors is independent of the rows taken before.
+    # Take each contact with a row of factors that is independent of the rows taken before.
     for k in range(len(relations.factors)):
         rows = relations.factors[[*independent, k]][:, relations.followers]
         if np.linalg.matrix_rank(rows) > len(independent):

@@ -294,7 +294,7 @@ class Configurations(NamedTuple):
           values may not have been noticed.
         - Any curve may be missing.
     drive
-        Name of the pair at whose values the configurations were computed.
+        Name of the pair whose values were prescribed when the configurations were computed.
     inputs
         (k,) values (rad) of the mechanism's input at which all real assembly modes were
         computed without following curves. These modes serve to check the curves.
@@ -355,8 +355,8 @@ def configuration_curves(
     if reference is not None and low <= reference[solver.input_variable] <= high:
         # No mode passes through the reference pose if the input is stationary on its curve.
         search.add_curves(reference[None])
-    # The pair whose values divide the curves with the least work may be another one than
-    # the input. Its whole revolution is searched then.
+    # The curves are divided at values of the pair with which this takes the least work. If
+    # this is not the input, the whole revolution of this pair is searched.
     drive = choose_driving_pair(solver)
     drive_range = (low, high) if drive is solver else (-np.pi, np.pi)
     turning_points = find_input_turning_points(drive, *drive_range)

@@ -188,7 +188,7 @@ class CurveContinuation(ABC, Generic[Node]):
 
     @abstractmethod
     def end_stuck_curve(self, row: int) -> None:
-        """Set the status of a curve from whose last node no step is verified."""
+        """Set the status of a curve that no verified step continues."""
 
     def start_after_periods(self, starts: Node, nodes: Node, values: Floats) -> Node:
         """Return the first nodes of curves, with variables moved by whole periods.

@@ -614,7 +614,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         return point
 
     def end_stuck_curve(self, row: int) -> None:
-        """End a curve from whose last node no step succeeds, and set a status.
+        """End a curve that no step continues from its last node, and set a status.
 
         If the node is near a limit, the curve gets the status of the limit. Otherwise, if
         the equations are nearly singular, another curve crosses there. In all other cases

@@ -217,8 +217,8 @@ def orient_links_in_bodies(
 
     A body is a set of links whose relative orientations are known. Links that are joined by
     an input, or by a chain of inputs, form one body. The axes of a body are those of one of
-    its links, whose number is also the number of the body. A link without inputs is a body
-    of its own.
+    its links, and the body has the index of this link. A link without inputs is a body of
+    its own.
 
     Parameters
     ----------

@@ -128,7 +128,7 @@ class OrderTrial:
 
     A group consists of links that are placed together by equations for unknown angles. An
     order works if all determinants are finite. If they differ between the solutions of an
-    earlier group, the group depends on that one.
+    earlier group, the group depends on that earlier group.
 
     Attributes
     ----------
@@ -442,7 +442,7 @@ class ModeCoalescence:
 
         A group is a set of bodies that are placed together, and a mode is one solution of
         its equations. The result has one axis for the n values of the inputs and the modes.
-        On it, all modes at the first value come first, then those at the second.
+        On this axis, all modes at the first value come first, then those at the second.
         `separate_inputs` divides results by value of the inputs again.
 
         Parameters

@@ -441,7 +441,7 @@ def follow_smooth_curves(
         # the interval of `start`, and is extended upwards, then downwards. At each meeting,
         # `successors` and `predecessors` map the modes that change to their new numbers.
         numbers = [mode.number]
-        # Whether another curve continues under the same number as this one.
+        # Whether another curve continues under the same number as this curve.
         is_claimed = False
         for meeting in meetings[first:]:
             is_claimed |= _is_taken_by_another(numbers[-1], meeting.successors)

@@ -525,7 +525,8 @@ class ModesOverRange:
             batch = waiting_rows[:batch_size]
             curves = self._follow_configurations(values[batch])
             for row, curve in zip(batch.tolist(), curves, strict=True):
-                # An earlier configuration of the batch may have added the mode of this one.
+                # An earlier configuration of the batch may have added the mode of this
+                # configuration.
                 if components[row] < 0 and not self._has_enough_modes:
                     self._add_mode_of_row(row, curve, values, components, component)
             waiting_rows = waiting_rows[batch_size:]

@@ -292,8 +292,8 @@ class QuadAssembly:
         """
         mechanism = self.mechanism
         identity = np.broadcast_to(np.eye(3).astype(quad()), (len(values), 3, 3))
-        # The links whose axes are those of a body keep the identity. The number of such a
-        # link is also the number of its body.
+        # Each body has the axes of one of its links. This link keeps the identity, and the
+        # body has the index of this link.
         body_from_link = dict.fromkeys(range(len(mechanism.links)), identity)
         links_with_body_axes = self.assembly.body_of_link
         # From there, each input pair leads from an oriented link (parent) to the next one

@@ -29,7 +29,7 @@ REQUIRED_CHECKS = (
     "tables",
     "findings",
 )
-"""Checks after whose failure the others are not made."""
+"""Required checks. If one of them fails, the checks after it are not made."""
 
 NEED_NAMES = [item.name for item in fields(Needs)]
 
