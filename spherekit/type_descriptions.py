@@ -162,7 +162,7 @@ def read_value(
     read_simple_value: Callable[[Any, Any], Any],
     split_items: Callable[[Any], Sequence[Any]],
 ) -> Any:
-    """Read a value of a stated type from a text of a command or an entry of a file.
+    """Read a value of a stated type from a text of a command or a value in a file.
 
     The members of a union are tried in order, and the first that can be read is returned.
     The two functions know how the source writes values.
@@ -172,7 +172,7 @@ def read_value(
     annotation
         The type: a simple one, a choice, a union or a tuple of these.
     source
-        The text or entry.
+        The text of the command, or the value in the file.
     read_simple_value
         Called with a type that is neither a union nor a tuple, and its source. It returns
         the value.

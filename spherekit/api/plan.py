@@ -77,13 +77,13 @@ def table(plan: Plan) -> str:
     """Return the pole table of a plan as text.
 
     A pole is the axis about which one link rotates relative to another. The table has a row
-    and a column for each link, and its entry (i, j) belongs to the pole of links i and j.
-    The entry is ``x`` if the pole is the axis or the contact line of a pair (joint).
-    Otherwise it is a Roman numeral. ``I`` marks poles that the first pass of the
-    Aronhold-Kennedy theorem constructs from poles of pairs, ``II`` those of the second
-    pass. A star marks poles that follow from velocity equations instead. R. Di Gregorio
-    uses such tables in lecture 2 of his short course on planar and spherical kinematics
-    (Barcelona 2019).
+    and a column for each link, and its cell (i, j) belongs to the pole of links i and j.
+    The cell contains ``x`` if the pole is the axis or the contact line of a pair (joint).
+    Otherwise the cell contains a Roman numeral. ``I`` marks poles that the first pass of
+    the Aronhold-Kennedy theorem constructs from poles of pairs, ``II`` marks poles of the
+    second pass. A star marks poles that follow from velocity equations instead. R. Di
+    Gregorio uses such tables in lecture 2 of his short course on planar and spherical
+    kinematics (Barcelona 2019).
 
     Parameters
     ----------

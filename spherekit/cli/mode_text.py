@@ -139,8 +139,8 @@ def _mode_titles(modes: Sequence[Any]) -> str:
 def _closing_place(mode: Any, entry: Any, overview: Any, place_text: PlaceText) -> str:
     """Return where an assembly mode exists, such as ``at input 21 = 0 to 137 deg``.
 
-    An assembly mode is one of the ways to assemble the mechanism. It may exist only in a
-    part of the range of the input. The loops of links close there.
+    An assembly mode is one of the ways to assemble the mechanism. A mode may exist only in
+    a part of the range of the input, where the loops of links close.
 
     Parameters
     ----------

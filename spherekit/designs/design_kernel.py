@@ -288,7 +288,7 @@ class RedundantKernel:
 
         The loops of links then give more equations for the rates than are independent. Each
         kernel solves some independent ones. At some configurations its rates violate the
-        other equations, and another kernel is needed.
+        other equations, and another kernel must be used.
 
         Parameters
         ----------

@@ -54,7 +54,7 @@ NEVER_CLOSES = "NEVER_CLOSES"
 """Status of a design that closes at no sample."""
 
 IMPOSSIBLE = "IMPOSSIBLE"
-"""Status of a design that does not give a mechanism with the mobility of the file's."""
+"""Status of a design with invalid numbers, or with another mobility than in the file."""
 
 DESIGN_FAILED = "FAILED"
 """Status of a design of which an analysis failed, although the design may be possible."""
@@ -708,9 +708,9 @@ class KernelFigures:
     ) -> QuantitiesOfModes:
         """Return the quantities of designs in n assembly modes, at some samples.
 
-        A design is one choice of sizes, and an assembly mode is one way to assemble it. The
-        quantities are needed for figures of merit (numbers that rate a design). A kernel,
-        which is a function for many designs, computes them.
+        A design is one choice of sizes, and an assembly mode is one way to assemble it.
+        Figures of merit (numbers that rate a design) are computed from the quantities. A
+        kernel, which is a function for many designs, computes them.
 
         Parameters
         ----------

@@ -251,7 +251,8 @@ def _collect_modes(
     The modes of all designs, sorted by design, then by the first sample at which they close
     and then by their configuration there.
     """
-    # The entries that belong to a mode; `mode` counts the modes from 0.
+    # The elements (sample, solution) of the arrays that belong to a mode; `mode` counts the
+    # modes from 0.
     sample, column = np.nonzero(mode_ids >= 0)
     _, first_entry, mode = np.unique(
         mode_ids[sample, column], return_index=True, return_inverse=True

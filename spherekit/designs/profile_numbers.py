@@ -381,7 +381,7 @@ class ProfilesTowardsDraws:
         A draw is a design with random deviations from the nominal design. A path leads from
         the nominal design to a draw. The columns (tangent, point, curvature) of both
         designs are computed at the same pair variables and interpolated. So no profiles of
-        designs in between are needed.
+        designs in between have to be computed.
 
         Parameters
         ----------

@@ -358,9 +358,9 @@ class VariedMechanism:
         link. Two kinds may differ:
 
         - An output along the axis of a pair (joint). Its direction follows from the sizes
-          of the link, which may vary. The entry is the name of the pair.
-        - An output with a longitude or latitude that varies. The entry is a unit vector
-          (3,) in link axes, as an expression of the design variables.
+          of the link, which may vary. Its item in the result is the name of the pair.
+        - An output with a longitude or latitude that varies. Its item in the result is a
+          unit vector (3,) in link axes, as an expression of the design variables.
         """
         directions: dict[str, str | Exprs] = {}
         directions |= self._outputs_along_axes()
@@ -499,13 +499,13 @@ class VariedMechanism:
         """Return the factors from the units of the file to rad and SI units, as a matrix.
 
         The arguments of the compiled functions are called sizes. Some sizes are design
-        variables in other units. The rows are these sizes, and the entries are their
-        derivatives with respect to all variables.
+        variables in other units. Each row of the matrix has the derivatives of one of these
+        sizes with respect to all variables.
 
         Returns
         -------
         (variable sizes, variables) derivatives. A variable changes only its own size, so
-        all other entries are zero.
+        all other elements of the matrix are zero.
         """
         slopes = np.zeros((len(self.size_variables), len(self.variables)))
         for size, variable in enumerate(self.size_variables):

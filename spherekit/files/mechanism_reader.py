@@ -507,7 +507,7 @@ class _MechanismReader:
         return SizeGeometry(sizes, _numbers(pairs, "zero"))
 
     def paths_of(self, table: str, keys: Sequence[str]) -> list[KeyPath]:
-        """Return the paths (table, entry, key) of all of the keys that entries have."""
+        """Return the paths (table, element, key) of all of the keys that elements have."""
         return [
             (table, name, key)
             for name, item in self.data[table].items()

@@ -334,7 +334,7 @@ def _draw_sphere_map(
     view
         The projection of the sphere onto this panel, up to its rim.
     sphere_map
-        The area: vertices with values of the quantity, and triangles if it has some.
+        The area: vertices with values of the quantity, and triangles if the area has any.
     look
         Colours of the values.
     """

@@ -70,7 +70,7 @@ SCRIPTS = (
 """Scripts of the page, in the order in which they run."""
 
 JOINT_LIMIT_KEY = ' <span><i class="limit"></i>beyond a joint limit</span>'
-"""Entry of the legend that pages of mechanisms with joint limits have."""
+"""Line of the legend on pages of mechanisms with joint limits."""
 
 MOTION_ARGUMENTS = ("q", "dq", "ddq")
 """Names of arguments of kernels (functions in JavaScript) that a page can compute.
