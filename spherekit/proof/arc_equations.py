@@ -149,8 +149,9 @@ class ArcEquations:
         direction, the side and the axis of the pair.
     follower_offsets
         By pair: the angle (rad) of a follower when the input is 0. A follower is a pair
-        whose angle follows from the inputs through wheels. Its angle is this constant plus
-        a multiple of the input angle. Empty if the angles of followers are variables.
+        with an angle that follows from the inputs through wheels. Its angle is this
+        constant plus a multiple of the input angle. Empty if the angles of followers are
+        variables.
 
     Raises
     ------

@@ -3,8 +3,8 @@
 Angles, radii and coefficients of a profile count as exact float64 numbers, and directions
 are made unit vectors. A profile through points is the quintic spline that
 `spherekit.geometry.profile_curve` lays through them: its float64 knots and coefficients
-define it. Curves return points and tangents only. Derivatives come from power series, so no
-formula for a curvature is needed.
+define it. Curves return points and tangents only. Derivatives come from power series, so
+the module has no formulas for curvatures.
 """
 
 from collections.abc import Callable
@@ -39,7 +39,7 @@ from spherekit.proof.balls import (
 )
 
 MAX_ARC_LENGTH_PANELS = 10_000
-"""Largest number of panels by which a profile is expressed by its arc length.
+"""Largest number of panels (pieces) in the expansion of a profile over its arc length.
 
 Larger: profiles with sharper bends succeed, slowly. Smaller: they are refused.
 """
@@ -166,7 +166,7 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
         assert profile.radius is not None  # every circle has a radius
         sine, cosine = exact_ball(profile.radius).sin_cos()
     else:
-        # The only other kind is a great circle, whose radius is 90 degrees.
+        # The only other kind is a great circle, with a radius of 90 degrees.
         sine, cosine = exact_balls([1.0, 0.0])
     # A circle is closed, so its reverse starts at 0.
     return _make_circle(axes, sine, cosine), exact_ball(0.0)

@@ -1,8 +1,8 @@
 """Vectors of balls, and the frames of R pairs in their links as balls.
 
-A frame is an array (3, 3) whose rows are three orthogonal unit vectors in link axes: the
-zero direction, from which the pair angle is counted; the side, which is the cross product
-of the axis with the zero direction; and the axis of the pair.
+A frame is an array (3, 3) with three orthogonal unit vectors in link axes as rows: the zero
+direction, from which the pair angle is counted; the side, which is the cross product of the
+axis with the zero direction; and the axis of the pair.
 """
 
 from __future__ import annotations

@@ -120,7 +120,7 @@ def _construction_table(
     - "steps": how each further link is placed (`_step_tables`);
     - "unknowns": the pairs with unknown angles;
     - "couplers": the links that replace sliding contacts (`_coupler_tables`);
-    - "follow": the pairs whose angles follow from the inputs through wheels.
+    - "follow": the pairs with angles that follow from the inputs through wheels.
     """
     structure = decimal_mechanism.structure
     unknown_pairs = construction.pairs[: construction.unknown_count]

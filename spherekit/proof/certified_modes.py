@@ -288,9 +288,9 @@ def read_known_angles(
 ) -> list[Ball]:
     """Return the angles (rad) of inputs and followers from decimal input values.
 
-    Followers are the pairs whose angles follow from the inputs through wheels. The angles
-    are balls (numbers with a bound of their error). `inputs` are texts of decimal numbers
-    in the unit of the file.
+    Followers are the pairs with angles that follow from the inputs through wheels. The
+    angles are balls (numbers with a bound of their error). `inputs` are texts of decimal
+    numbers in the unit of the file.
     """
     input_angles = [decimal_mechanism.input_angle(text) for text in inputs]
     return decimal_mechanism.known_angles(input_angles)

@@ -576,10 +576,9 @@ class Crossings:
 
         False only means that nothing is proven.
 
-        Example of a constant variable: a four-bar whose links have the arcs a, a, b, b.
-        Fold the two links a onto each other, and the two links b, too. Then the folded
-        links a turn together against the links b. The angle between the links a is
-        constant.
+        Example of a constant variable: a four-bar with the link arcs a, a, b, b. Fold the
+        two links a onto each other, and the two links b, too. Then the folded links a turn
+        together against the links b. The angle between the links a is constant.
 
         The proof uses one arc of the curve, the middle one:
 
@@ -599,7 +598,7 @@ class Crossings:
             Index of the variable.
         """
         middle_piece = pieces[len(pieces) // 2]
-        # The loops of four pairs whose arcs are known exactly.
+        # The loops of four pairs in which all arcs are known exactly.
         for loop in self.loops:
             if variable not in loop.variables:
                 continue

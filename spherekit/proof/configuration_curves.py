@@ -780,7 +780,7 @@ def _search_curves(
     # range. Curves are followed until they leave the range.
     search = CurveSearch(equations, input_range.side)
     # `pave` divides the box. It calls `covers` to find out which boxes known curves cover,
-    # and `add_configuration` for each new configuration, whose curve is then followed.
+    # and `add_configuration` for each new configuration, to follow its curve.
     box_count, undecided_boxes = pave(
         equations,
         ranges,

@@ -11,8 +11,8 @@ again.
 Wheels with teeth rotate p/q as fast as the only input. Over ranges of the input, the angles
 of the input and of all wheels are whole multiples of one variable, which makes one turn
 while the input makes q turns. The equations are then trigonometric polynomials in this
-variable, as in any other angle. Two configurations whose inputs differ by a whole turn
-count as different, unless all wheels have the same angles in both.
+variable, as in any other angle. Two configurations with inputs that differ by a whole turn
+count as different, unless all wheel angles agree.
 """
 
 from collections import defaultdict
@@ -389,8 +389,8 @@ def find_construction(
     Parameters
     ----------
     structure
-        The links and pairs. Its followers are the pairs whose angles follow from the inputs
-        through toothed wheels.
+        The links and pairs. Its followers are the pairs with angles that follow from the
+        inputs through toothed wheels.
     preferred_pairs
         Indices of pairs with angles that should become variables where the structure allows
         it.
@@ -748,8 +748,8 @@ def share_input_variable(
     decimal_mechanism
         A mechanism with one input and with followers.
     construction
-        A construction in which each follower, a pair whose angle follows from the inputs
-        through wheels, is a separate variable.
+        A construction in which each follower, a pair with an angle that follows from the
+        inputs through wheels, is a separate variable.
 
     Raises
     ------

@@ -192,7 +192,7 @@ class CurveSearch:
         Parameters
         ----------
         pieces
-            Numbers (...) of the arcs, or a mask or Python slice that selects arcs.
+            Indices (...) of the arcs, or a mask or Python slice that selects arcs.
         positions
             (..., v) positions (rad).
         reach

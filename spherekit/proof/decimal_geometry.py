@@ -153,7 +153,7 @@ class DecimalGeometry:
     mechanism
         The mechanism that the file describes.
     document
-        The parsed file, whose numbers remember how they were written.
+        The parsed file. Its numbers remember how they were written.
     tolerance
         Bound (rad) of the error of every arc, angle, zero and direction of the file.
     """

@@ -182,7 +182,7 @@ class DecimalMechanism(DecimalGeometry):
     def follower_ratios(self) -> Array:
         """Return the rates (followers, inputs) of the followers at unit rates of inputs.
 
-        Followers are the pairs whose angles follow from the inputs through wheels.
+        Followers are the pairs with angles that follow from the inputs through wheels.
         """
         relations = self._mesh_relations()
         return self._solve_followers(relations, -relations[:, self.structure.inputs])
@@ -252,10 +252,10 @@ class DecimalMechanism(DecimalGeometry):
         """Return the mechanism with its meshes of wheels and with the followers.
 
         A mesh is a rolling contact of two wheels, with the link that carries both. The
-        followers are the R pairs whose angles follow from the inputs through the meshes.
-        `structure` has only the R pairs of the mechanism, in the same order. The indices of
-        followers refer to `structure`; `_structure_pair` converts them from the indices in
-        `mechanism`.
+        followers are the R pairs with angles that follow from the inputs through the
+        meshes. `structure` has only the R pairs of the mechanism, in the same order. The
+        indices of followers refer to `structure`; `_structure_pair` converts them from the
+        indices in `mechanism`.
 
         Raises
         ------

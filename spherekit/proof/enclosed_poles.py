@@ -107,7 +107,8 @@ def _link_angular_velocities(
     structure = equations.decimal_mechanism.structure
     unknown_count = construction.unknown_count
     input_rates = exact_balls(np.eye(construction.input_count)[input_number])
-    # Followers are pairs whose angles wheels determine: their rates at unit input rates.
+    # Followers are pairs with angles that wheels determine: their rates at unit input
+    # rates.
     ratios = equations.decimal_mechanism.follower_ratios()
     rates = [*input_rates, *(row[input_number] for row in ratios)]
     if unknown_count:

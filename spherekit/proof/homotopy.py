@@ -263,7 +263,7 @@ def _draw_factor_roots(
 def _expand_factors(roots_of_unknowns: Sequence[Complexes]) -> Complexes:
     """Return the coefficients of a product of linear factors (z - root).
 
-    The product is an equation of the start system, whose solutions are known.
+    The product is an equation of the start system, for which the solutions are known.
     `roots_of_unknowns` has the roots of the factors of each unknown z. The coefficients
     (d_1 + 1, d_2 + 1, ...) have an axis for each unknown, from the power 0 to the degree d.
     """

@@ -363,7 +363,7 @@ class Linkage:
         The mechanism.
     frames
         The frames of its R pairs. By default they are computed from the sizes of the
-        mechanism, whose float64 numbers are taken as exact.
+        mechanism. The float64 numbers of these sizes are taken as exact.
     """
 
     def __init__(self, mechanism: Mechanism, frames: Frames | None = None) -> None:
@@ -568,7 +568,7 @@ class Linkage:
         ----------
         start
             (k, variables) start values (rad), as balls (numbers with a bound of their
-            error) whose bound is 0.
+            error) with the bound 0.
         held
             Indices of the variables that keep their values.
         eps

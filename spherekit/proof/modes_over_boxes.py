@@ -508,7 +508,7 @@ def count_modes(
     is_proven
         (m,) bools.
     mode_counts
-        (m,) numbers of real modes, where proven.
+        (m,) how many real modes there are, where proven.
     """
     m, inputs = centres.shape
     is_proven = np.ones(m, dtype=bool)

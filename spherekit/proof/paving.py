@@ -258,7 +258,7 @@ def subdivide(
         Words that name the work in the progress report.
     examine
         Function that examines boxes and returns those to be examined next, for example the
-        halves of undecided ones. It stores its results itself. Its second argument is the
+        halves of undecided boxes. It stores its results itself. Its second argument is the
         number of boxes examined so far, including these.
 
     Returns

@@ -404,7 +404,8 @@ class ExactSimulation:
         mechanism
             A mechanism with masses. All its loads act.
         driven, q, dq
-            The variable whose value q (rad) and rate dq (rad/s) at t = 0 are given exactly.
+            The variable for which the value q (rad) and rate dq (rad/s) at t = 0 are given
+            exactly.
         until
             The time (s) at which the motion ends, unless it ends earlier.
         float_solution
@@ -444,7 +445,8 @@ class ExactSimulation:
                 _evaluate_series(_integrate_series(self._to_series), self._nodes)
             )
             # Positions at which the signs of conditions are examined. A condition is the
-            # term whose sign decides the value of `abs`, `sign`, `min` or `max` in a load.
+            # term with the sign that decides the value of `abs`, `sign`, `min` or `max` in
+            # a load.
             sample_count = SWITCH_SAMPLES_PER_NODE * count + 1
             self._samples = np.linspace(-1.0, 1.0, sample_count)
             self._run(driven, q, dq)

@@ -59,7 +59,7 @@ class ExactRows:
     A row is one configuration of a motion. One input moves at unit rate, the other inputs
     are locked. Vectors and rotations are in ground axes. Values are balls, which are
     numbers with a bound of their error, with the digits of `arithmetic`. They are NaN in
-    rows whose status is not OK.
+    rows with a status other than OK.
 
     Attributes
     ----------

@@ -4,7 +4,7 @@ If F' is regular everywhere in a ball, F has at most one zero in it, because the
 of two values is a mean of F' times the difference of the points. From the centre x there is
 a path z' = -F'(z)^-1 F(x) along which F decreases linearly to 0 (M. Davidenko, 1953). If
 the balls of F' over the whole ball bound its length by less than the radius, the path ends
-inside, at a zero whose distance from the centre has the same bound.
+inside, at a zero. The distance of this zero from the centre has the same bound.
 """
 
 from collections.abc import Sequence

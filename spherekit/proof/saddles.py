@@ -84,8 +84,8 @@ arms reach less far, so that chains need more arcs near the crossing.
 GAP_RECTANGLE_RAD = 1e-3
 """Half width (rad) below which a near crossing is accepted although rate signs are open.
 
-A near crossing is a saddle whose level is not proven to be 0. The effects of larger or
-smaller values are the same as for `CROSSING_RECTANGLE_RAD`.
+A near crossing is a saddle with a level that is not proven to be 0. The effects of larger
+or smaller values are the same as for `CROSSING_RECTANGLE_RAD`.
 """
 
 INNER_HEIGHT_RATIO = 1.0 / 16.0

@@ -80,7 +80,7 @@ derivatives give huge steps.
 """
 
 ROUND_UP = 1.0 + 1e-12
-"""Factor that covers the rounding of sums of bounds, whose terms are all positive.
+"""Factor that covers the rounding of sums of bounds (all terms are positive).
 
 Larger: weaker bounds. Smaller: below some 1e-14 the sums could be rounded below the bound.
 """
@@ -392,8 +392,8 @@ class TubeTest:
         i, j and l is at most C d_i d_j d_l.
     derivative_error
         (k,) numbers E, rounding included: at the centre, the error of a computed derivative
-        with respect to the coordinates i and j is at most E d_i d_j. With respect to i
-        alone the error is at most E d_i.
+        with respect to the coordinates i and j is at most E d_i d_j. The error of a first
+        derivative, with respect to i, is at most E d_i.
     inverse_size
         (k, k) magnitudes of the entries of Y.
     second_derivatives

@@ -564,7 +564,7 @@ class BlockRows:
         Parameters
         ----------
         rows
-            (m,) numbers of rows in the block (group of samples). Rows without a closure
+            (m,) indices of rows in the block (group of samples). Rows without a closure
             residual have no configuration, and are left out.
         """
         solved_rows = rows[np.isfinite(self.closure_residual[rows])]

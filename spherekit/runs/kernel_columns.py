@@ -109,7 +109,7 @@ class UncertifiedPoles:
     Attributes
     ----------
     rows
-        (u,) numbers of these rows in the block, rising.
+        (u,) indices of these rows in the block, rising.
     fields
         The poles in these rows, for each input that moves while the other inputs are
         locked. Empty if there are no such rows.
@@ -202,7 +202,7 @@ class UncertifiedPoles:
         input_index
             Index of the input that moves while the other inputs are locked.
         rows
-            (k,) numbers of these rows in the block (group of samples). A row is one sample
+            (k,) indices of these rows in the block (group of samples). A row is one sample
             in one assembly mode.
         """
         # `self.rows` are the uncertified rows of the block.

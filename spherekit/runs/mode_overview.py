@@ -47,7 +47,7 @@ SMOOTH_EXTREMES = ("smooth_angle", "smooth_transmission_angle", "smooth_transmis
 class OutputOverview:
     """How an output moves in one assembly mode (way to assemble the mechanism).
 
-    An output is a link, or a direction on it, whose motion is of interest. A place
+    An output is a link, or a direction on a link, with a motion of interest. A place
     identifies a sample: it is the time (s), the value of the first input (rad) or the
     number of the sample, as in `OverviewPlan.places`.
 

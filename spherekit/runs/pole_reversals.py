@@ -105,7 +105,7 @@ class SliceReversals:
     mode
         Index of the assembly mode.
     first_row, last_row
-        Numbers of the first and the last examined row in the block (group of samples).
+        Indices of the first and the last examined row in the block (group of samples).
     by_input
         The result for each input that moves while the other inputs are locked.
     """
@@ -142,7 +142,7 @@ def find_slice_reversals(
     mode
         Index of the assembly mode of the slice.
     rows
-        (n,) numbers of these rows in the block, rising.
+        (n,) indices of these rows in the block, rising.
     """
     by_input: list[InputReversals] = []
     for input_index, input_columns in enumerate(kernel.input_columns):

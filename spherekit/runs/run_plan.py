@@ -177,7 +177,7 @@ class RunPlan:
 
         A pole is the axis about which one link rotates relative to another.
 
-        The values need not be right, but must take as many bytes as the right ones. About
+        The values need not be right, but must take as many bytes as the right values. About
         `max_poles` poles are evaluated. The other poles get similar, not equal values,
         because a table file stores equal values only once.
         """

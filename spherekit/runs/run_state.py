@@ -515,7 +515,7 @@ def _find_batch_status(batch: Batch, data: TableData, rows: Indices) -> SmallInt
     data
         Columns of the table, including the columns of the sample and the assembly mode.
     rows
-        (k,) numbers of rows of the table.
+        (k,) indices of rows of the table.
 
     Returns
     -------

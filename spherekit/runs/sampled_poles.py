@@ -42,7 +42,7 @@ def evaluate_sample(motion: Motion, request: Request, max_poles: int) -> PoleFie
         The poles of the tables.
     max_poles
         Largest number of evaluated poles. They are spread evenly over all poles that are
-        not the axis of a pair. Poles whose great circles are requested are evaluated in
+        not the axis of a pair. Poles with requested great circles are evaluated in
         addition, unless there are more such poles than this number.
 
     Returns

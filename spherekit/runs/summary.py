@@ -217,8 +217,8 @@ def measure_cost(
             "rows": run_state.counts[ROWS, analysis_name, table.name],
             "columns": len(table.columns),
         }
-    # Rows whose poles were computed from the velocity equations of the whole mechanism, in
-    # quad precision, because float64 left too few digits.
+    # Rows with poles that were computed from the velocity equations of the whole mechanism,
+    # in quad precision, because float64 left too few digits.
     equation_count = run_state.counts[BY_EQUATIONS,]
     # The engine that solved a simulation, with its steps and computing times.
     simulation = run_plan.sampling.simulation

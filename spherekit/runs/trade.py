@@ -624,7 +624,7 @@ def _compare_column(
     """
     from scipy.spatial import cKDTree
 
-    # Numbers (n, columns) by the texts of their rows.
+    # Values (n, columns), keyed by the texts of their rows.
     reference_numbers = _group_numbers(
         parameter_trade, arrays(reference[parameter_trade.table])
     )
@@ -692,7 +692,7 @@ def _group_numbers(
 
     Returns
     -------
-    Numbers (n, columns of numbers) by the texts of their rows.
+    Values (n, numeric columns), keyed by the texts of their rows.
     """
     number_columns = [
         name

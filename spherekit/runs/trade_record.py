@@ -187,10 +187,10 @@ class Trade:
         """Return the best setting that meets a tolerance, None if no setting does.
 
         A setting is a way to compute a run. It meets the tolerance if `MARGIN` times its
-        error does not exceed the tolerance. The margin is needed because errors were
-        measured at some samples only. Measured times scatter, so all settings that are
-        about as fast as the fastest one count as equally fast. The most accurate of these
-        settings is returned.
+        error does not exceed the tolerance. The margin allows for errors that were measured
+        at some samples only. Measured times scatter, so all settings that are about as fast
+        as the fastest one count as equally fast. The most accurate of these settings is
+        returned.
 
         Raises
         ------
