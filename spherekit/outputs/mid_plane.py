@@ -256,7 +256,7 @@ class MidPlane:
 
         A leg has two links; its elbow is the axis between them. The mid-plane contains all
         elbows and has the normal n. The sign of a leg is the sign of n . (base axis x
-        elbow). It tells which of two possible elbows the leg has.
+        elbow). The sign tells which of two possible elbows the leg has.
         """
         products = cross(self.axes[self.driven], self._driven_elbows(inputs))
         return np.sign(np.vecdot(self.normals(inputs)[:, None], products))

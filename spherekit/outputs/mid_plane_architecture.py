@@ -119,7 +119,7 @@ class MidPlaneArchitecture:
     mechanism
         The mechanism with its base as the ground.
     joints
-        The joints of its pairs.
+        The joints of the pairs of the mechanism.
     plane
         The closed forms, in mirror axes.
     effector
@@ -199,8 +199,8 @@ class MidPlaneArchitecture:
             (n, 3) unit normals in mirror axes, pointing from `home` to the directions.
         distance
             (n,) distance between `home` and the direction. If it is 0, every plane through
-            `home` is possible, and the normal is NaN. The smaller it is, the larger is the
-            error of the normal.
+            `home` is a solution, and the normal is NaN. The smaller it is, the larger is
+            the error of the normal.
         """
         # A plain difference would amplify rounding errors of the lengths if both directions
         # are close.
@@ -214,8 +214,8 @@ class MidPlaneArchitecture:
 
         Base and output link mirror each other in the mid-plane. A mid-plane with the unit
         normal (x, y, z), z >= 0, has the angles phi = -2 arcsin(x), gamma = 2 arcsin(y) and
-        omega = arctan(y / z) of Chen et al. 2021. The components are those in mirror axes:
-        the axes of the base, turned by the constant matrix `frame`.
+        omega = arctan(y / z) of Chen et al. 2021. The components are in mirror axes: the
+        axes of the base, turned by the constant matrix `frame`.
 
         Parameters
         ----------
@@ -227,10 +227,10 @@ class MidPlaneArchitecture:
         phi, gamma, omega
             (n,) angles (rad). They are NaN if a direction is `home`, the constant direction
             of the base that is mirrored to the direction of the output. Every plane through
-            `home` is then possible.
+            `home` is then a solution.
         """
-        # The second result is the distance of each direction from `home`. It tells how
-        # accurate the normals are, and is not needed.
+        # The second result is the distance of each direction from `home`. This distance
+        # tells how accurate the normals are, and is not used here.
         normals, _distance = self.normals_to(directions @ self.frame)
         return mirror_angles(normals)
 

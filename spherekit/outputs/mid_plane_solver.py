@@ -33,10 +33,10 @@ class InputMidPlanes:
         output. They are in mirror axes (axes of the base in which the formulas are
         simplest). NaN where the inputs determine no mid-plane.
     driven_signs
-        (n, 2) signs, 1.0 or -1.0, of the two driven legs: those of n . (base axis x elbow)
-        with the normal n and the elbow, the axis between both links of the leg. They are
-        0.0 if the output points in its home direction: there is no direction from one to
-        the other then, so the sense of the normal is open.
+        (n, 2) signs, 1.0 or -1.0, of the two driven legs: the signs of n . (base axis x
+        elbow) with the normal n and the elbow, the axis between both links of the leg. The
+        signs are 0.0 if the output points in its home direction: the normal points from the
+        home direction to the direction of the output, so its sense is then undetermined.
     """
 
     normals: Floats
@@ -57,7 +57,7 @@ class MidPlaneKinematics(ClosedKinematics):
     mechanism
         The mechanism.
     output
-        Its output, with a direction.
+        The output of the mechanism, with a direction.
     form
         The mid-plane architecture of this output.
     """
@@ -81,10 +81,10 @@ class MidPlaneKinematics(ClosedKinematics):
     def spans(self) -> tuple[LegSpan, ...]:
         """The range of the angle between the two outer axes of every leg, its reach.
 
-        The outer axes are those at the base and at the output link. They mirror each other
-        in the mid-plane, so the angle between them is twice the angle between one of them
-        and this plane. The latter is at most the reach of the leg. It is 0 if the leg is
-        folded, with its links over each other.
+        The outer axes are the axes at the base and at the output link. They mirror each
+        other in the mid-plane, so the angle between them is twice the angle between one of
+        them and this plane. The latter is at most the reach of the leg. It is 0 if the leg
+        is folded, with its links over each other.
         """
         plane = self.form.plane
         # Links of some width cannot lie over each other. A width that the user states then
@@ -174,8 +174,8 @@ class MidPlaneKinematics(ClosedKinematics):
         Returns
         -------
         row, mode
-            For each of k combinations, the number of the mid-plane and that of the mode in
-            `modes`.
+            For each of k combinations, the index of the mid-plane and the index of the mode
+            in `modes`.
         """
         driven_signs_of_modes = np.array(self.modes)[:, self.form.plane.driven]
         # Axes: mid-plane, mode, driven leg.
@@ -290,7 +290,7 @@ class _MidPlaneMode:
 
     @property
     def type_2(self) -> Floats:
-        """(n,) measure of type II, 0 where the output can move with locked inputs."""
+        """(n,) transmission measure, 0 where the output can move with locked inputs."""
         elbows, _products = self._elbows
         return self.form.transmission(self.normals, elbows)
 

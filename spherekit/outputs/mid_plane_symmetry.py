@@ -7,9 +7,9 @@ The architecture is found from the graph and the sizes alone:
 - links that are hinged to the elbows all turn about one axis at right angles to their
   hinges, so that the elbows lie in one plane.
 
-It is proven numerically: with all links placed by the closed form, every pair has to close,
-and the velocity equations have to leave two degrees of freedom. All configurations near it
-are then those of the closed form.
+The architecture is proven numerically: with all links placed by the closed form, every pair
+has to close, and the velocity equations have to leave two degrees of freedom. The closed
+form then gives all configurations nearby.
 """
 
 from collections.abc import Mapping, Sequence
@@ -65,7 +65,8 @@ def mid_plane_form(
 
     In this architecture the end effector is the mirror image of the base. Legs of two links
     with equal arcs join them, and the middle axes of the legs, the elbows, lie in the plane
-    of the mirror. Links that are hinged to the elbows, the carriers, hold them there.
+    of the mirror. Links that are hinged to the elbows, the carriers, hold the elbows in
+    this plane.
 
     Parameters
     ----------
@@ -201,14 +202,16 @@ class _ElbowStructure:
     """The kind of each pair axis in a mechanism with a mid-plane, and its carriers.
 
     Base and output link mirror each other in the mid-plane. A leg is two links that join
-    them. Its elbow is the axis between these two links. The elbows of all legs lie in the
-    mid-plane. Further links, the carriers, keep them there.
+    the base to the output link. Its elbow is the axis between these two links. The elbows
+    of all legs lie in the mid-plane. Further links, the carriers, keep the elbows in this
+    plane.
 
     Attributes
     ----------
     pair_axes
-        The kind of the axis of each pair, by the number of the pair. An axis is that of a
-        leg (at the base, at the output link, or the elbow) or the normal of the mid-plane.
+        The kind of the axis of each pair, by the number of the pair. An axis is an axis of
+        a leg (at the base, at the output link, or the elbow) or the normal of the
+        mid-plane.
     elbow_carriers
         Numbers of the carriers. Each is hinged to a leg along the elbow of the leg. The
         carriers are joined to each other by pairs along the normal of the mid-plane.
@@ -284,7 +287,7 @@ def _find_elbow_carriers(
         for pair, link, next_link in find_spanning_tree(ends, first_carrier, carrier_pairs):
             normal = normals.setdefault(link, axis(pair, link))
             normals[next_link] = np.sign(axis(pair, link) @ normal) * axis(pair, next_link)
-    # Pairs that have no entry yet are those along the normal.
+    # Pairs that are not in the mapping yet are the pairs along the normal.
     for pair in range(len(ends)):
         link = ends[pair][0]
         sense = float(np.sign(axis(pair, link) @ normals.get(link, np.ones(3))))

@@ -4,10 +4,10 @@ A pose of the output is a direction or an orientation. A direction is a unit vec
 three components, and an orientation is a unit quaternion with four. Poses are therefore
 points of a unit sphere. The angle of a rotation is twice the arc between the quaternions.
 
-The target pose is the one that is out of reach. Its surroundings are described by normal
+The target pose is the pose out of reach. Poses around it are described by normal
 coordinates v: the point at v is reached from the target by an arc of length |v| in the
-tangent direction v. There are two coordinates for directions and three for orientations.
-A margin measures how much is left to a limit of the mechanism. A pose is reachable if no
+tangent direction v. There are two coordinates for directions and three for orientations. A
+margin measures how much is left to a limit of the mechanism. A pose is reachable if no
 margin is negative. The nearest pose solves
 
     minimise |v|^2 / 2  subject to  margins(v) >= 0.
@@ -120,9 +120,9 @@ class NormalCoordinates:
 
     Poses are points of a unit sphere in d + 1 dimensions: directions (d = 2), or
     orientations as unit quaternions (d = 3). The normal coordinates v (d,) of a pose
-    describe the arc from the centre to the pose. Their length is that of the arc (rad), and
-    their direction is the one in which the arc starts: ``pose = cos(|v|) centre + sin(|v|)
-    (v / |v|) basis``.
+    describe the arc from the centre to the pose. The length of v is the length of the arc
+    (rad), and the direction of v is the direction in which the arc starts: ``pose =
+    cos(|v|) centre + sin(|v|) (v / |v|) basis``.
 
     Attributes
     ----------
@@ -191,8 +191,8 @@ class NearestPoseSearch:
         guide the search and are smooth across the border of the workspace, if they exist
         beyond the border.
     is_inside
-        Function that takes poses (n, 3 or 4) and returns which are reachable (n,). It is
-        the exact test that the result must pass.
+        Function that takes poses (n, 3 or 4) and returns a mask (n,) of the reachable ones.
+        It is the exact test that the result must pass.
     """
 
     margins: Margins
@@ -259,7 +259,8 @@ class NearestPoseSearch:
         -------
         (`SEARCH_START_COUNT`, d) coordinates. First come the reachable samples that are
         nearest to the target. Then come samples out of reach, those with the smallest
-        violation of a limit first. If both are too few, arbitrary samples fill the array.
+        violation of a limit first. If there are too few samples of both kinds, arbitrary
+        samples fill the array.
         """
         # `BALL_SAMPLES` are spread evenly in a ball of radius 1, the innermost first.
         samples = radius * BALL_SAMPLES[chart.dimension]
@@ -345,8 +346,9 @@ class NearestPoseSearch:
     ) -> tuple[Floats, Floats]:
         """Try fractions of steps from some points, and return the best point of each step.
 
-        The best one has the smallest value of the merit function: half the squared distance
-        from the target, plus the penalty times the sum of all violations of limits.
+        The best point has the smallest value of the merit function: half the squared
+        distance from the target, plus the penalty times the sum of all violations of
+        limits.
 
         Parameters
         ----------
@@ -441,7 +443,7 @@ class NearestPoseSearch:
         ----------
         chart
             Coordinates v around the target pose. |v| is the distance (rad) of a point from
-            it.
+            the target.
         v
             (k, d) coordinates of the points.
         starts
@@ -474,7 +476,8 @@ class NearestPoseSearch:
         """Move a point at the border of the workspace inside, None if this fails.
 
         The point is moved away from the limits that it nearly reaches, by the shortest of
-        `INWARD_STEPS` that leads inside. If none does, it is moved back towards its start.
+        `INWARD_STEPS` that leads inside. If no such step leads inside, the point is moved
+        back towards its start.
 
         Parameters
         ----------
@@ -535,8 +538,8 @@ class NearestPoseSearch:
         """Return a point of a straight path just behind its last border of the workspace.
 
         Points at the given lengths along the path are tested. The border is behind the last
-        one that is outside. The part of the path around the border is then divided in the
-        same way, until this part is shorter than `MIN_GAIN` (rad).
+        of these points that is outside. The part of the path around the border is then
+        divided in the same way, until this part is shorter than `MIN_GAIN` (rad).
 
         Parameters
         ----------
@@ -716,8 +719,8 @@ def _solve_least_distance(normals: Floats, offsets: Floats) -> tuple[Floats, Flo
 
         (normals.T @ u, offsets . u - 1).
 
-    Let its components at the minimum be (p, -h). Then x = p / h, and the multipliers are u
-    / h. If h is 0, the inequalities contradict each other.
+    Let the components of the residual at the minimum be (p, -h). Then x = p / h, and the
+    multipliers are u / h. If h is 0, the inequalities contradict each other.
 
     References
     ----------
@@ -761,9 +764,9 @@ def _make_disc_samples(count: int) -> Floats:
 def _make_ball_samples(count: int) -> Floats:
     """Return points (count, 3) spread evenly in the unit ball, the innermost first.
 
-    Their directions come from a sequence of evenly spread points in two dimensions
-    (additive recurrence of M. Roberts), with the real root of x^3 = x + 1 as its constant.
-    The radii grow so that every point stands for the same volume.
+    The directions of the points come from a sequence of evenly spread points in two
+    dimensions (additive recurrence of M. Roberts), with the real root of x^3 = x + 1 as its
+    constant. The radii grow so that every point stands for the same volume.
     """
     root = 1.324717957244746
     index = np.arange(count)

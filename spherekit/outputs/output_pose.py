@@ -470,7 +470,8 @@ class PoseFinder:
         Parameters
         ----------
         start, number
-            Candidates for the start, and the number of the one to start from.
+            Candidates for the start, and the index of the candidate at which the rotation
+            starts.
         end
             The pose at the end.
         mode
@@ -580,7 +581,8 @@ class PoseFinder:
         Parameters
         ----------
         start, number
-            Candidates for the start, and the number of the one to start from.
+            Candidates for the start, and the index of the candidate at which the rotation
+            starts.
         end
             An orientation of `resolve_end`, or an axis and an angle.
 
@@ -616,15 +618,15 @@ def _find_working_mode(solutions: PoseSolutions, pose: int, values: Floats) -> s
     """Return the label of the working mode of a configuration, "" if it is in none.
 
     A working mode is one way to assemble the mechanism at a pose of the output. All
-    configurations of the pose are known with their modes. The one with the same pair
-    variables is searched.
+    configurations of the pose are known with their modes. The configuration with the same
+    pair variables is searched.
 
     Parameters
     ----------
     solutions
         The configurations of several poses in all working modes.
     pose
-        Number of the pose of the configuration.
+        Index of the pose of the configuration.
     values
         (variables,) pair variables (rad) of the configuration.
     """
@@ -684,7 +686,7 @@ def _rotate_to_mirror_image(
     signs: Floats,
     end: EndOrientation,
 ) -> FollowedRotation | None:
-    """Return the rotation to a mirror image of the base, None if the end is not one.
+    """Return the rotation to a mirror image of the base, None if the end is no such image.
 
     At the start, the output link is the mirror image of the base in a plane. If this is
     true at the end, too, a closed form applies.
@@ -715,9 +717,9 @@ def _rotate_to_mirror_image(
 def _list_modes(architecture: MidPlaneArchitecture) -> list[Floats]:
     """Return the signs (legs,) of all modes of a mid-plane architecture.
 
-    A mode has a sign for each leg, 1.0 or -1.0, for its two possible positions. The order
-    is that of `MidPlane.solutions`: first the modes in which the first driven leg has -1,
-    and among these first those in which the second driven leg has 1.
+    A mode has a sign for each leg, 1.0 or -1.0, for its two possible positions. The modes
+    are in the same order as in `MidPlane.solutions`: first the modes in which the first
+    driven leg has -1, and among these first those in which the second driven leg has 1.
     """
     first, second = architecture.plane.driven
     modes = [

@@ -28,8 +28,8 @@ class ModeAtPoses(Protocol):
     """Interface of a mechanism at n poses of its output, in one working mode.
 
     A working mode is a choice of one of two positions for each leg. At a singularity of
-    type I an input moves while the output rests; at one of type II the output can move
-    although the inputs are locked.
+    type I an input moves while the output rests; at a singularity of type II the output can
+    move although the inputs are locked.
 
     Quantities are NaN at poses at which they are not determined. The limit of the reach is
     the border of the workspace, and its search needs values on both sides. Therefore
@@ -51,8 +51,8 @@ class ModeAtPoses(Protocol):
     def inputs(self) -> Floats:
         """(n, inputs) values of the inputs, rad.
 
-        They are in (-pi, pi]. If wheels drive the mechanism, they can be outside, because
-        configurations do not repeat after one revolution of an input.
+        The values are in (-pi, pi]. If wheels drive the mechanism, they can be outside of
+        this range, because configurations do not repeat after one revolution of an input.
         """
 
     @property
@@ -75,7 +75,7 @@ class ModeAtPoses(Protocol):
     def type_2(self) -> Floats:
         """(n,) measure from 0 to 1 of how well the locked inputs hold the output.
 
-        It is the transmission measure. At a singularity of type II it is 0, because the
+        This is the transmission measure. At a singularity of type II it is 0, because the
         output can move although the inputs are locked.
         """
 
@@ -229,13 +229,13 @@ class LimitedOutput(Protocol):
     def name_of(self, pair: int) -> str:
         """Return the name of a pair.
 
-        Virtual pairs are added to the mechanism to fix the output in a pose. The name of a
-        virtual pair is that of the output.
+        Virtual pairs are added to the mechanism to fix the output in a pose. A virtual pair
+        has the name of the output.
         """
 
 
 def bounds_of(kinematics: LimitedOutput, wanted: Constraints) -> tuple[AngleLimit, ...]:
-    """Return all limits of an output: those of the mechanism and those of the user.
+    """Return all limits of an output, from its mechanism and from the user.
 
     Parameters
     ----------
@@ -351,7 +351,7 @@ def _collect_axis_ranges(
 ) -> dict[tuple[int, int], list[_AngleRange]]:
     """Return all ranges that are allowed for angles between two pair axes.
 
-    They come from three sources:
+    These ranges come from three sources:
 
     - the reach of each leg: it has two links, so that the angle between its outer axes is
       limited by their arcs,
@@ -464,9 +464,9 @@ def _is_always_kept(
 ) -> bool:
     """Return whether the angle between two pair axes is in its range in every pose.
 
-    This is so if both axes are on one link: their angle is constant. If it is not in the
-    range, no pose is possible, and an error is raised. In other cases the angle depends on
-    the pose.
+    This is so if both axes are on one link: the angle between them is constant. If this
+    angle is not in the range, no pose keeps the limit, and an error is raised. In other
+    cases the angle depends on the pose.
 
     Parameters
     ----------
@@ -627,7 +627,7 @@ def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]
 
     Returns
     -------
-    A limit of type I for every input, then one of type II.
+    A limit of type I for every input, then a limit of type II.
 
     Raises
     ------
@@ -681,8 +681,8 @@ def _find_pair(kinematics: LimitedOutput, option: str, name: str) -> int:
     Parameters
     ----------
     kinematics
-        The output. `kinematics.carrying` is the part of its mechanism that carries it,
-        without the wheels that drive it. The number is that in this part.
+        The output. `kinematics.carrying` is the part of its mechanism that carries the
+        output, without the wheels that drive it. The pairs are numbered as in this part.
     option
         Name of the constraint, for messages.
     name

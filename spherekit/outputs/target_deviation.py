@@ -283,7 +283,8 @@ class TargetDeviation:
         Imagine a torsional spring of unit stiffness between the output link and its target.
         Its moment on the link is the remaining rotation to the target. Pairs transmit this
         moment to the base. In a closed loop, they also transmit the reaction that keeps the
-        loop closed. The moment of a pair is the sum of both.
+        loop closed. The moment of a pair is the sum of the moment of the spring and the
+        reactions.
 
         The configuration nearest to the target is the equilibrium of this spring. If the
         link is on the target, all moments are zero.
@@ -400,9 +401,9 @@ class TargetDeviation:
         """(n, freedoms, freedoms) second derivative of a^2 / 2 along the configurations.
 
         The symbol a is the angle between the output link and its target. If a^2 / 2 were
-        the energy of a spring between both, this would be its stiffness. Rows and columns
-        belong to the motions that keep the loops closed, which are the null space of the
-        closure Jacobian.
+        the energy of a spring between the link and its target, this derivative would be the
+        stiffness of the spring. Rows and columns belong to the motions that keep the loops
+        closed, which are the null space of the closure Jacobian.
         """
         null_space = self._jacobian_split.null_space
         columns = [self._gradient_rates(motion) for motion in np.moveaxis(null_space, 2, 0)]
@@ -410,7 +411,7 @@ class TargetDeviation:
 
     @cached_property
     def least_eigenvalue(self) -> Floats:
-        """(n,) smallest eigenvalue of the `stiffness`; -1 where that is not finite.
+        """(n,) smallest eigenvalue of the `stiffness`; -1 where this is not finite.
 
         The stiffness is the second derivative of half the squared angle to the target. If
         its smallest eigenvalue is positive, the configuration is nearer to the target than
@@ -463,14 +464,14 @@ class TargetDeviation:
 
         The nearest configuration has closed loops and the smallest angle a between the
         output link and its target orientation: it is a minimum of a^2 / 2. Imagine a
-        torsional spring between both that has this energy.
+        torsional spring between the link and its target that has this energy.
 
         Parameters
         ----------
         can_follow
             Whether the mechanism can reach the target. The orientation of the output link
-            then adds three equations to those of the loops. Together they can determine the
-            step even where the loops alone do not.
+            then adds three equations to the equations of the loops. Together they can
+            determine the step even where the loops alone do not.
         """
         if can_follow:
             # Close the loops, and turn the output link by the remaining rotation.
@@ -497,9 +498,10 @@ class TargetDeviation:
 
         a is the angle between the output link and its target. The `stiffness` is the second
         derivative of a^2 / 2 with respect to the motions that keep the loops closed. Where
-        it is not clearly positive definite, a Newton step could increase the angle. It is
-        replaced there by the Gauss-Newton matrix W^T W, which has no negative eigenvalues.
-        The columns of W are the angular velocities of the output link in these motions.
+        the stiffness is not clearly positive definite, a Newton step could increase the
+        angle. The stiffness is replaced there by the Gauss-Newton matrix W^T W, which has
+        no negative eigenvalues. The columns of W are the angular velocities of the output
+        link in these motions.
         """
         # `free_output_rates` is W.
         gauss_newton = transpose(self.free_output_rates) @ self.free_output_rates
@@ -507,10 +509,10 @@ class TargetDeviation:
         # `output_singular_value` is the smallest of these.
         #
         # If the link is on its target, both matrices are equal, and so are their smallest
-        # eigenvalues. Elsewhere, that of the stiffness must be at least a part of the
-        # other.
+        # eigenvalues. Elsewhere, the smallest eigenvalue of the stiffness must be at least
+        # a part of the smallest eigenvalue of W^T W.
         least_gauss_newton_eigenvalue = self.output_singular_value**2
-        # `least_eigenvalue` is that of the stiffness.
+        # `least_eigenvalue` is the smallest eigenvalue of the stiffness.
         is_convex = (
             self.least_eigenvalue > MIN_CONVEXITY_RATIO * least_gauss_newton_eigenvalue
         )
@@ -544,13 +546,13 @@ class TargetDeviation:
     def rates(self, axis: Floats) -> TargetRates:
         """Return how the configurations change while the target turns about an axis.
 
-        The configurations must be nearest ones: those with the smallest angle between the
-        output link and its target orientation. The target turns by the angle theta. There
-        are two cases:
+        The configurations must be nearest to the target: they must have the smallest angle
+        between the output link and its target orientation. The target turns by the angle
+        theta. There are two cases:
 
-        - The output link follows the target exactly. Its rotation then adds three equations
-          to those of the loops. Together they can determine the derivatives even where the
-          loops have lost their rank.
+        - The output link follows the target exactly. The rotation of the link then adds
+          three equations to the equations of the loops. Together they can determine the
+          derivatives even where the loops have lost their rank.
         - Otherwise the output link stays as near as possible to the target.
 
         Parameters
@@ -584,9 +586,9 @@ class TargetDeviation:
             J x' = 0,           G x' = axis,
             J x'' = -J' x',     G x'' = -G' x'.
 
-        They are solved by least squares. The misfit, the difference between both sides of
-        these equations, shows whether the link can follow the target. `follows` is true if
-        the link is on the target and the misfit is zero, up to the tolerance
+        These equations are solved by least squares. The misfit, the difference between both
+        sides of these equations, shows whether the link can follow the target. `follows` is
+        true if the link is on the target and the misfit is zero, up to the tolerance
         `ON_TARGET_RAD`.
 
         Parameters
@@ -619,9 +621,9 @@ class TargetDeviation:
     ) -> tuple[Floats, Floats]:
         """Return J' v' (n, equations) and G' v' (n, 3) at rates v' (n, variables).
 
-        J is the Jacobian of the loops and G that of the output link; J' and G' are their
-        time derivatives. Both Jacobians consist of the vectors of the variables (joint
-        axes). These change at `vector_rates` (n, variables, 3).
+        J is the Jacobian of the loops and G the Jacobian of the output link; J' and G' are
+        their time derivatives. Both Jacobians consist of the vectors of the variables
+        (joint axes). These change at `vector_rates` (n, variables, 3).
         """
         tree = self.linearisation.tree
         loop_bias = np.matvec(tree.jacobian(vector_rates), rates)
@@ -632,16 +634,16 @@ class TargetDeviation:
         """Return the first and second derivatives (n, variables) of nearest configurations.
 
         The target turns about the `axis` (3,) by the angle theta. The nearest configuration
-        has the smallest angle between the output link and the target. It is the equilibrium
-        of a torsional spring of unit stiffness between both: no moment acts about the axis
-        a_v of the pair of a variable v. With the moment f_v of spring and reactions at this
-        pair, the equilibrium is
+        has the smallest angle between the output link and the target. This configuration is
+        the equilibrium of a torsional spring of unit stiffness between the link and the
+        target: no moment acts about the axis a_v of the pair of a variable v. With the
+        moment f_v of spring and reactions at this pair, the equilibrium is
 
             a_v . f_v = 0 for all variables v, or together G^T d + J^T m = 0.
 
         Here the remaining rotation d to the target is the moment of the spring, G is the
-        Jacobian of the output link, J that of the loops, and m are the reactions in the
-        loops.
+        Jacobian of the output link, J the Jacobian of the loops, and m are the reactions in
+        the loops.
 
         This equation is differentiated once and twice with respect to theta. Each
         derivative has the form stiffness @ unknown = force. The unknown is the first or

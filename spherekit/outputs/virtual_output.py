@@ -39,11 +39,11 @@ COORDINATES = (2, 3)
 class VirtualOutputChain:
     """A mechanism with two virtual links, which prescribe the pose of one of its outputs.
 
-    They serve for inverse kinematics. Two virtual links and three R pairs in series lead
-    to the output link, from the link relative to which the output is observed. The angles
-    of these pairs are the coordinates of the pose, and become the inputs. If the output is
-    an orientation, all three are driven. If it is a direction, the third pair turns freely
-    about this direction.
+    The virtual links serve for inverse kinematics. Two virtual links and three R pairs in
+    series lead to the output link, from the link relative to which the output is observed.
+    The angles of these pairs are the coordinates of the pose, and become the inputs. If the
+    output is an orientation, all three are driven. If it is a direction, the third pair
+    turns freely about this direction.
 
     The inputs of the original mechanism are no longer driven. The position analysis of the
     extended mechanism therefore gives their values for a pose. The numbers of virtual links
@@ -101,8 +101,8 @@ def with_wrist(mechanism: Mechanism, name: str | None = None) -> VirtualOutputCh
 
     The wrist is two virtual links and three R pairs between the two links that the output
     joins. It holds the output: the angles of its pairs are the coordinates of the pose, and
-    become the inputs. A mechanism with three inputs moves an orientation, one with two the
-    direction that the output declares.
+    become the inputs. In a mechanism with three inputs, the pose is an orientation. In a
+    mechanism with two inputs, it is the direction that the output declares.
 
     Parameters
     ----------
@@ -208,8 +208,8 @@ def _add_to_pose(
 
     Two virtual links and three virtual pairs in series hold the output link in its pose.
     The angles of these pairs are the coordinates of the pose. The first axis is z of the
-    base, and the third one the direction of the output. The second, the tilt axis, is at
-    right angles to both.
+    base, and the third axis the direction of the output. The second axis, the tilt axis, is
+    at right angles to the other two.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def _add_to_sizes(
     mechanism
         The mechanism without the virtual links.
     geometry
-        Its sizes.
+        The sizes of this mechanism.
     virtual_pairs
         The three virtual pairs, from the base to the output link.
     direction

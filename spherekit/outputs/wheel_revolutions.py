@@ -53,8 +53,9 @@ def find_assembled_configuration(
        of such changes are tried, up to a fixed number.
     2. The loops are closed again with each set of lengths.
     3. Closed loops give each input up to whole revolutions. The revolutions are chosen so
-       that the linear functions of the inputs give this set of lengths. If there are none,
-       the wheels mesh in other teeth than in the file, and the set is dropped.
+       that the linear functions of the inputs give this set of lengths. If there are no
+       such revolutions, the wheels mesh in other teeth than in the file, and the set is
+       dropped.
 
     Parameters
     ----------
@@ -64,7 +65,8 @@ def find_assembled_configuration(
     released_solver
         Solver of the mechanism itself, whose inputs determine the rolled lengths.
     values
-        (variables,) rad of `held_solver`. The loops are closed, the wheels are in any mesh.
+        (variables,) variables of `held_solver`, rad. The loops are closed, the wheels are
+        in any mesh.
 
     Returns
     -------
@@ -115,8 +117,9 @@ def _list_possible_lengths(
     The rolled length of a contact is the arc (rad) that one wheel has rolled on the other.
     In the assembly of the file, the rolled lengths are linear functions of the inputs. The
     given lengths close the loops, but need not obey these functions: wheels may mesh in
-    other teeth than in the file. Whole revolutions of wheels are added to them. All results
-    that some inputs produce by the linear functions are returned.
+    other teeth than in the file. Whole revolutions of wheels are added to the given
+    lengths. Of the results, all that some inputs produce by the linear functions are
+    returned.
 
     Parameters
     ----------
@@ -152,7 +155,8 @@ def _combine_equivalent_lengths(
     held_solver
         Solver of the mechanism with its output held, in which the lengths are variables.
     gear_phases
-        Its `variables` are the numbers of the variables that are rolled lengths.
+        The object whose `variables` are the numbers of the variables that are rolled
+        lengths.
     lengths
         (m,) rolled lengths (rad), one for each contact.
 
@@ -179,8 +183,8 @@ def _can_be_rolled(gear_phases: GearPhases, lengths: Floats) -> Bools:
 
     A rolled length is the arc (rad) that one wheel has rolled on another. The lengths are
     linear functions of the inputs: reference lengths plus ratios @ (change of the inputs).
-    The reference lengths are those at one value of the inputs. They say which teeth of the
-    wheels mesh.
+    The reference lengths are the lengths at one value of the inputs. They say which teeth
+    of the wheels mesh.
 
     A change of the lengths is possible if it is in the range (column space) of the matrix
     `ratios`: then the projection onto this range does not alter it.
@@ -210,8 +214,9 @@ def _find_input_revolutions(
     """Return inputs that roll the given lengths and differ from q by whole revolutions.
 
     Closed loops determine the inputs only up to whole revolutions. The lengths that the
-    wheels have rolled on each other decide how many there are. Inputs within one period of
-    the wheels are tried. After a period all wheels are in their first positions again.
+    wheels have rolled on each other decide how many revolutions there are. Inputs within
+    one period of the wheels are tried. After a period all wheels are in their first
+    positions again.
 
     Parameters
     ----------

@@ -86,8 +86,8 @@ class DyadReach:
     """How far a mechanism of dyads is from the limits of its reach, at n poses.
 
     A dyad is two links, joined by a middle pair, between two other links. Its two outer
-    pairs join it to these. It reaches if the angle between its outer axes is between the
-    angles at which it is folded and stretched.
+    pairs join it to these other links. A dyad reaches if the angle between its outer axes
+    is between the angles at which it is folded and stretched.
 
     Attributes
     ----------
@@ -109,9 +109,9 @@ class MiddleAxisParts:
     """The parts from which the middle axis of a dyad is composed, at n poses.
 
     A dyad is two links with three pair axes: the outer axes a and c and the middle axis b.
-    These are the corners of a spherical triangle. Its sides from b to a and c are given,
-    which leaves two positions of b, one on each side of the plane of a and c:
-    ``b = common_part + side * signed_part`` with the side 1 or -1.
+    These axes are the corners of a spherical triangle. The sides of this triangle from b to
+    a and c are given, which leaves two positions of b, one on each side of the plane of a
+    and c: ``b = common_part + side * signed_part`` with the side 1 or -1.
 
     Attributes
     ----------
@@ -158,8 +158,8 @@ class PairRateEquation:
     A dyad is two links, joined by a middle pair. Its near and far pair join it to two
     supports (links placed before) with the angular velocities w_near and w_far. The rate of
     one of the three pairs follows from ``normal . (w_far - w_near) = -triple_product *
-    rate``. A pair joins two links, and its rate is that of one of them, the moving link, as
-    seen from the other one.
+    rate``. A pair joins two links, and its rate is the rate of one of them, the moving
+    link, as seen from the other link.
 
     Attributes
     ----------
@@ -189,8 +189,8 @@ class LinkVector:
         (3, n) components in the axes of the base at n poses; (3, 1) if they are the same at
         all poses.
     in_pair_frame
-        (3,) components in the frame of a pair in this link, whose z axis is that of the
-        pair.
+        (3,) components in the frame of a pair in this link. The z axis of this frame is the
+        axis of the pair.
     """
 
     in_base: Floats
@@ -258,22 +258,22 @@ class WorkingMode:
         The sign, 1 or -1, of each dyad.
     posed_axes
         Axes (3, n) of pairs of the posed link, by the number of the pair. The posed link is
-        the one that is placed by the poses, not by dyads.
+        the link that is placed by the poses, not by dyads.
     posed_rotation
         (3, 3, n) orientation of the posed link, or None if `posed_axes` has all axes that
-        are needed. Index 0 is the axis of the posed link, index 1 the component in the axes
-        of the base.
+        the dyads need. Index 0 is the axis of the posed link, index 1 the component in the
+        axes of the base.
     driven
         Numbers of the pairs of the inputs.
     measure
-        Function that computes the measure of type II (n,).
+        Function that computes the transmission measure (n,), see `type_2`.
     closing_link
         State of the closing link if there is one, otherwise None.
     shared_results
         Results of all modes of the same poses, by the keys of `_make_result_key`.
     recorded_dyads
-        Numbers of the dyads that results have depended on by their signs, since this object
-        was created.
+        Numbers of the dyads on whose signs results have depended since this object was
+        created.
     """
 
     chain: DyadChain
@@ -294,14 +294,14 @@ class WorkingMode:
         A working mode is a sign for each dyad (two links). A method may depend on the signs
         of some dyads only. All modes in which these signs are equal share its result. For
         example, the middle axis of dyad 0 depends on the sign of dyad 0 only. The modes (1,
-        1) and (1, -1) of two dyads therefore have the same one.
+        1) and (1, -1) of two dyads therefore have the same middle axis of dyad 0.
 
         Parameters
         ----------
         method
             A method of this class.
         arguments
-            Its arguments.
+            Arguments of the method.
         """
         quantity = (method.__name__, *arguments)
         # The dyads whose signs a method reads are known once it has been computed for any
@@ -352,7 +352,7 @@ class WorkingMode:
         method
             A method of this class.
         arguments
-            Its arguments.
+            Arguments of the method.
         """
         # The methods add each dyad whose sign they read to `recorded_dyads` of their mode.
         # A copy of this mode with an empty record collects the dyads of this quantity
@@ -374,7 +374,8 @@ class WorkingMode:
     def type_1(self) -> Floats:
         """(n, inputs) angular speed of the output per unit rate of each input, at n poses.
 
-        It is 0 at a singularity of type I, where the input moves while the output rests.
+        The speed is 0 at a singularity of type I, where the input moves while the output
+        rests.
         """
         return np.stack([self.output_speed(pair) for pair in self.driven], axis=1)
 
@@ -428,9 +429,9 @@ class WorkingMode:
     def reach(self) -> DyadReach:
         """Return how far the mechanism is from the limits of its reach.
 
-        It consists of dyads (two links between two others). Each has a margin, the angle
-        left until it is stretched or folded. The least margin of all dyads counts. The
-        configuration is singular if a dyad is nearly stretched or folded.
+        The mechanism consists of dyads (two links between two others). Each dyad has a
+        margin, the angle left until it is stretched or folded. The least margin of all
+        dyads counts. The configuration is singular if a dyad is nearly stretched or folded.
         """
         numbers = range(len(self.chain.dyads))
         margins = np.array([self._dyad_margin(number) for number in numbers])
@@ -640,9 +641,9 @@ class WorkingMode:
         """Return the variable (n,) of a pair in (-pi, pi] rad, NaN out of reach.
 
         A vector is fixed in each link of the pair, not parallel to the axis. The angle
-        about the axis leads from the vector of the first link to that of the second link.
-        The variable is this angle minus the same angle in the position where the variable
-        is 0.
+        about the axis leads from the vector of the first link to the vector of the second
+        link. The variable is this angle minus the same angle in the position where the
+        variable is 0.
         """
         first_link, second_link = self.chain.ends[pair]
         first_vector = self._find_vector_off_axis(pair, first_link)
@@ -655,8 +656,8 @@ class WorkingMode:
     def _find_vector_off_axis(self, pair: int, link: int) -> LinkVector:
         """Return a vector of a link that is not parallel to the axis of a pair.
 
-        The pair angle is measured from such a vector of its first link to one of its second
-        link.
+        The angle of a pair is measured from such a vector of its first link to such a
+        vector of its second link.
 
         Parameters
         ----------
@@ -673,7 +674,8 @@ class WorkingMode:
                 in_base=self.vector(link, pair_frame[:, 0]),
                 in_pair_frame=np.array([1.0, 0.0, 0.0]),
             )
-        # Of other links, only the axes of their pairs are known at first.
+        # Of other links, only the axes of their pairs are known here, not their
+        # orientations.
         other_pair = self._choose_pair_off_axis(pair, link)
         axis_in_link = chain.axis_in(other_pair, link)
         return LinkVector(
@@ -788,7 +790,8 @@ class WorkingMode:
         of the output. Both parts are finite at singularities.
 
         An outer pair joins each link to its support, a link placed before. So the angular
-        velocity of the link is that of the support, plus the rotation about this pair:
+        velocity of the link is the angular velocity of the support, plus the rotation about
+        this pair:
 
             vector . w_link = vector . w_support +- (rate of the pair) (vector . axis).
 
@@ -831,7 +834,7 @@ class WorkingMode:
         return support_part - pair_part
 
     def _is_on_one_axis(self, pair: int, other_pairs: Sequence[int], link: int) -> bool:
-        """Return whether a pair (joint) of a link is coaxial with one of other pairs.
+        """Return whether a pair (joint) of a link is coaxial with one of some other pairs.
 
         Other pairs that do not belong to the link are ignored.
         """
@@ -862,8 +865,8 @@ class WorkingMode:
         """Return the unit normal (3, n), along which a rotation drives an input.
 
         The rate of the input is proportional to the component of the output's angular
-        velocity along this vector, and has its sign. With the input locked and the other
-        inputs free, the angular velocity is at right angles to it.
+        velocity along the normal, and has the sign of this component. With the input locked
+        and the other inputs free, the angular velocity is at right angles to the normal.
         """
         rate = self.input_rate(pair)
         return rate.numerator * (np.sign(rate.denominator) / self._numerator_length(pair))
@@ -904,8 +907,8 @@ class WorkingMode:
         their pairs. Let v = b x c, which is perpendicular to b and c. If the input has unit
         rate, then v . w = v . a = t, with the triple product t of the three axes. The
         length of v is sin(arc) with the arc of the link that the input does not drive. So
-        the speed of the output along v is |t| / sin(arc). If the input is at c, it is the
-        same with a and c exchanged.
+        the speed of the output along v is |t| / sin(arc). If the input is at c, the result
+        is the same with a and c exchanged.
 
         The square of t becomes negative smoothly out of reach. In other dyads the speed is
         not exactly this quotient, but it also becomes 0 where t does. The quotient is used
@@ -983,8 +986,8 @@ def _angle_about_axis(axis: Floats, first: LinkVector, second: LinkVector) -> Sc
 def _angle_at_zero(first: LinkVector, second: LinkVector) -> ScaledAngle:
     """Return the angle about a pair axis between two vectors, where the pair variable is 0.
 
-    It is subtracted from the angle at other positions. Each link has a frame of the pair,
-    with z along its axis. If the variable is 0, both frames coincide. The x and y
+    This angle is subtracted from the angle at other positions. Each link has a frame of the
+    pair, with z along its axis. If the variable is 0, both frames coincide. The x and y
     components of both vectors then form two vectors p and q in one plane, and the angle is
     the one from p to q.
 
@@ -1006,7 +1009,7 @@ def _eliminate_turn(
     """Return the rate of an input while the closing link determines the turn.
 
     An output that points in a direction d can turn about this direction. In some mechanisms
-    a closing link joins two links that are placed already. It fits at one turn only.
+    a closing link joins two links that are placed already. This link fits at one turn only.
 
     Parameters
     ----------
