@@ -159,6 +159,20 @@ def _slice_starts(
     A slice is the set of configurations in which all inputs but one are locked. The starts
     are all assembly modes (ways to assemble the links) at some values of the free input.
     These values are spread evenly over one revolution.
+
+    Parameters
+    ----------
+    solver
+        The position solver of the mechanism.
+    free_input
+        Index of the free input among the inputs.
+    input_values
+        (slices, inputs) values of the inputs (rad). The column of the free input is not
+        used.
+
+    Returns
+    -------
+    For each slice the variables (starts, V) of the configurations (rad).
     """
     # If all groups of links are dyads (two links joined by a pair), modes are computed by
     # formulas in little time. Otherwise they have to be searched, so fewer values are

@@ -155,6 +155,13 @@ def float_function(
     It writes and compiles Python code. For one sample this takes a tenth of the time of an
     `array_function`. If a result is not finite, the function may raise `ArithmeticError` or
     `ValueError`.
+
+    Parameters
+    ----------
+    outputs
+        Expressions that contain no other variables than the inputs.
+    inputs
+        Variables, in the order of the argument of the function.
     """
     # The operations in order, with a name for each input, constant and result.
     program = _write_program(outputs, inputs)
