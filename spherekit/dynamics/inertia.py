@@ -45,8 +45,8 @@ class Inertia:
     """Contributions of the links to the inertia matrix M and its derivatives, at n rows.
 
     A row is one configuration of a motion. M is the inertia matrix of the mechanism for m
-    coordinates. The links are those with mass, in the order of `Mechanism.masses`. With one
-    coordinate the matrix is a single number, the equivalent inertia B.
+    coordinates. Only links with mass are listed, in the order of `Mechanism.masses`. With
+    one coordinate the matrix is a single number, the equivalent inertia B.
 
     Attributes
     ----------

@@ -342,7 +342,7 @@ def inverse_dynamics(
     times
         (k,) increasing times, s.
     input_pair
-        Name of the driven pair. This and the following parameters are those of
+        Name of the driven pair. This and the following parameters are as in
         `spherekit.trace`. They have no effect if `law` is a rotation of an output, which
         has its own inputs and assembly mode.
     assembly_mode

@@ -156,11 +156,11 @@ class EquationLayout:
     ) -> LoadState:
         """Return the motion on which loads depend, as expressions and symbols.
 
-        Loads need two kinds of rates. Their magnitude, such as that of a damper, depends on
-        time derivatives. Their generalised force at a coordinate needs rates per unit rate
-        of this coordinate (principle of virtual power). The second kind is multiplied by
-        the determinant of the velocity equations, so that the rates contain no division.
-        Such rates are called homogeneous.
+        Loads need two kinds of rates. The magnitude of a load, such as a damper, depends on
+        time derivatives. The generalised force of a load at a coordinate needs rates per
+        unit rate of this coordinate (principle of virtual power). The second kind is
+        multiplied by the determinant of the velocity equations, so that the rates contain
+        no division. Such rates are called homogeneous.
 
         Parameters
         ----------

@@ -394,7 +394,7 @@ class StoredModel:
             If there is no such variable.
         """
         heading = self.heading
-        # Stored functions are in groups. Group 0 has those of the motion.
+        # Stored functions are in groups. Group 0 has the functions of the motion.
         series = self.groups[0]
         if variable not in heading.variables:
             raise SolveError(

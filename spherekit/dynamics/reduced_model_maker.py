@@ -158,8 +158,8 @@ def _fit_curve_group(
     The functions depend on the configuration of a mechanism with one input, which moves
     along a curve. All functions of a group are fitted together, on the same cells
     (intervals of the coordinate). Group 0 has the functions of the motion, such as pair
-    variables (joint angles) and inertia. Each further group has those of one pole, the axis
-    of relative rotation of two links.
+    variables (joint angles) and inertia. Each further group has the functions of one pole,
+    the axis of relative rotation of two links.
 
     Parameters
     ----------

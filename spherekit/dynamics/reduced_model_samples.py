@@ -240,7 +240,7 @@ class Sampler:
         """Return labels (name, unit, kind) of the stored functions that the motion needs.
 
         They are the pair variables (joint angles), their derivatives, the inertia, its
-        derivatives, and the velocities on which loads work. The order is that of
+        derivatives, and the velocities on which loads work. The labels are in the order of
         `evaluate_motion`. All variables and coordinates are in rad, so derivatives of
         variables have no unit.
 

@@ -457,7 +457,7 @@ class NewtonEuler:
         return reactions[..., 0], residual
 
     def solve(self, link_wrenches: Floats, torques: Floats) -> Equilibrium:
-        """Solve the equations. The parameters are those of `subtract_torques`."""
+        """Solve the equations. The parameters are as in `subtract_torques`."""
         reaction_wrenches = self.subtract_torques(link_wrenches, torques)
         reactions, residual = self.solve_reactions(reaction_wrenches)
         return Equilibrium(reaction_wrenches, torques, reactions, residual)
@@ -516,10 +516,10 @@ def _unit_torque_wrench(pair: Pair) -> Floats:
 def _unit_tooth_moments(pressure_angle: float, sides: Floats) -> Floats:
     """Return the moments (n, 3) about O that gear teeth transmit if their moment m_y is 1.
 
-    The axes are those of the contact: x along the common tangent of the teeth, y along the
-    normal, z from O to the contact. The force along x causes m_y. The force that presses
-    the wheels apart causes m_x = tan(angle) |m_y|. With the sign s of m_y, which is assumed
-    to be known, this is tan(angle) s m_y and linear in m_y.
+    The axes of the contact are x along the common tangent of the teeth, y along the normal,
+    z from O to the contact. The force along x causes m_y. The force that presses the wheels
+    apart causes m_x = tan(angle) |m_y|. With the sign s of m_y, which is assumed to be
+    known, this is tan(angle) s m_y and linear in m_y.
 
     Parameters
     ----------

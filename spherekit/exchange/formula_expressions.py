@@ -126,7 +126,7 @@ class SmoothModes(NamedTuple):
         Inputs (rad) in the range at which curves are known to cross.
     are_all_known
         Whether curves cross nowhere else in the range. Crossings are not looked for in
-        groups whose modes are searched, such as those with contacts.
+        groups whose modes are searched, such as groups with contacts.
     starts
         (intervals,) the input (rad) at which each interval begins; the first is -inf.
     mode_values

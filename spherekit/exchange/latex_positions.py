@@ -111,7 +111,7 @@ def _tangent_of_return(start: Expr, tangent: Expr, length: AngleExpression) -> E
     """Return the unit tangent at the end of an arc, in the direction back to its start.
 
     The result is sin(length) start - cos(length) tangent: minus the derivative of the end
-    point with respect to the length. The parameters are those of `_end_of_arc`.
+    point with respect to the length. The parameters are as in `_end_of_arc`.
     """
     return length.sine * start - length.cosine * tangent
 
@@ -678,7 +678,7 @@ class PositionFormulas:
         else:
             k_right_side = self._express_axis_k(side)
         # `_write_frame` first writes the formula k = `k_right_side`, and then formulas that
-        # contain the symbol k, such as that of this tangent.
+        # contain the symbol k, such as the formula of this tangent.
         tangent = _tangent_of_arc(axis_k.vector, axis_v)
         self._write_frame(
             side.link, first_vector=k_right_side, tangent=tangent, axis=axis_v

@@ -79,9 +79,9 @@ class ChainDyad:
     def longest(self) -> float:
         """The largest angle (rad) between the outer axes at which the dyad closes.
 
-        A dyad is two links; its outer axes are those at both ends. At this angle both links
-        lie on one great circle, stretched. If the arcs of the links exceed pi together, the
-        outer axes approach each other again on the other side of the sphere.
+        A dyad is two links; its outer axes are the axes at both ends. At this angle both
+        links lie on one great circle, stretched. If the arcs of the links exceed pi
+        together, the outer axes approach each other again on the other side of the sphere.
         """
         return min(sum(self.arcs), 2.0 * np.pi - sum(self.arcs))
 

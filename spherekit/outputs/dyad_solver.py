@@ -472,7 +472,7 @@ def _solve_without_wheels(
     entry_pairs
         Numbers of the entry pairs, which become the inputs.
     """
-    # The names of assembly modes are those of the whole mechanism, so they are left out.
+    # The names of assembly modes belong to the whole mechanism, so they are left out.
     entry_inputs = tuple(
         Input(mechanism.pairs[pair].name, 0.0, TURN) for pair in entry_pairs
     )

@@ -541,8 +541,8 @@ def follow_to(
 ) -> FollowedRotation:
     """Return the rotation of an output link to an orientation, about a fixed axis.
 
-    The axis is that of the rotation from the orientation at the start to that at the end,
-    by an angle below half a turn.
+    This is the axis of the rotation that leads from the orientation at the start to the
+    orientation at the end, by an angle below half a turn.
 
     Parameters
     ----------

@@ -101,8 +101,8 @@ class Inverse:
     normals
         (m, n, inputs, 3) unit normals n_i: with input i locked and the others free, all
         possible angular velocities of the output are perpendicular to n_i. A normal points
-        in the sense in which the rate of the input is positive. The axes are those of the
-        link from which the output is observed. None if they were not asked for.
+        in the sense in which the rate of the input is positive. Components are in the axes
+        of the link from which the output is observed. None if they were not asked for.
     slope
         (m, n) derivative of the cosine between the two axes of the bar with respect to the
         turn of the output about its direction; None without a bar. The error of the turn is
@@ -140,7 +140,7 @@ class Inverse:
         """(m, n, 3, inputs) angular velocity of the output per unit rate of each input.
 
         There are n poses in m working modes (ways to assemble the mechanism at a pose). One
-        input moves while the others are locked. The axes are those of the link from
+        input moves while the others are locked. Components are in the axes of the link from
         which the output is observed. For a pointing output, the result is the part of the
         angular velocity that is perpendicular to its direction. The result is NaN or
         infinite at a type II singularity, where the output can move with locked inputs.
@@ -297,8 +297,8 @@ class InverseKinematics:
     def modes(self) -> tuple[Signs, ...]:
         """The signs of all working modes (ways to assemble the links at a pose).
 
-        The order of the signs is that of `legs`. A dyad (two links) has the sign 1 or -1
-        for its two positions; a group without a closed form has the sign 0. A bar is a link
+        The signs are in the order of `legs`. A dyad (two links) has the sign 1 or -1 for
+        its two positions; a group without a closed form has the sign 0. A bar is a link
         with an arc that determines the turn of the output about its direction. The sign of
         the bar is the sign of the derivative, with respect to the turn, of the cosine of
         the angle between its axes. A direction may have several solutions with the same
@@ -643,7 +643,7 @@ class InverseKinematics:
         link_rotations = [np.empty((0, link_count, 3, 3))]
         output_rotations = [np.empty((0, 3, 3))]
         signs: list[Signs] = []
-        # The last sign is that of the closing link, which follows from the solution.
+        # The last sign is the sign of the closing link, which follows from the solution.
         dyad_modes = dict.fromkeys(mode[:-1] for mode in self.modes)
         for start in range(0, len(directions), DIRECTIONS_PER_BLOCK):
             block = np.ascontiguousarray(directions[start : start + DIRECTIONS_PER_BLOCK].T)

@@ -554,7 +554,7 @@ class MidPlaneArchitecture:
             fixed to the base in which the formulas of the mirror image are simplest.
         modes
             (legs,) signs, 1 or -1, which choose the elbow (axis between both links) of each
-            leg at the start. The sign is that of normal . (base axis x elbow).
+            leg at the start. This is the sign of normal . (base axis x elbow).
 
         Raises
         ------

@@ -148,8 +148,8 @@ class MidPlaneKinematics(ClosedKinematics):
     def _find_mid_planes(self, inputs: Floats) -> InputMidPlanes:
         """Return the mid-planes at inputs (n, 2) rad, with the signs of the driven legs."""
         plane = self.form.plane
-        # These normals have n_z >= 0. The sign of a leg is that of n . (base axis x elbow),
-        # so it is reversed together with the normal.
+        # These normals have n_z >= 0. The sign of a leg is the sign of n . (base axis x
+        # elbow), so it is reversed together with the normal.
         upward_normals = plane.normals(inputs)
         upward_signs = plane.modes(inputs)
         # 1.0 or -1.0, so that the normal points away from the home direction. It is 0.0

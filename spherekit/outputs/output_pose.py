@@ -183,9 +183,9 @@ class EndOrientation:
     number, count
         Index of the chosen configuration, and count of all configurations at the end pose.
     has_start_mode
-        Whether the configuration was chosen because its dyads have the same signs as those
-        of the start. A dyad is two links that can be placed in two ways, which its sign
-        distinguishes.
+        Whether the configuration was chosen because its dyads have the same signs as the
+        dyads at the start. A dyad is two links that can be placed in two ways, which its
+        sign distinguishes.
     """
 
     orientation: Floats

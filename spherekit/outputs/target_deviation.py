@@ -248,9 +248,8 @@ class TargetDeviation:
     def output_singular_value(self) -> Floats:
         """(n,) smallest angular velocity of the output link for rates of unit length.
 
-        The rates are those of the pair variables, in motions that keep the loops closed.
-        The value is zero at the limit of the reach, where some motion does not turn the
-        link.
+        These are rates of the pair variables, in motions that keep the loops closed. The
+        value is zero at the limit of the reach, where some motion does not turn the link.
         """
         singular_values = np.linalg.svd(self.free_output_rates, compute_uv=False)
         return np.asarray(singular_values[:, -1])

@@ -61,7 +61,7 @@ def find_assembled_configuration(
     ----------
     held_solver
         Solver of the mechanism with its output fixed by extra links. Its first variables
-        are those of `released_solver`.
+        are the variables of `released_solver`.
     released_solver
         Solver of the mechanism itself, whose inputs determine the rolled lengths.
     values

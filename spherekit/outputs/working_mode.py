@@ -730,8 +730,8 @@ class WorkingMode:
         )
         component = far_component - near_component  # normal . (w_far - w_near)
         # The variable of a pair is the angle of its second link relative to its first one.
-        # So its rate is that of the moving link if this is the second link. Otherwise its
-        # rate has the opposite sign.
+        # So its rate is the rate of the moving link if this is the second link. Otherwise
+        # its rate has the opposite sign.
         _first_link, second_link = chain.ends[pair]
         if equation.moving_link == second_link:
             divisor = -equation.triple_product
@@ -823,7 +823,7 @@ class WorkingMode:
             # outer pair could have the same axis, too.
             return self.angular_velocity_along(vector, support, normal_pairs=[outer_pair])
         support_part = self.angular_velocity_along(vector, support)
-        # The rate of a pair is that of its second link relative to its first one.
+        # The rate of a pair is the rate of its second link relative to its first link.
         pair_rate = self.pair_rate(outer_pair)
         axis_component = dot_columns(vector, self.axis(outer_pair, link))
         pair_part = RateFraction(

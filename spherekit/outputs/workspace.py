@@ -487,8 +487,8 @@ def nearest_poses(
 ) -> tuple[Floats, Floats]:
     """Return the nearest reachable poses to poses outside of a workspace.
 
-    The workspace is that of one working mode under the limits of the mechanism itself,
-    without further constraints. A pose without a result is NaN.
+    The workspace has the poses of one working mode under the limits of the mechanism
+    itself, without further constraints. A pose without a result is NaN.
 
     Parameters
     ----------
