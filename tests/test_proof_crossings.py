@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import re
 from decimal import Decimal
 from types import SimpleNamespace
 
@@ -198,6 +199,31 @@ def test_a_tolerance_leaves_open_whether_curves_cross():
     assert {count for _, _, count in curves.intervals} == {2}
 
 
+WITHOUT_OUTPUTS = """
+format = 1
+name = "odd"
+ground = "base"
+angle_unit = "deg"
+[links]
+base = {{ axes = ["a", "d", "g"], arcs = [77.0, 63.0], angles = [55.0] }}
+crank = {{ axes = ["a", "b"], arcs = [{}] }}
+rod = {{ axes = ["b", "c", "e"], arcs = [81.0, 33.0], angles = [-28.0] }}
+swing = {{ axes = ["d", "c"], arcs = [52.0] }}
+arm = {{ axes = ["e", "f"], arcs = [71.0] }}
+flap = {{ axes = ["g", "f"], arcs = [58.0] }}
+[pairs]
+a = {{ type = "R", links = ["base", "crank"] }}
+b = {{ type = "R", links = ["crank", "rod"] }}
+c = {{ type = "R", links = ["rod", "swing"] }}
+d = {{ type = "R", links = ["base", "swing"] }}
+e = {{ type = "R", links = ["rod", "arm"] }}
+f = {{ type = "R", links = ["arm", "flap"] }}
+g = {{ type = "R", links = ["base", "flap"] }}
+[inputs.a]
+"""
+"""A six-bar linkage with the arc of the crank (deg) to be filled in, without outputs."""
+
+
 def test_certificates_of_undecided_crossings_are_written(tmp_path):
     path = tmp_path / "fold.toml"
     path.write_text(FOUR_BAR.format(*FOLDS), encoding="utf-8")
@@ -216,6 +242,32 @@ def test_the_command_says_where_curves_cross(tmp_path, capsys):
     assert "deg the mechanism can move while the input is at rest (type II)" in said
     # The only singularities of the kite are these, which the last result does not deny.
     assert "  Elsewhere there are no singularities." in said
+
+
+@pytest.mark.parametrize("crank_arc", [17.0, 60.0])
+def test_certificates_of_files_without_outputs_have_all_singularities(
+    crank_arc, tmp_path, capsys
+):
+    """A six-bar linkage that declares no output has those of its links at the ground.
+
+    The analysis of singularities computes the same inputs by another method. With the long
+    crank, assembly modes end at dead centres (type II). There the input and the rocker
+    `swing` rest together, so that the certificate says "I or III" and "II or III".
+    """
+    path = tmp_path / "odd.toml"
+    path.write_text(WITHOUT_OUTPUTS.format(crank_arc), encoding="utf-8")
+    assert main(["certify", str(path)]) == 0
+    printed = capsys.readouterr().out
+    proven = re.findall(r"type (I+)\b.* (\d+\.\d{9}) ", printed)
+    rows = sk.run(str(path), "singularities", samples=37).frame("singularities")
+    for singularity_type in ("I", "II"):
+        of_type = rows[rows["kind"] == singularity_type]
+        expected_deg = np.unique(np.round(np.degrees(of_type["q"]) % 360.0, 6))
+        proven_deg = [float(q) for name, q in proven if name == singularity_type]
+        # Places of self-motion, where both rest, are of type II in the certificate only.
+        for q in expected_deg:
+            assert min(np.abs(np.array(proven_deg) - q)) < 1e-5
+        assert (len(expected_deg) > 0) == (singularity_type == "I" or crank_arc > 20.0)
 
 
 def kite_with_dyads(count):

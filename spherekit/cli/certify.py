@@ -48,7 +48,12 @@ MAX_CELL_RAD = 1.0
 MAX_LISTED_RANGES = 8
 """Number of undecided ranges that are printed."""
 
-SINGULARITY_TYPES = {"I": "type I, output at rest", "II": "type II, dead centre"}
+SINGULARITY_TYPES = {
+    "I": "type I, output at rest",
+    "I or III": "type I or III, output at rest",
+    "II": "type II, dead centre",
+    "II or III": "type II or III, dead centre",
+}
 """The types of singularities on the screen, by their names in certificates."""
 
 PRECISION_BITS = 80

@@ -1,4 +1,4 @@
-"""The choice of an output of a mechanism by its name."""
+"""The choice of outputs (observed links): by name, or by default if none is declared."""
 
 from spherekit.errors import ModelError
 from spherekit.mechanism.elements import Output
@@ -38,3 +38,37 @@ def chosen_output(mechanism: Mechanism, name: str | None = None) -> Output:
     if name not in outputs:
         raise unknown_name_error(mechanism.name, "output", name, outputs)
     return outputs[name]
+
+
+def observed_outputs(mechanism: Mechanism) -> tuple[Output, ...]:
+    """Return the outputs whose motion is examined if the user chooses none.
+
+    They are the first of these groups that is not empty:
+
+    - the outputs that the mechanism file declares,
+    - the links that a pair (joint) joins to the ground,
+    - all links.
+
+    The motion of the links in the last two groups is relative to the ground. These outputs
+    have an empty name. The two links of an input pair are left out, because their relative
+    motion is prescribed.
+    """
+    # The two links of each input pair.
+    input_ends = [
+        set(mechanism.ends[mechanism.pair_number[pair]]) for pair in mechanism.input_pairs
+    ]
+    number = mechanism.link_number
+    declared_outputs = tuple(
+        output
+        for output in mechanism.outputs
+        if {number[output.link], number[output.relative_to]} not in input_ends
+    )
+    if declared_outputs:
+        return declared_outputs
+    # The ground is link 0, so the larger index belongs to the link that is not the ground.
+    ground_neighbours = dict.fromkeys(max(ends) for ends in mechanism.ends if 0 in ends)
+    links = [link for link in ground_neighbours if {0, link} not in input_ends]
+    if not links:
+        all_links = range(1, len(mechanism.links))
+        links = [link for link in all_links if {0, link} not in input_ends]
+    return tuple(Output("", mechanism.links[link], mechanism.ground) for link in links)

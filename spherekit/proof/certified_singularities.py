@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.completeness import Guarantee
+from spherekit.mechanism.elements import Output
+from spherekit.mechanism.output_choice import observed_outputs
 from spherekit.numerics.angles import wrap
 from spherekit.proof.configuration_curves import CertifiedCurves
 from spherekit.proof.decimal_mechanism import DecimalMechanism
@@ -144,21 +146,27 @@ def find_output_pairs(decimal_mechanism: DecimalMechanism) -> dict[str, int]:
     """Return the pair that measures each output, by the name of the output.
 
     An output is a link that is observed relative to another link. The pair joins these two
-    links. Outputs without such a pair are left out of the result. Pairs have the indices of
-    the structure (links and R pairs).
+    links. Outputs without such a pair are left out of the result. An output without a name
+    is called like its links, such as ``rocker/frame``. Pairs have the indices of the
+    structure (links and R pairs).
     """
     mechanism = decimal_mechanism.mechanism
     pairs = dict[str, int]()
-    for output in mechanism.outputs:
+    for output in observed_outputs(mechanism):
         output_links = {mechanism.link(output.link), mechanism.link(output.relative_to)}
         for number, ends in enumerate(decimal_mechanism.structure.ends):
             if set(ends) == output_links:
-                pairs.setdefault(output.name, number)
+                pairs.setdefault(_output_name(output), number)
     return pairs
 
 
+def _output_name(output: Output) -> str:
+    """Return the name of an output, or of its two links if it has none."""
+    return output.name or f"{output.link}/{output.relative_to}"
+
+
 def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
-    """Return the singularities of all declared outputs other than the input itself.
+    """Return the singularities of all observed outputs other than the input itself.
 
     An output is a link that is observed relative to another link. It is measured by the
     angle of the pair between both. If this angle is stationary along a configuration curve,
@@ -178,11 +186,17 @@ def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
     }
     # Each variable that was examined, with its stationary points on each chain.
     examined = [(curves.input_variable, curves.input_stationary_points)]
-    output_names = [output.name for output in curves.decimal_mechanism.mechanism.outputs]
+    mechanism = curves.decimal_mechanism.mechanism
+    output_names = [
+        name
+        for name in map(_output_name, observed_outputs(mechanism))
+        if output_pairs.get(name) not in input_like_pairs
+    ]
+    if not output_names:
+        # Singularities of type II do not depend on the output, so one row is enough.
+        output_names = ["-"]
     for output in output_names:
         pair = output_pairs.get(output)
-        if pair in input_like_pairs:
-            continue
         # By default none: for outputs with an angle that is no variable of the equations.
         output_points = [StationaryPoints() for _ in curves.chains]
         if pair in construction.pairs:
@@ -194,7 +208,7 @@ def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
                 for curve, is_constant in enumerate(curves.find_constant_chains(variable))
                 if is_constant
             ]
-        else:
+        elif output != "-":
             skipped.append(output)
         # Type I: the output is stationary. Type II: the input is stationary. If both may
         # be in one configuration, it may be of type III.

@@ -11,6 +11,7 @@ import numpy as np
 from spherekit.arrays import Floats, Indices
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.output_choice import observed_outputs
 from spherekit.planning.assembly_plan import Group
 from spherekit.runs.sampling import Sampling
 from spherekit.velocities.transmission_measure import Transmission
@@ -60,37 +61,10 @@ class ExaminedOutput:
 def examined_outputs(mechanism: Mechanism) -> tuple[ExaminedOutput, ...]:
     """Return the links, or directions on links, that the overview of a run examines.
 
-    They are the first of these groups that is not empty:
-
-    - the outputs that the mechanism file declares,
-    - the links that a pair (joint) joins to the ground,
-    - all links.
-
-    The motion of the links in the last two groups is relative to the ground. The two links
-    of an input pair are left out, because their relative motion is prescribed.
+    They are the declared outputs, or else the links that `observed_outputs` names.
     """
-    # The two links of each input pair.
-    input_ends = [
-        set(mechanism.ends[mechanism.pair_number[pair]]) for pair in mechanism.input_pairs
-    ]
-    number = mechanism.link_number
-    outputs = [
-        _examined_output(mechanism, output)
-        for output in mechanism.outputs
-        if {number[output.link], number[output.relative_to]} not in input_ends
-    ]
-    if outputs:
-        return tuple(outputs)
-    # The ground is link 0, so the larger index belongs to the link that is not the ground.
-    links = [max(ends) for ends in mechanism.ends if 0 in ends]
-    candidates = [link for link in dict.fromkeys(links) if {0, link} not in input_ends]
-    if not candidates:
-        candidates = [
-            link for link in range(1, len(mechanism.links)) if {0, link} not in input_ends
-        ]
     return tuple(
-        _examined_output(mechanism, Output("", mechanism.links[link], mechanism.ground))
-        for link in candidates
+        _examined_output(mechanism, output) for output in observed_outputs(mechanism)
     )
 
 

@@ -1356,7 +1356,15 @@ def check_singularities(equations, system, certificate, chains):
         first list has the `Arc` of each piece, the part of the curve in it. The second list
         has the piece that follows each one.
     """
-    outputs = list(system.sizes.data.get("outputs", {}).items())
+    sizes = system.sizes
+    outputs = list(sizes.data.get("outputs", {}).items())
+    if not outputs:
+        # Without declared outputs, they are the links that a pair joins to the ground.
+        ground = sizes.data["ground"]
+        for ends in sizes.ends.values():
+            if ground in ends:
+                (link,) = set(ends) - {ground}
+                outputs.append((f"{link}/{ground}", {"link": link}))
     singularities = certificate["singularities"]["found"]
     curves = zip(certificate["curves"], chains, strict=True)
     for number, (curve, (arcs, following)) in enumerate(curves):
