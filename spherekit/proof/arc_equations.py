@@ -228,7 +228,10 @@ class ArcEquations:
     def _place_closing_link(self, step: PlacementStep) -> ClosingLinkPlacement:
         """Return the constants by which a link is oriented from two of its axes.
 
-        Two pairs (joints) join the link to two links placed before, its parents. All
+        Two pairs (joints) join the link to two links placed before, its parents. In each
+        configuration, the parents determine the directions U and W of the two pair axes.
+        The orientation of the link is the matrix that takes its own two axes to U and W.
+        The constants of this matrix are computed here, once for all configurations. All
         numbers are balls: numbers with a bound of their error.
 
         Raises

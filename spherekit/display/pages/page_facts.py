@@ -256,8 +256,9 @@ def _make_step_facts(pole_plan: Plan, step: Step, poles: Sequence[Pole]) -> Fact
     - ``text``: the step in words.
     - ``lines``: for each great circle the two poles through which it passes. The list is
       empty here, and the caller may fill it.
-    - ``contacts``: names of sliding contacts. The normal plane of such a contact contains
-      the pole. The list is empty here, and the caller may fill it.
+    - ``contacts``: names of sliding contacts. The contact plane (through the centre of the
+      sphere and the common normal of the curves) of such a contact contains the pole. The
+      list is empty here, and the caller may fill it.
     - ``poles``: the poles that the step gives. A pole is a list of two names of links.
 
     Parameters

@@ -394,8 +394,8 @@ def _first_valid_time(
     start
         The time to return if no row has a configuration.
     """
-    # Rules say what a view shows, such as "+ /root/assembly_mode_0/status/**". The failure
-    # label of a page has a path that ends in "/status".
+    # Rules say what a view shows, such as "+ /four_bar/assembly_mode_0/status/**". The
+    # failure label of a page has a path that ends in "/status".
     blueprint = client.get_blueprint().blueprint
     label_paths = set()
     for view in _visible_views(blueprint):
