@@ -186,12 +186,12 @@ class LinkSizes:
     arcs
         `arcs[k]` is the arc of the great circle from the first axis to `axes[k + 1]`.
     angles
-        `angles[k]` locates `axes[k + 2]`. This size is the angle about the first axis
-        between two arcs: from the arc that ends at `axes[1]`, counter-clockwise, to the arc
-        that ends at `axes[k + 2]`.
+        `angles[k]` is the angle at the first axis from the arc that ends at `axes[1]` to
+        the arc that ends at `axes[k + 2]`. The angle is positive counter-clockwise, seen
+        from outside the sphere.
     unpaired
-        Axes without a pair, such as the former axis of a pair that was locked. Such an axis
-        is kept if an arc to it defines the frame of the link or the zero of a variable.
+        Axes without a pair, such as the former axis of a pair that was locked. Arcs and
+        angles can be measured from such an axis, so the axis is kept.
     signed
         Whether arcs may be below 0 or above pi. A negative arc leads from the first axis
         in the opposite direction. An arc above pi continues beyond the point opposite to

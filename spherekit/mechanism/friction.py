@@ -96,9 +96,9 @@ class Bearings(BearingFriction):
     def supported_loads(self, moments: Floats, forces: Floats | None = None) -> Floats:
         """Return the forces on the bearings.
 
-        A pair (hinge) has one or two bearings along its axis. Together the bearing forces
-        have the moment and the force that the pair transmits. Without `forces`, the force
-        is taken to be zero. Bearing friction follows from these forces.
+        A pair (hinge) has one or two bearings along its axis, at the distances `positions`
+        from the centre of the sphere. Together the bearing forces have the moment and the
+        force that the pair transmits. Without `forces`, the force is taken to be zero.
 
         Parameters
         ----------
@@ -110,8 +110,8 @@ class Bearings(BearingFriction):
         Returns
         -------
         (..., bearings, 3) forces (N) in pair axes, with z along the axis of the pair. With
-        `forces`, the z component is NaN unless the load states which share of the axial
-        force each bearing supports.
+        `forces`, the z component is the part of the axial force that the bearing supports.
+        This component is NaN if the shares `axial` are not stated.
         """
         # A force P at the distance h along z has the moment (-h P_y, h P_x, 0). The vector
         # (M_y, -M_x, 0) is therefore the sum of h P over all bearings.
@@ -134,19 +134,22 @@ class Bearings(BearingFriction):
             ]
         else:
             loads = [force_times_distance / first]
-        # Along the axis each bearing supports its share (0 to 1). A share of 0 gives 0 even
-        # if the force is infinite or NaN.
+        # Along the axis each bearing supports its share (0 to 1).
         if forces is not None:
             shares = self.axial or (np.nan,) * len(loads)
             for load, share in zip(loads, shares, strict=True):
-                load[..., 2] = share * forces[..., 2] if share else 0.0
+                if share == 0.0:
+                    # Exactly 0, even if the force is infinite or NaN.
+                    load[..., 2] = 0.0
+                else:
+                    load[..., 2] = share * forces[..., 2]
         return np.stack(loads, axis=-2)
 
     def check(self, key: str, mechanism: LoadedMechanism) -> None:
         """Check the fields of the load, which has all bearings of its pair.
 
-        The axial shares state which part of the axial force each bearing supports. They add
-        up to 1. If the pair (hinge) transmits no axial force, all are 0.
+        An axial share is the part of the axial force that a bearing supports. The shares
+        add up to 1. If the pair (hinge) transmits no axial force, all shares are 0.
 
         Parameters
         ----------
@@ -158,11 +161,13 @@ class Bearings(BearingFriction):
         Raises
         ------
         ModelError
-            If the positions have no lever arm, the axial shares have another sum, or
+            If the bearings cannot support a couple, the axial shares have another sum, or
             another load has bearings of the same pair.
         """
         super().check(key, mechanism)
-        # One bearing needs a lever arm from the centre, two bearings one between them.
+        # A pair has one or two bearings, which support a couple. A single bearing does this
+        # together with the centre of the sphere, so it must not be there. Two bearings do
+        # this with opposite forces, so their positions must differ.
         if len(self.positions) == 1:
             has_lever = self.positions[0] != 0.0
         elif len(self.positions) == 2:
@@ -292,7 +297,7 @@ def sliding_rate_name(pair: str) -> str:
     return f"sliding_{pair}"
 
 
-def check_no_reaction_friction(mechanism: LoadedMechanism, what: str) -> None:
+def check_no_reaction_friction(mechanism: LoadedMechanism, which: str) -> None:
     """Refuse a mechanism with friction that depends on reactions (forces in pairs).
 
     Callers cannot compute such friction, because they do not solve for reactions.
@@ -301,10 +306,10 @@ def check_no_reaction_friction(mechanism: LoadedMechanism, what: str) -> None:
     ----------
     mechanism
         The mechanism.
-    what
-        Words of the message after "its friction depends on the reaction of pair 41, which",
-        such as "a page does not solve for" (an HTML page with results). These words can end
-        with advice. The message adds further advice after "or".
+    which
+        The part of the message that depends on the caller, such as "a page does not solve
+        for". The message is then "its friction depends on the reaction of pair 41, which a
+        page does not solve for; or set its coefficient to 0; or ...".
 
     Raises
     ------
@@ -315,7 +320,8 @@ def check_no_reaction_friction(mechanism: LoadedMechanism, what: str) -> None:
         if isinstance(load, BearingFriction) and load.friction_coefficient > 0.0:
             raise ModelError(
                 f"{mechanism.name}: loads.{load.name}: its friction depends on the "
-                f"reaction of pair {load.pair}, which {what}; or set its coefficient to 0; "
+                f"reaction of pair {load.pair}, which {which}; "
+                "or set its coefficient to 0; "
                 "or, at an R pair, use a load of kind friction instead, with a torque from "
                 "the analysis reactions"
             )

@@ -51,11 +51,12 @@ class PairStates(NamedTuple):
     Attributes
     ----------
     first, second
-        (n, pairs, 3, 3) frames (three unit vectors as columns) of each pair, in the axes of
-        its first and of its second link. In space both frames coincide.
+        (n, pairs, 3, 3) the frame of each pair, in the axes of its first and of its second
+        link. The columns are unit vectors. At a contact, they are the tangent, the normal
+        and the contact point. At an R pair (hinge), the last column is the axis.
     curvatures
         (n, pairs, 2) geodesic curvatures of the profiles (contact curves) of both links at
-        the contact. Zero for R pairs (hinges).
+        the contact. Zero for R pairs.
     curvature_rates
         (n, pairs, 2) derivatives of the curvatures with respect to the arc length of their
         profile.
@@ -186,9 +187,10 @@ class Joint(ABC):
     def evaluate_states(cls, joints: Sequence[Self], values: Floats) -> PairStates:
         """Return the frames and curvatures of m pairs of one kind at n samples.
 
-        A contact is between two profiles (curves), one on each link. R pairs (hinges)
-        override this method. For contacts, the states also tell whether the contact point
-        is between the ends of both profiles (`inside`).
+        A contact is between two profiles (curves), one on each link. The states have the
+        geodesic curvatures of both and their derivatives with respect to arc length. They
+        also tell whether the contact point is between the ends of both (`inside`). R pairs
+        (hinges) override this method.
 
         Parameters
         ----------
@@ -204,11 +206,13 @@ class Joint(ABC):
         finite_values = values if all_finite(values) else np.nan_to_num(values)
         for number, joint in enumerate(joints):
             # The profile of the first link is side 0, that of the second side 1. The frame
-            # of the contact in each link is the moving frame of its curve there.
+            # of the contact in each link has the columns tangent, normal and point.
             for side, profile in enumerate(joint.contact_profiles):
-                # `start` is the arc length at which the variable is zero.
+                # On each profile, the arc length of the contact point is a variable of the
+                # joint plus a constant.
                 variable_values = finite_values[:, number, profile.variable]
-                point = profile.curve.evaluate(variable_values + profile.start)
+                arc_lengths = variable_values + profile.start
+                point = profile.curve.evaluate(arc_lengths)
                 frames[side][:, number] = point.frame
                 states.curvatures[:, number, side] = point.curvature
                 states.curvature_rates[:, number, side] = point.curvature_rate
@@ -248,7 +252,8 @@ class Joint(ABC):
         ----------
         frames
             (n, m, 3, 3) frames of the pairs in any common axes, such as ground axes. The
-            derivatives are in the same axes.
+            derivatives are in the same axes. The columns of a contact are the tangent, the
+            normal and the contact point. The last column of an R pair (hinge) is its axis.
         states
             States of the pairs, with the geodesic curvatures of both profiles and their
             derivatives with respect to the arc length.

@@ -30,7 +30,8 @@ def make_joints(
 ) -> tuple[Joint, ...]:
     """Return the joints of a mechanism in the order of its pairs.
 
-    A joint is the kinematics of a pair: its axis or contact curves, with functions of them.
+    A pair has names of links and numbers from the mechanism file. Its joint has the axis or
+    the contact curves that follow from these numbers.
 
     Parameters
     ----------
@@ -38,8 +39,8 @@ def make_joints(
         The mechanism. Its geometry consists of sizes of links, or of a reference pose (one
         configuration with all axes).
     profile_gap
-        Largest angle (rad) by which two contact profiles may fail to touch in the reference
-        pose. They then touch where they are nearest to each other.
+        Largest angle (rad) between two contact profiles (curves) in the reference pose that
+        still counts as touching.
 
     Raises
     ------
@@ -47,7 +48,8 @@ def make_joints(
         If the numbers of a profile define no curve, or profiles do not touch in the
         reference pose.
     """
-    return make_joints_in_pose(mechanism, profile_gap)[0]
+    joints, _pose_variables = make_joints_in_pose(mechanism, profile_gap)
+    return joints
 
 
 def make_joints_in_pose(
@@ -118,8 +120,9 @@ def make_joints_in_pose(
 def make_contact_curves(mechanism: Mechanism, pair: Pair) -> tuple[Curve, Curve]:
     """Return the curves of both links of a contact, each in the axes of its link.
 
-    At the contact the tangents of both curves agree. In an external contact, the bodies are
-    on opposite sides of the tangent. The second curve then runs backwards.
+    The returned curves have equal tangents at the contact. In an external contact, the
+    profiles of the file have opposite tangents there, such as two counter-clockwise circles
+    side by side. The second curve is then returned with its sense reversed.
 
     Raises
     ------
@@ -136,7 +139,9 @@ def make_contact_curves(mechanism: Mechanism, pair: Pair) -> tuple[Curve, Curve]
                 f"{mechanism.name}: pairs.{pair.name}.profiles.{link}: {problem}"
             ) from None
     first, second = curves
-    return first, second.reversed() if pair.contact == "external" else second
+    if pair.contact == "external":
+        second = second.reversed()
+    return first, second
 
 
 # Planning, position analysis and kernels construct the joints of the same mechanism.
@@ -164,11 +169,11 @@ def find_contact_lengths(
     Parameters
     ----------
     mechanism, pair
-        The contact, and its mechanism. Its geometry is a reference pose (one configuration
-        with all axes).
+        The contact, and its mechanism, whose file describes one configuration, the
+        reference pose.
     curves
-        Curves of the first and the second profile, in link axes. All link axes coincide in
-        the reference pose.
+        Curves of the first and the second profile, in link axes. In the reference pose, the
+        coordinate axes of all links coincide.
     profile_gap
         Accepted angle (rad) of the rotation between both frames, because numbers in a file
         are rounded.

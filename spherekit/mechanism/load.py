@@ -145,9 +145,9 @@ class LoadComponent:
     Attributes
     ----------
     magnitude
-        Function of pair variables, their rates and the time. Friction that follows from a
-        reaction (force in a pair) is different. Then this function is only a factor from -1
-        to 1, and the size of the friction (N m) is computed later.
+        Function of pair variables, their rates and the time. For friction that follows from
+        a reaction (force in a pair), the function is a factor from -1 to 1 with the sign of
+        the friction. The size of this friction (N m) is computed later.
     pair
         Name of the pair (joint) at which the component acts, or empty. The power is the
         magnitude times a rate: that of the variable of an R pair, or the sliding rate of a

@@ -489,13 +489,15 @@ def _iterate_steep_arguments(
 
 
 def _steep_arguments(name: str, arguments: list[Node]) -> list[Node]:
-    """Return the steep expressions: near their zeros, a function may change suddenly.
+    """Return the expressions near whose zeros the value of a function may change suddenly.
+
+    For example, 1 / x changes suddenly near x = 0, so x is returned.
 
     Parameters
     ----------
     name
-        Name of the function, or sign of the operation. Operations without such expressions,
-        such as sums and products, are not passed.
+        Name of the function, or sign of the operation. Sums and products are not passed,
+        because they never change suddenly.
     arguments
         Arguments of the function or operation.
     """

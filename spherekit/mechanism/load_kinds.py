@@ -259,10 +259,10 @@ class Spring(Load):
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class Damper(Load):
-    """A viscous damper at an R pair (hinge) with the torque -damping v' at the rate v'.
+    """A viscous damper at an R pair (hinge).
 
-    The class attributes declare the load for the reader of mechanism files and for
-    `components`, which inserts the fields into `torque_template`.
+    The torque is minus the damping times the rate of the pair angle, as in
+    `torque_template`. The method `components` inserts the fields into this template.
 
     Attributes
     ----------

@@ -59,10 +59,9 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
     configuration). If a pair is locked at another value than in this pose, the pose becomes
     impossible. The result is then described by the arcs and angles of its links.
 
-    The contacts of the other link are described in the axes of the new link. The
-    displacement of a contact along a circle is counted from azimuth 0 about the centre,
-    which depends on link axes. If the displacement changes, a warning (`UserWarning`)
-    states the difference.
+    The profiles (contact curves) of the other link are described in the axes of the new
+    link. Arc lengths along a circle are then counted from another point. If this changes
+    the displacement of a sliding contact, a warning (`UserWarning`) states the difference.
 
     Parameters
     ----------
@@ -77,8 +76,8 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
     ------
     ModelError
         If there is no such R pair, if its joint limits exclude the value, or if all
-        declared inputs would be locked. The error is also raised if new link axes would
-        change how a contact rolls, or move a profile that is a Fourier series.
+        declared inputs would be locked. The error is also raised if a profile of a rolling
+        contact, or one that is a Fourier series, would need other link axes.
 
     Examples
     --------
@@ -224,17 +223,16 @@ class _LinkMerge:
     ) -> Profile:
         """Return a profile of the removed link in the axes of the kept link.
 
-        A profile is a contact curve. A locked pair joins two links into one: the kept link,
-        which has the axes, and the removed link. This method is called only if the axes of
-        both differ. Arc lengths along a circle or a Fourier series are counted from azimuth
-        0 about its centre. Azimuth 0 depends on the link axes, so other axes have another
-        start:
+        A profile is a contact curve. A locked pair joins the removed link to the kept link,
+        whose axes differ. What happens to a profile depends on its contact and its kind:
 
-        - A sliding circle keeps its shape, and only its displacement is counted from
-          another point. A warning states the difference.
-        - A Fourier series would be turned about its centre. Such a profile is refused.
-        - A rolling contact (Cr) would pair other points of both curves. Such a contact is
-          refused, whatever its curves are.
+        - Every profile of a rolling contact (Cr) is refused. Its start could change, and
+          other points of both curves would then touch.
+        - A Fourier series is refused. Its azimuth is counted from a direction that depends
+          on the link axes, so the same coefficients would give a turned curve.
+        - A circle is rotated. Its displacement (arc length to the contact point) can then
+          be counted from another point. A warning states the difference.
+        - A profile by points is rotated. Its start remains the first point.
 
         Parameters
         ----------
@@ -248,7 +246,7 @@ class _LinkMerge:
         Raises
         ------
         ModelError
-            If another start would change the motion or the curve.
+            If the profile is refused.
         """
         if contact.type == "Cr" or profile.kind == "fourier":
             raise ModelError(
@@ -277,11 +275,11 @@ class _LinkMerge:
 def _arc_between_starts(
     profile: Profile, rotated_profile: Profile, rotation: Floats
 ) -> float:
-    """Return the arc between the old and the new start of a circle in rotated link axes.
+    """Return the arc from the new to the old start of a circle in rotated link axes.
 
-    The displacement of a contact is the arc length from the start of the circle to the
-    contact point. The start is at azimuth 0 about the centre, which depends on the axes of
-    the link. In rotated link axes (after two links are joined), the start is another point.
+    Arc lengths along a circle are counted from its start. The start follows from the
+    centre of the circle and the axes of the link. After two links are joined, a circle can
+    be described in other link axes. Its start is then another point of the same circle.
 
     Parameters
     ----------
@@ -294,17 +292,17 @@ def _arc_between_starts(
 
     Returns
     -------
-    The arc length (rad) from the new to the old start, positive counter-clockwise about the
-    centre. The arc length is 0 for profiles by points, which start at the first point.
+    The arc length (rad), positive counter-clockwise about the centre. It is 0 for profiles
+    by points, which start at the first point in any axes.
     """
     # `round_axis` is the axis of a circle or great circle. Other curves have none.
     if profile.round_axis is None or rotated_profile.round_axis is None:
         return 0.0
-    # The columns of `axes_about` point to azimuth 0, to azimuth 90 degrees and to the
-    # centre.
+    # The three columns of `axes_about` point to azimuth 0 (the start), to azimuth 90
+    # degrees and to the centre.
     old_start = rotation @ axes_about(profile.round_axis)[:, 0]
-    new_axes = axes_about(rotated_profile.round_axis)
-    azimuth = np.arctan2(new_axes[:, 1] @ old_start, new_axes[:, 0] @ old_start)
+    new_start, new_quarter, _ = axes_about(rotated_profile.round_axis).T
+    azimuth = np.arctan2(new_quarter @ old_start, new_start @ old_start)
     if profile.radius is None:
         # A great circle states no radius, because it is always 90 degrees from its axis.
         radius = 0.5 * np.pi
@@ -314,26 +312,28 @@ def _arc_between_starts(
 
 
 def _choose_kept_link(mechanism: Mechanism, pair: Pair) -> tuple[str, str]:
-    """Return the link of a locked pair that remains, with name and axes, and the other one.
+    """Return which link of a locked pair keeps its name and axes.
 
-    A locked pair joins its two links into one. The ground always remains. Otherwise a link
-    with contacts remains, so that its profiles (contact curves) need no rotation. If
-    neither or both links have contacts, the first link remains.
+    A locked pair joins its two links into one. The ground is always kept. Otherwise a link
+    with contacts is kept, so that its profiles (contact curves) need no rotation. If
+    neither or both links have contacts, the first link is kept.
 
     Returns
     -------
-    The names of the link that remains (is kept) and of the other link.
+    The names of the link that is kept and of the other link.
     """
     links_with_contacts: set[str] = set()
     for contact in mechanism.pairs:
         if not contact.kind.has_axis:
             links_with_contacts.update(contact.links)
     first, second = pair.links
-    has_reason_for_first = first == mechanism.ground or first in links_with_contacts
-    is_second_kept = second == mechanism.ground or (
-        second in links_with_contacts and not has_reason_for_first
-    )
-    return (second, first) if is_second_kept else (first, second)
+    if mechanism.ground in pair.links:
+        is_second_kept = second == mechanism.ground
+    else:
+        is_second_kept = second in links_with_contacts and first not in links_with_contacts
+    if is_second_kept:
+        return second, first
+    return first, second
 
 
 def _join_link_sizes(
@@ -345,8 +345,8 @@ def _join_link_sizes(
     """Return the sizes of a mechanism in which the two links of a locked pair are one.
 
     Sizes are the arcs and angles between the axes of a link. The joined link gets new sizes
-    from the frames of its pairs, and all other links have the old ones. If the mechanism is
-    described by a reference pose (one configuration with all axes), there are no old sizes.
+    from the frames of its pairs, and all other links keep theirs. If the mechanism is
+    described by a reference pose (one configuration with all axes), no link has sizes yet.
     All links then get sizes from frames.
 
     Parameters
@@ -369,7 +369,8 @@ def _join_link_sizes(
         if link not in (merge.kept_link, merge.removed_link)
     }
     # The links without kept sizes get new ones, which follow from the frames of their R
-    # pairs. So all R pairs are needed that have such a link on at least one side.
+    # pairs (hinges). So all R pairs are needed that have such a link on at least one side.
+    # Contacts have no axis and no frame.
     pairs_at_new_sizes = []
     for pair in mechanism.pairs:
         gets_new_sizes = any(link not in kept_sizes for link in pair.links)
@@ -380,7 +381,7 @@ def _join_link_sizes(
     # the kept link.
     frames = _frames_after_merge(mechanism, pairs_at_new_sizes, merge)
     new_sizes = sizes_from_frames(remaining_pairs, frames, kept_sizes)
-    # A zero is the angle in the first link of a pair from which its variable is counted.
+    # The zero of a pair is the angle between its two links at which its variable is 0.
     # Pairs between two links that keep their sizes also keep their zeros.
     zeros = {**_without_pair(old_sizes.zeros, locked), **new_sizes.zeros}
     return SizeGeometry(new_sizes.links, zeros)

@@ -735,12 +735,13 @@ def _name_references(mechanism: Mechanism) -> Iterator[_NameReference]:
         ("joint_limits", mechanism.joint_limits),
     ):
         for part in parts:
-            # The kind of a field says what the field contains. For example, the kind
-            # "contact" means the name of a pair. Other fields contain no names.
+            # The kind of a field says what the field contains. Fields of the kinds "link",
+            # "links", "pair" and "contact" contain names of links or pairs.
             for field_name, field_kind in field_kinds(part).items():
                 if field_kind not in _REFERENCE_OF_FIELD_KIND:
                     continue
-                # The field contains one name, or the names of both links of a pair.
+                # The field contains one name, or a tuple with the names of both links of a
+                # pair.
                 value = getattr(part, field_name)
                 names = (value,) if isinstance(value, str) else value
                 for name in names:
@@ -757,8 +758,7 @@ def _name_references(mechanism: Mechanism) -> Iterator[_NameReference]:
     for mode, values in mechanism.modes.items():
         for pair in values:
             yield _NameReference("pair", f"modes.{mode}", pair)
-    # The geometry consists of sizes of links and zeros of pairs, or of axes and values of
-    # pairs in one pose.
+    # The geometry has numbers by name of their link or pair.
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry):
         for link in geometry.links:
@@ -819,8 +819,8 @@ def _check_pair(where: str, pair: Pair) -> None:
 def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> None:
     """Check that the arcs, angles and zeros of a mechanism fit its pairs.
 
-    Arcs and angles locate the axes of pairs (joints) in their links. The zero of an R pair
-    (hinge) is its angle (rad) at which its variable is 0.
+    Arcs and angles locate the axes of pairs (joints) in their links. The variable of an R
+    pair (hinge) is the angle between its two links minus a constant (rad), its zero.
 
     Parameters
     ----------

@@ -50,10 +50,10 @@ def observed_outputs(mechanism: Mechanism) -> tuple[Output, ...]:
     - all links.
 
     The motion of the links in the last two groups is relative to the ground. These outputs
-    have an empty name. The two links of an input pair are left out, because their relative
-    motion is prescribed.
+    have an empty name. An output is left out if its motion is that of one link of an input
+    pair relative to the other, because this motion is prescribed.
     """
-    # The two links of each input pair.
+    # The indices of the two links of each input pair.
     input_ends = [
         set(mechanism.ends[mechanism.pair_number[pair]]) for pair in mechanism.input_pairs
     ]

@@ -84,10 +84,11 @@ def pair_frames_from_sizes(
     Parameters
     ----------
     pairs
-        All pairs of the mechanism. Contacts have no frame and are passed over.
+        All pairs of the mechanism. Contacts have no axis and no frame, and are passed over.
     geometry
-        Sizes (arcs and angles) of the links, and the zero angle of each pair. At this angle
-        the variable of the pair is 0.
+        Sizes (arcs and angles) of the links, and the zero angle of each pair: the angle
+        from the reference direction of the first link to that of the second at which the
+        variable of the pair is 0.
 
     Returns
     -------
@@ -103,7 +104,8 @@ def pair_frames_from_sizes(
     second_frames = {}
     for pair in pairs:
         if pair.kind.has_axis:
-            # In the first link the frame is rotated by the zero angle of the pair.
+            # In each link, the x axis of the reference frame points to another axis of this
+            # link. In the first link the frame is then rotated by the zero angle.
             first_link, second_link = pair.links
             first_reference = reference_frame(axes_by_link[first_link], pair.name)
             zero_angle = geometry.zeros.get(pair.name, 0.0)
@@ -115,14 +117,15 @@ def pair_frames_from_sizes(
 def axes_from_sizes(sizes: LinkSizes) -> AxesOfLink:
     """Return the unit axes (3,) of a link in link axes, in the order of `sizes.axes`.
 
-    The first axis is z, and the second one is in the half-plane x = 0, y > 0. The size of
-    each further axis is an arc and an angle (rad). The arc is its distance from the first
-    axis. The angle is its azimuth about the first axis, counter-clockwise from the second
-    axis.
+    The first axis is z, and the second one is in the half-plane x = 0, y > 0. Each axis
+    after the first has an arc (rad), its distance from the first axis. Each axis after the
+    second also has an angle (rad), its azimuth about the first axis, counter-clockwise from
+    the second axis.
     """
+    # The first axis. A link without axes has none.
     axes: AxesOfLink = {name: np.array([0.0, 0.0, 1.0]) for name in sizes.axes[:1]}
-    # The angle of the second axis is zero by definition. If sizes are missing, the last
-    # axes are left out. The constructor of the mechanism reports this fault later.
+    # The azimuth of the second axis is zero. If sizes are missing, the last axes are left
+    # out. The constructor of the mechanism reports this fault later.
     azimuths = (0.0, *sizes.angles)
     for name, arc, azimuth in zip(sizes.axes[1:], sizes.arcs, azimuths, strict=False):
         sine = np.sin(arc)

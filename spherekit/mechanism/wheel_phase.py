@@ -48,18 +48,22 @@ class Wheel(NamedTuple):
 
     @staticmethod
     def from_curve(curve: Curve, start: float = 0.0) -> "Wheel":
-        """Return the wheel whose circle is a curve of constant curvature."""
+        """Return the wheel whose circle is a curve of constant curvature.
+
+        `start` is the arc length (rad) of the curve at which the lengths of the wheel are
+        zero.
+        """
         # Tangent, normal and point of the curve where its arc length is zero.
         origin = curve.evaluate(np.zeros(1))
         _, normal, point = origin.frame[0].T
         # The geodesic curvature of a circle is the cotangent of its radius. So the radius
-        # has the sine 1 / size and the cosine curvature / size. The centre is at this angle
-        # from the point, towards the normal. The zero direction is the direction of the
-        # point, without its part along the centre.
+        # has the sine 1 / size and the cosine curvature / size. A rotation of the point by
+        # the radius, towards the normal, leads to the centre.
         curvature = float(origin.curvature[0])
         size = np.hypot(1.0, curvature)
         return Wheel(
             centre=(normal + curvature * point) / size,
+            # A unit vector perpendicular to the centre, in the plane of centre and point.
             zero_direction=(point - curvature * normal) / size,
             radius=float(np.arctan2(1.0, curvature)),
             start=start,

@@ -66,9 +66,10 @@ def driven_at(mechanism: Mechanism, names: str | Sequence[str] | None = None) ->
     Raises
     ------
     PlanError
-        If the names are empty, or there is no pair that can be driven.
+        If the list of names is empty. Without names, if an input of the mechanism is a
+        contact, or the mechanism has no R pair (hinge).
     ModelError
-        If there is no such pair, or one is named twice.
+        If no pair has one of the names, or a pair is named twice.
     """
     if names is None:
         driven_pairs(mechanism)
@@ -215,9 +216,10 @@ class Assembly(NamedTuple):
     def joining_group(self, link: int, reference: int) -> Group | None:
         """Return the group that determines the motion of a link relative to another one.
 
-        A group is a set of bodies that become one rigid body when all its pairs are closed.
-        A body is a set of rigidly joined links. Group after group is placed. The returned
-        group is the one that joins the bodies of the two links.
+        A body is a set of rigidly joined links. In the beginning, locked input pairs join
+        links. A group is a set of bodies that become one body when their pairs are
+        assembled. The groups are assembled one after another, so the bodies of later groups
+        have more links. The returned group is the first that joins the two links.
 
         Parameters
         ----------
@@ -226,15 +228,13 @@ class Assembly(NamedTuple):
 
         Returns
         -------
-        The group. None if locked input pairs join the two links: they then belong to one
-        body from the start.
+        The group. None if locked input pairs already join the two links.
         """
         for group in self.groups:
             bodies_with_links = [
                 body for body in group.bodies if link in body or reference in body
             ]
-            # Two bodies: each has one of the links, and the group joins them. One body: it
-            # has only one of the links, or both were joined before.
+            # Each of the two bodies has one of the links.
             if len(bodies_with_links) == 2:
                 return group
         return None
@@ -245,8 +245,7 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
 
     With all inputs locked, the mechanism is a rigid structure. A group is a smallest part
     of it that is rigid by itself, such as a dyad (two links and three R pairs). The
-    positions of a group can be solved without the groups after it. In these, the group is
-    one body.
+    positions in a group are solved first, and the group is one body of later groups.
 
     Parameters
     ----------
@@ -261,12 +260,12 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     ------
     PlanError
         If there is not one degree of freedom for each input, if an input is a contact pair
-        or depends on the other inputs, or if a part of the mechanism is rigid.
+        or depends on the other inputs, or if several links always form a rigid part.
     """
     inputs = driven_pairs(mechanism)
     # Check that there is one degree of freedom for each input, and that the inputs are
-    # independent. They are if, with all inputs but the first locked, no constraint is
-    # redundant and the first input can still move.
+    # independent. For this all inputs but the first are locked. Each lock must take away
+    # one degree of freedom, and the first input must still be able to move.
     #
     # The pebble game is an algorithm that counts the degrees of freedom of all parts of a
     # graph. The game is None if constraints may be redundant, because the count is then
@@ -320,7 +319,8 @@ def _split_with_redundancy(
             pairs=pairs,
             redundant=True,
         )
-        # `revolute` promises independent equations, which is not true here.
+        # `revolute` would mean that all pairs are R pairs (hinges) with independent
+        # equations. The equations are not independent.
         return (whole_group._replace(revolute=False),)
 
 
@@ -494,10 +494,10 @@ def _list_couples(
 def _find_smallest_part_with(pebble_game: PebbleGame, body_a: int, body_b: int) -> set[int]:
     """Return the smallest rigid part that contains two bodies of a rigid structure.
 
-    The pebble game counts degrees of freedom (Lee and Streinu 2008). Each body has three,
-    its pebbles. Each constraint takes a pebble of one of its two bodies, and points from
-    this body to the other one. The free pebbles are those that no constraint has taken. A
-    rigid structure has three of them, for its motion as a whole (`BODY_FREEDOMS`).
+    The pebble game counts degrees of freedom (Lee and Streinu 2008). Each body has three
+    pebbles, one per degree of freedom. Each constraint takes a pebble of one of its two
+    bodies, and points from this body to the other one. The pebbles that no constraint has
+    taken are free. A rigid structure has three free pebbles, for its motion as a whole.
 
     The free pebbles are gathered on body a. The part is then all bodies that can be reached
     from a and b along constraints, in the direction in which these point.
@@ -514,11 +514,11 @@ def _find_smallest_part_with(pebble_game: PebbleGame, body_a: int, body_b: int) 
     A part is rigid if the constraints between its own bodies have taken all its pebbles but
     three.
 
-    - The returned part is rigid: three pebbles are free on body a. Constraints to bodies
-      outside have taken none, because no constraint points from the part to the outside. So
-      the constraints within have taken all others.
-    - A smaller part with both bodies is not rigid: three of its pebbles are free, too, and
-      at least one is taken by a constraint that points to the outside.
+    - The returned part is rigid. Three of its pebbles are free, on body a. No constraint
+      points from the part to the outside, so constraints within have taken all others.
+    - A smaller part with both bodies is not rigid. The bodies that it lacks can be reached
+      from a or b, so some constraint points to the outside. This constraint has taken a
+      pebble. Besides, three pebbles are free on body a.
     """
     pebble_game.gather_pebbles(body_a, BODY_FREEDOMS)
     return pebble_game.reachable_bodies([body_a, body_b])

@@ -26,8 +26,8 @@ class CommonAxis(NamedTuple):
     pair
         Lowest index of an R pair about this axis.
     is_exact
-        Whether the axes of any two such pairs in one link are exactly equal or opposite
-        vectors. Otherwise they agree up to rounding.
+        Whether two R pairs about this axis on the same link have exactly equal or opposite
+        axis vectors there. Otherwise the vectors differ by rounding errors.
     """
 
     links: frozenset[int]

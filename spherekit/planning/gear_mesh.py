@@ -39,9 +39,9 @@ class GearMesh(NamedTuple):
     wheels roll, the point of contact moves by the same length along both circles: sin(r) f
     on the first one, sin(s) g on the second one. So sin(r) f - sin(s) g is constant.
 
-    Every circle on the sphere has two opposite centres. The angles f and g grow in the same
-    sense, since for both circles the centre on the same side of their common tangent is
-    taken.
+    Wheels that touch from outside turn in opposite senses about their own centres. So one
+    of their angles is counted about the opposite point of the sphere. With this choice, f
+    and g always grow together.
 
     Attributes
     ----------
@@ -69,10 +69,10 @@ class GearMesh(NamedTuple):
     def angle_factors(self, first_sine: Any, second_sine: Any) -> dict[int, Any]:
         """Return the factor of each pair variable in sin(r) f - sin(s) g.
 
-        This difference is constant while the two wheels roll. The first wheel has the pitch
-        radius r (rad on the unit sphere), and the second one s. They rotate by f and g
-        relative to their carrier. Each angle is a sum of variables of R pairs, each times a
-        sign, 1 or -1. `angle_signs` has these signs by the index of the pair.
+        The first wheel has the radius r (rad on the unit sphere), and the second one s. The
+        wheels rotate by f and g relative to their carrier. If they touch from outside, one
+        of the angles is counted in the opposite sense, so that f and g grow together. Each
+        angle is a sum of variables of R pairs, each times a sign, 1 or -1 (`angle_signs`).
 
         Parameters
         ----------
@@ -102,11 +102,10 @@ class CarriedContact(NamedTuple):
     wheels roll, the point of contact moves by the same length along both circles, sin(r) f
     and sin(s) g. So sin(r) f - sin(s) g is constant.
 
-    Wheels that touch from outside rotate in opposite senses about their own centres. The
-    same relation holds for them with this trick: every circle on the sphere has two
-    opposite centres, and for one of the wheels the opposite one is used. The radius r from
-    there is 180 degrees less the usual radius, with the same sine. The angle f about the
-    opposite axis has the opposite sign.
+    Wheels that touch from outside turn in opposite senses about their own centres, so that
+    the sum would be constant. For one of them, the opposite point of the sphere is
+    therefore taken as centre. The angle about this centre has the opposite sign. The radius
+    is 180 degrees minus the usual radius, with the same sine.
 
     Attributes
     ----------

@@ -68,11 +68,10 @@ class GearTrain(NamedTuple):
         (contacts,) rolled lengths (rad) of the contacts at inputs of zero.
     wheel_lengths
         (contacts, 2) arc lengths (rad) along the circles of both wheels to the point where
-        they touch if the variables of all R pairs are zero. The arc lengths are measured
-        from the points at which the wheels touch before they have rolled. Whole turns are
-        included. At these angles the wheels usually do not fit together, so both lengths of
-        a contact differ. NaN if a reference pose determines `offsets` and `lengths`
-        instead.
+        they touch if the variables of all R pairs are zero, with whole turns. Lengths are
+        measured from the point of each circle that touches when the rolled length is zero.
+        They tell which teeth mesh. NaN if a reference pose determines `offsets` and
+        `lengths`.
     """
 
     followers: tuple[int, ...]
@@ -212,10 +211,10 @@ class _Relations(NamedTuple):
 
         Two wheels turn by f and g relative to their carrier, the link that carries both.
         Their circles have the radii r and s. While the wheels roll, the point of contact
-        moves by the same length along both circles, sin(r) f and sin(s) g. (The angles are
-        counted such that wheels in contact turn in the same sense.) So the difference of
-        these lengths is constant. Each angle is a sum of variables of R pairs, each times 1
-        or -1.
+        moves by the same length along both circles, sin(r) f and sin(s) g. So the
+        difference is constant. (Wheels that touch from outside turn in opposite senses. One
+        of their angles is counted in the opposite sense, so that f and g grow together.)
+        Each angle is a sum of variables of R pairs, each times 1 or -1.
 
         Parameters
         ----------
@@ -229,9 +228,9 @@ class _Relations(NamedTuple):
         factors, first_factors = np.zeros((2, len(contacts), pair_count))
         for k, contact in enumerate(contacts):
             # `angle_factors` returns the factor of each pair variable in sin(r) f - sin(s)
-            # g. The factors in sin(r) f are also stored separately, because they give the
-            # length that the wheels have rolled.
-            pairs_of_first_wheel, _ = contact.mesh.angle_signs
+            # g. The factors in sin(r) f, those of the pairs of the first wheel, are also
+            # stored separately, because they give the length that the wheels have rolled.
+            pairs_of_first_wheel, _pairs_of_second_wheel = contact.mesh.angle_signs
             for pair, factor in contact.angle_factors().items():
                 factors[k, pair] = factor
                 if pair in pairs_of_first_wheel:
@@ -418,11 +417,10 @@ def _solve_angles_of_equal_lengths(
 ) -> Floats:
     """Return the follower angles at which both wheels of contacts have rolled equally.
 
-    Followers are pairs that turn with the wheels. First consider follower angles of zero.
-    The point of contact is then at different lengths along both wheels, so the wheels do
-    not fit. At the angles a, the difference of both lengths is smaller by F a, with
-    constant factors F. The difference is zero if F a is equal to the difference at angles
-    of zero.
+    Followers are pairs that turn with the wheels. Two wheels that have rolled on each other
+    have rolled by the same arc length. `wheel_lengths` has both lengths at follower angles
+    of zero, where they differ. At the angles a, their difference is smaller by F a, with
+    constant factors F. So F a has to be the difference at angles of zero.
 
     Parameters
     ----------
@@ -442,16 +440,14 @@ def _fit_contact_to_angles(
     difference: float,
     first_angle_length: float,
 ) -> Floats | None:
-    """Return where the point of contact of two wheels is on both circles, with turns.
+    """Return the arc lengths along two circles to their contact, including whole turns.
 
-    The positions are arc lengths along the two circles if both wheels have the angle zero.
-    The lengths are known up to whole turns of the wheels. The angles of the wheels follow
-    from other contacts. Of all turns that fit to these angles, those with the smallest
-    rolled length are chosen.
-
-    If a wheel with the radius r turns by the angle f relative to its carrier, the point of
-    contact moves back along its circle by the length sin(r) f. The rolled length is the
-    position after this movement.
+    The lengths are those at wheel angles of zero. Which teeth touch is not known, so the
+    lengths are known only up to whole turns. The angles f and g of the wheels follow from
+    other contacts. If the wheels turn by these angles, their point of contact moves back by
+    sin(r) f along the first circle and by sin(s) g along the second. What remains on each
+    circle is the rolled length, which must be equal on both circles. If several turns fit,
+    those with the smallest rolled length are chosen.
 
     Parameters
     ----------
@@ -460,19 +456,20 @@ def _fit_contact_to_angles(
     circumferences
         (2,) arc lengths of whole turns.
     difference
-        Required first length minus the second (rad).
+        The first length minus the second (rad) that makes the rolled lengths equal:
+        sin(r) f - sin(s) g.
     first_angle_length
         The length sin(r) f (rad) of the first wheel.
 
     Returns
     -------
-    (2,) the lengths at angles of zero with whole turns; None if no turns fit.
+    (2,) the lengths with whole turns; None if no turns fit.
     """
     fitting_lengths = _find_fitting_lengths(wheel_lengths, circumferences, difference)
     if not len(fitting_lengths):
         return None
-    # The rolled lengths along the first circle: (n, 1) for n combinations of turns and this
-    # one contact.
+    # The rolled lengths, which are equal on both circles: (n, 1) for n combinations of
+    # turns and this one contact.
     rolled_lengths = fitting_lengths[:, :1] - first_angle_length
     return fitting_lengths[index_of_least_rolled(rolled_lengths)]
 
@@ -493,8 +490,9 @@ def _find_fitting_lengths(
 ) -> Floats:
     """Return the arc lengths along two circles in contact, including whole turns.
 
-    Each length is known up to whole circumferences. The angles of both wheels, known from
-    other contacts, determine the difference of the lengths. All combinations of up to
+    Each length is known up to whole circumferences. Several contacts form a closed loop of
+    wheels, and this contact is the last. The others already determine the angles of both
+    wheels, and so the difference of the lengths. All combinations of up to
     `MAX_REPEATED_CONTACT_TURNS` turns are tried, since wheels may have rolled far.
 
     Parameters

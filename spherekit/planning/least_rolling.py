@@ -6,7 +6,7 @@ whole turns of wheels. The assembly with the smallest rolled lengths is chosen.
 
 import numpy as np
 
-from spherekit.arrays import Floats, Indices, Integers
+from spherekit.arrays import Floats, Integers
 from spherekit.geometry.vectors import max_abs
 
 SAME_ROLLED_LENGTH_RAD = 1e-7
@@ -34,22 +34,22 @@ def find_least_rolled_turns(
 ) -> Integers | None:
     """Return the whole turns of wheels in the assembly in which they have rolled least.
 
-    Wheels can be put together with different teeth in contact. So the point of contact of
-    two wheels is known along each circle only up to whole circumferences, the turns. Of all
-    assemblies, the one with the smallest sum of absolute rolled lengths at inputs of zero
-    is chosen. If sums are equal, it is the one with the largest length of the first
-    contact, then of the second contact, and so on.
+    Wheels can be put together with different teeth in contact. So the arc lengths to a
+    point of contact are known only up to whole turns of both wheels. Of all assemblies, the
+    one with the smallest sum of absolute rolled lengths at inputs of zero is chosen. Among
+    equal sums, `index_of_least_rolled` chooses.
 
-    Arc lengths along both circles of a contact are measured from the points that touch if
-    the wheels have not rolled. The arc length to the point of contact is therefore the
-    length that the wheels have rolled, and must be equal along both circles. The rolled
-    length depends on the angles a of the pairs that follow from the inputs. If these angles
-    grow, the point of contact moves back along both circles:
+    The rolled length of a contact is the arc length from the points that touch first to the
+    point that touches now. It is equal along both circles. The inputs are zero, and the
+    other pairs that turn with the wheels have unknown angles a. At a = 0 the arc lengths
+    are `lengths`. When the angles grow, the point of contact moves back along a circle by
+    its slopes times a. So
 
-        lengths[:, 0] - first_slopes @ a = lengths[:, 1] - second_slopes @ a.
+        rolled length = lengths[:, 0] - first_slopes @ a = lengths[:, 1] - second_slopes @ a
 
-    With ``matrix = first_slopes - second_slopes`` these are the equations ``matrix @ a =
-    lengths[:, 0] - lengths[:, 1]`` for a.
+    and, with ``matrix = first_slopes - second_slopes``,
+
+        matrix @ a = lengths[:, 0] - lengths[:, 1].
 
     Parameters
     ----------
@@ -66,15 +66,15 @@ def find_least_rolled_turns(
 
     Returns
     -------
-    (m, 2) numbers of turns to add along both circles. A circle has 0 turns if turns along
-    it change no rolled length, or have the same effect as turns along another circle. None
-    if there are too many circles to try all combinations.
+    (m, 2) numbers of turns to add along both circles. None if there are too many circles to
+    try all combinations.
     """
     inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
     differences = lengths[:, 0] - lengths[:, 1]
     # The angles a are inverse @ differences.
     rolled_without_turns = lengths[:, 0] - first_slopes @ inverse @ differences
     # The circles whose turns are tried, with the change of all rolled lengths by one turn.
+    # All other circles keep 0 turns.
     changes_by_circle = _find_changes_by_turns(circumferences, first_slopes, inverse)
     # (combinations, circles) the numbers of turns that are tried.
     turn_counts = _list_turn_counts(len(changes_by_circle))
@@ -95,15 +95,14 @@ def _find_changes_by_turns(
 ) -> dict[tuple[int, int], Floats]:
     """Return how one turn along each circle changes the rolled lengths of all m contacts.
 
-    Two wheels touch at a contact. The array `lengths` (m, 2) has the arc lengths of the
-    contact along both circles if all wheels have the angle 0. At the unknown angles a of
-    the wheels, the length along the first circle becomes
+    Each contact of two wheels has two arc lengths at wheel angles of 0, one along each
+    circle: `lengths` (m, 2). From them, the angles a of the wheels and then the rolled
+    lengths are computed:
 
-        rolled lengths = lengths[:, 0] - first_slopes @ a.
+        1. a = inverse @ (lengths[:, 0] - lengths[:, 1])
+        2. rolled lengths = lengths[:, 0] - first_slopes @ a
 
-    The length along the second circle has to change to the same. This gives the equations
-    matrix @ a = lengths[:, 0] - lengths[:, 1]. A turn adds the circumference of a circle to
-    the length along it.
+    A turn adds the circumference of a circle to one of the lengths.
 
     Circles whose turns change nothing are left out. A circle is also left out if a turn has
     the same or the opposite effect as a turn of an earlier circle. The earlier circle is
@@ -117,7 +116,7 @@ def _find_changes_by_turns(
         (m, m) by how much the length along the first circle of each contact falls per
         radian of each angle.
     inverse
-        (m, m) inverse of the matrix of the equations for the angles.
+        (m, m) matrix that gives the angles.
 
     Returns
     -------
@@ -126,16 +125,16 @@ def _find_changes_by_turns(
     """
     changes: dict[tuple[int, int], Floats] = {}
     for contact, side in np.ndindex(*circumferences.shape):
-        # If the difference lengths[:, 0] - lengths[:, 1] of this contact grows by 1, then a
-        # grows by a column of the inverse matrix, and first_slopes @ a by this much:
+        # The change of first_slopes @ a if the difference lengths[:, 0] - lengths[:, 1] of
+        # this contact grows by 1.
         slope_change = first_slopes @ inverse[:, contact]
+        # The change of the rolled lengths if the length along this circle grows by 1.
         if side == 0:
-            # The first length grows by 1, and with it the difference. The first length
-            # itself is a part of the rolled length, too.
+            # The difference grows by 1. So does the first length in formula 2.
             change = -slope_change
             change[contact] += 1
         else:
-            # The second length grows by 1, so the difference falls by 1.
+            # The difference falls by 1.
             change = slope_change
         change *= circumferences[contact, side]
         no_change = np.zeros_like(change)
@@ -185,17 +184,18 @@ def _list_turn_counts(circle_count: int) -> Integers | None:
     return combinations - max_turns
 
 
-def index_of_least_rolled(rolled: Floats) -> Indices:
+def index_of_least_rolled(rolled: Floats) -> np.intp:
     """Return the index of the assembly in which wheels have rolled least.
 
     Assemblies have different teeth in contact. The chosen one has the smallest sum of
-    absolute rolled lengths. If sums are equal, it is the one with the largest length of the
-    first contact, then of the second, and so on.
+    absolute rolled lengths. Among equal sums, the assembly with the largest signed length
+    of the first contact is chosen, then of the second, and so on. This second rule is
+    arbitrary, but always gives the same choice.
 
     Parameters
     ----------
     rolled
-        (n, m) rolled lengths (rad) of m contacts in n assemblies.
+        (n, m) rolled lengths (rad), with signs, of m contacts in n assemblies.
     """
     # The sort keys of each assembly, the most important first. Sorting is in rising order,
     # so lengths have the opposite sign to get the largest one first.

@@ -210,10 +210,10 @@ class PebbleGame:
         into
             The body that remains.
         """
-        # A rigid part has three pebbles that its inner constraints have not taken. Some of
-        # these may be taken by constraints that point out of the part. All three are now
-        # freed and gathered on the remaining body: such a constraint gives its pebble back,
-        # takes one outside of the part, and then points to the part.
+        # A rigid part has three pebbles that its inner constraints have not taken. These
+        # three are freed and gathered on the remaining body. If a constraint that points
+        # out of the part has one of them, this constraint turns around: it takes a pebble
+        # outside instead. Afterwards no constraint points out of the part.
         self.gather_pebbles(into, BODY_FREEDOMS)
         for body in range(len(self.constraint_targets)):
             if body in part:

@@ -127,8 +127,8 @@ def _step_as_dict(plan: Plan, step: Step) -> dict[str, Any]:
     - a pole that is the axis or contact line of a pair (`PrimaryPole`),
     - a pole at the intersection of two great circles (`LinePole`). A circle goes through
       two known poles, or is in the contact plane of a sliding pair,
-    - all poles of an irreducible part, in which poles do not follow one by one
-      (`BlockPoles`).
+    - all poles of a part of the mechanism in which poles do not follow one by one: an
+      irreducible part (`BlockPoles`).
 
     A pass is a round of steps that use poles of earlier rounds only. Links and pairs are
     represented by their names.
@@ -142,8 +142,8 @@ def _step_as_dict(plan: Plan, step: Step) -> dict[str, Any]:
     """
     names_of = plan.mechanism.names_of
     if isinstance(step, BlockPoles):
-        # All poles of the part are computed together. For information, "passes" shows how
-        # the others would follow one by one if one pole, the opening pole, were known.
+        # All poles of the part are computed together. If one of them, the opening pole,
+        # were known, others would follow one by one. For information, "passes" shows how.
         opening = None if step.opening is None else _pole_as_names(plan, step.opening)
         return {
             "pass": step.pass_number,
@@ -158,15 +158,15 @@ def _step_as_dict(plan: Plan, step: Step) -> dict[str, Any]:
     common_entries = {
         "pass": step.pass_number,
         # For the axis of a pair "primary", or "coaxial" if several pairs share the axis.
-        # For an intersection a letter for the kinds of the two lines: great circles or
-        # contact planes.
+        # For an intersection "a" if all great circles go through known poles, "c" if all
+        # are in contact planes, and "b" if there are circles of both kinds.
         "case": step.case,
         "pole": _pole_as_names(plan, step.pole),
     }
     if isinstance(step, PrimaryPole):
         return common_entries | {"pair": plan.mechanism.pairs[step.pair].name}
-    # The lines of a pole P_ij: great circles through P_ik and P_jk for third bodies k, and
-    # the contact planes of sliding pairs.
+    # The great circles ("lines") of a pole P_ij: those through P_ik and P_jk for third
+    # bodies k, and those in the contact planes of sliding pairs.
     lines: list[dict[str, Any]] = []
     for third in step.via:
         spanning_poles = [pole_of(end, third) for end in step.pole]

@@ -135,11 +135,11 @@ class BlockPoles:
     one, each as the intersection of two great circles through known poles. A pass is a
     round of this search: it finds each pole that follows from poles of earlier passes.
 
-    In an irreducible part, poles do not follow one by one. These poles are computed
-    together, in one pass, from the velocity equations of its loops.
+    An irreducible part is some bodies of a mechanism whose poles do not follow one by one.
+    These poles are computed together, from the velocity equations of the loops.
 
-    The other steps here are for display only. These steps show in which order poles would
-    follow if one of them, the opening pole, were known. These steps have later passes.
+    A display also shows how the other poles would follow if one of them, the opening pole,
+    were known.
 
     Attributes
     ----------
@@ -152,8 +152,7 @@ class BlockPoles:
     method
         How the part is solved, in words.
     opening
-        The opening pole. None if there are no steps for display, as for parts with
-        redundant constraints.
+        The opening pole. None if nothing is known about such steps.
     steps_from_opening
         The steps for display: one for each pole that would follow from the opening pole, in
         order. The first pass of these steps has the number `pass_number` + 1.
@@ -445,15 +444,16 @@ def table_cells(plan: Plan) -> list[list[str]]:
     The table has a row and a column for each body. The pole of two bodies is the axis of
     their relative rotation. The cell shows how it is found:
 
-    - x: a primary pole, the axis or contact line of a pair,
+    - x: a primary pole, the axis of a pair (or its contact line if wheels roll),
     - a Roman number: the pass (round) of the search that finds the pole at the intersection
       of great circles through poles of earlier passes,
-    - a Roman number with a star: a pole of an irreducible part that is solved with others
-      from velocity equations,
+    - a Roman number with a star: a pole that is computed together with others, from
+      velocity equations,
+    - a square: the diagonal, where both bodies are the same,
     - nothing: the pole is not in the plan.
     """
-    # A block is an irreducible part, solved in the pass `block.pass_number`. Some of its
-    # poles follow in later passes, and have no star.
+    # A block is a part of the mechanism whose poles are computed together, in the pass
+    # `block.pass_number`. Some of its poles are displayed in later passes, without a star.
     starred_poles = set()
     for block in plan.blocks:
         for pole, pass_number in block.pass_numbers.items():

@@ -246,13 +246,12 @@ def _choose_cheapest_lines(
 
     A pole P_ij is the axis of the relative rotation of two bodies. The pole is the
     intersection of two lines on the sphere. A third body k gives a line: the great circle
-    through the poles P_ik and P_jk. A sliding pair of the bodies i and j gives another one:
-    the great circle in its contact plane (through the centre of the sphere and the normal
-    of both curves).
+    through the poles P_ik and P_jk. A sliding contact of the bodies i and j gives another
+    one: the great circle through the contact point at right angles to both profiles.
 
     The cost of a circle is the number of poles that have to be computed for it. Each circle
-    is rated by itself, even if two circles share such poles. Several third bodies give the
-    same circle if they turn about one axis with i or j. Only the cheapest of them counts.
+    is rated by itself, even if two circles share such poles. If several third bodies give
+    the same circle, only the cheapest of them counts.
 
     Parameters
     ----------
@@ -262,14 +261,15 @@ def _choose_cheapest_lines(
         For each pole of an earlier step, all poles that have to be computed for it,
         including itself. Empty for the axis of a pair, which is known.
     coaxial
-        For each common axis of several bodies the bodies that turn about it, and the number
-        of an R pair about it (`Plan.coaxial`).
+        For each common axis of several bodies the bodies that turn about it, and the index
+        of an R pair about it. If two third bodies turn about the same axis as i or j, their
+        circles are the same.
 
     Returns
     -------
     third_bodies
         One for each great circle by which the pole is found: two, or fewer if there are
-        contact planes.
+        sliding contacts.
     needed_poles
         All poles to be computed for these great circles.
     """
@@ -288,7 +288,7 @@ def _choose_cheapest_lines(
     circles = group_by_circle(step.via, step.pole, coaxial)
     cheapest_thirds = [min(thirds, key=cost) for thirds in circles]
     cheapest_thirds.sort(key=cost)
-    # Each contact plane replaces one of the two circles.
+    # Each sliding contact replaces one of the two circles.
     circle_count = max(2 - len(step.contacts), 0)
     chosen = tuple(cheapest_thirds[:circle_count])
     needed_poles: frozenset[Pole] = frozenset()
@@ -314,11 +314,11 @@ def _prune_lines(step: LinePole, needed_poles: set[Pole]) -> LinePole:
 
 
 def _prune_block(block: BlockPoles, requested: tuple[Pole, ...]) -> BlockPoles:
-    """Return an irreducible part with only the requested ones of its poles.
+    """Return a block with only the requested ones of its poles.
 
-    A pole is the axis of the relative rotation of two bodies. The poles of the part are
-    computed together from velocity equations. For display only, the part also has steps
-    that show how its poles would follow one by one from one of them, the opening pole.
+    A pole is the axis of the relative rotation of two bodies. A block is a part of the
+    mechanism whose poles can only be computed together. For display only, the block also
+    has steps: if one pole, the opening pole, were known, each step would give another pole.
     Steps that lead to no requested pole are removed.
     """
     # The steps are examined backwards, so that a step comes after all steps that need it.

@@ -166,10 +166,11 @@ def _find_line_poles(
 ) -> list[LinePole]:
     """Return a step for each unknown pole that lies on at least two different known lines.
 
-    A pole P_ij is the axis of the relative rotation of the bodies i and j. Its lines are
-    the great circles through P_ik and P_jk for third bodies k, and those in the contact
-    planes of sliding pairs between i and j. Two lines determine the pole. The step lists
-    all of them, because it depends on the configuration which two intersect best.
+    A pole P_ij is the axis of the relative rotation of the bodies i and j. It lies on the
+    great circle through P_ik and P_jk for every third body k. At a sliding contact of i and
+    j, the pole lies on the great circle at right angles to both profiles. Two of these
+    lines determine the pole. The step lists all lines, because which two intersect best
+    depends on the configuration.
 
     Parameters
     ----------
@@ -309,14 +310,13 @@ def _choose_opening(
     known_poles: KnownPoles,
     block: BlockPoles,
 ) -> BlockPoles:
-    """Return a part with the opening pole from which the most other poles would follow.
+    """Return a block with the opening pole from which the most other poles would follow.
 
-    A pole P_ij is the axis of the relative rotation of the bodies i and j. The part is
-    solved from its velocity equations, which give all its poles at once. For information,
-    the plan also shows how they would follow one by one if one of them, the opening pole,
-    were known. They would be found in passes (rounds). Each pass finds the poles that lie
-    on two known lines: great circles through P_ik and P_jk for third bodies k, and contact
-    planes of sliding pairs.
+    A pole P_ij is the axis of the relative rotation of the bodies i and j. A block is a
+    part of the mechanism whose poles are all computed at once, from velocity equations. For
+    information, the plan also shows how its poles would follow if one of them, the opening
+    pole, were known. They would be found in passes (rounds). Each pass finds the poles that
+    lie on two known great circles.
 
     If equally many poles follow from several opening poles, the one with the fewest passes
     is chosen.
@@ -328,17 +328,16 @@ def _choose_opening(
     contacts_by_pole
         Indices of the sliding pairs that join the bodies of a pole.
     known_poles
-        The poles that are known before the part is solved.
+        The poles that are known before the block is solved.
     block
-        The part, without an opening pole.
+        The block, without an opening pole.
     """
 
     def most_poles_first(opened_block: BlockPoles) -> tuple[int, int]:
         """Return a sort key by which the best choice of an opening pole comes first.
 
-        The opening pole is the pole of a part from which the other poles are found. The
-        best choice leads to the most poles. Of equal choices, the best needs the fewest
-        passes (rounds). Each step gives one pole.
+        The best choice leads to the most poles, and each step gives one pole. Of equal
+        choices, the best needs the fewest passes (rounds).
         """
         found_count = len(opened_block.steps_from_opening)
         return -found_count, opened_block.last_pass_number
@@ -371,13 +370,13 @@ def _open_block(
     block: BlockPoles,
     opening_pole: Pole,
 ) -> BlockPoles:
-    """Return a part with all poles that would follow if one of its poles were known.
+    """Return a block with the steps that would be possible if one of its poles were known.
 
-    A pole is the axis of the relative rotation of two bodies. The poles are found in
-    passes (rounds). Each pass finds all unknown poles of the part that lie on two known
-    lines: great circles through known poles, and contact planes of sliding pairs. These
-    poles are known in the next pass. `steps_from_opening` of the result has one step for
-    each pole.
+    A pole is the axis of the relative rotation of two bodies. A block is a part of the
+    mechanism whose poles are all computed at once. For display, steps show how its poles
+    would follow from one of them, the opening pole. They would be found in passes (rounds).
+    Each pass finds all unknown poles of the block that lie on two known great circles.
+    These poles are known in the next pass.
 
     Parameters
     ----------
@@ -386,9 +385,9 @@ def _open_block(
     contacts_by_pole
         Indices of the sliding pairs that join the bodies of a pole.
     known_poles
-        The poles that are known before the part is solved. They are not changed.
+        The poles that are known before the block is solved. They are not changed.
     block
-        The part, without an opening pole.
+        The block, without an opening pole.
     opening_pole
         The pole that counts as known.
     """

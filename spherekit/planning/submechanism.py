@@ -23,10 +23,10 @@ def moving_pairs(
 ) -> tuple[int, ...]:
     """Return the pairs on which the relative positions of some links depend, rising.
 
-    Other pairs can be left out of a computation. With locked inputs, a mechanism consists
-    of groups: sets of bodies that become one rigid body when all their pairs are closed.
-    The result has the pairs of the groups that the links need, and the inputs that they
-    need.
+    Other pairs can be left out of a computation. With locked inputs, a mechanism is put
+    together group after group. A group is a set of bodies that its pairs join into one
+    rigid body. The result has the inputs, and the pairs of the groups, that are needed to
+    join the links into one rigid body.
 
     Parameters
     ----------
@@ -39,9 +39,8 @@ def moving_pairs(
     """
     requested_links = frozenset(links)
     needed_groups = placing_groups(mechanism, assembly, requested_links)
-    # With all inputs locked and these groups closed, the links are one rigid body. An input
-    # is not needed if this remains true when it is released. Needed inputs stay locked, and
-    # others stay released.
+    # With these groups and all inputs locked, the links are one rigid body. An input is not
+    # needed if the links remain one rigid body without its lock. Then it stays unlocked.
     needed_inputs = list(assembly.inputs)
     for pair in assembly.inputs:
         remaining_inputs = [needed for needed in needed_inputs if needed != pair]
@@ -94,8 +93,8 @@ def _are_one_body(
 ) -> bool:
     """Return whether some of the inputs and groups are enough to join some links rigidly.
 
-    Some inputs are locked, and some groups are closed. The caller leaves out an input or a
-    group. If the links still are one rigid body, they do not need it.
+    The caller leaves out an input or a group. If the links still are one rigid body, they
+    do not need it.
 
     Parameters
     ----------
@@ -104,28 +103,30 @@ def _are_one_body(
     inputs
         Indices of the driven pairs that are locked.
     groups
-        The groups that are closed, in the order in which they are placed. A group consists
-        of bodies, each a set of rigidly joined links. When all its pairs are closed, the
-        bodies become one rigid body.
+        The groups, in the order in which they are placed. A group is a set of bodies that
+        its pairs join into one rigid body. Each of its bodies is a set of links that locked
+        inputs and earlier groups have joined.
     links
         Indices of the links that have to end in one body.
 
     Returns
     -------
-    Whether they do. False also if a group needs an input or a group that is left out.
+    Whether the links are in one body. False also if a group needs an input or a group that
+    is left out.
     """
     # For each link the label of its rigid body. In the beginning only inputs join links.
     label_of_link = list(merge_locked_links(mechanism, inputs))
     for group in groups:
-        # The pairs of the group end at some links of its bodies. If those of one body have
-        # different labels, something that joins them is left out, and the group is not
-        # rigid.
+        # The links at which the pairs of the group end. Other links of its bodies have no
+        # effect on the group.
         end_links: set[int] = set()
         for pair in group.pairs:
             end_links.update(mechanism.ends[pair])
         merged_labels: set[int] = set()
         for group_body in group.bodies:
             labels = {label_of_link[link] for link in end_links.intersection(group_body)}
+            # The end links of one body must be rigid with each other. With several labels,
+            # an input or group that joins them was left out.
             if len(labels) > 1:
                 return False
             merged_labels |= labels
@@ -137,12 +138,12 @@ def _are_one_body(
 
 
 def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
-    """Return the mechanism without the pairs and links that some links do not need.
+    """Return only the links and pairs that determine the motion of some links.
 
     A smaller mechanism is solved faster. Names, frames of links, zeros of variables and
-    ranges of inputs stay as they are; numbers of links and pairs change. Masses, loads,
-    joint limits and outputs stay if all links and pairs to which they refer stay. If
-    nothing can be left out, or if this cannot be decided, the mechanism itself is returned.
+    ranges of inputs stay as they are. Links and pairs get new indices. Masses, loads, joint
+    limits and outputs stay if all links and pairs to which they refer stay. If nothing can
+    be left out, or if this cannot be decided, the mechanism itself is returned.
 
     Parameters
     ----------
@@ -167,7 +168,7 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
     for pair in assembly.inputs:
         driven_links.update(mechanism.ends[pair])
     needed_links = frozenset({0, *driven_links, *links})
-    # A group is a set of links that are placed together, by closing the loops of its pairs.
+    # A group is a set of links that are placed together.
     groups = placing_groups(mechanism, assembly, needed_links)
     pairs = {*assembly.inputs}.union(*(group.pairs for group in groups))
     if len(pairs) == len(mechanism.pairs):

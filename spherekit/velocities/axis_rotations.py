@@ -199,7 +199,8 @@ class PairRotations:
     Attributes
     ----------
     chains
-        For each pair the rotation from its first link to its second, as a chain of factors.
+        For each pair the rotation from its first link to its second, as a product of
+        constant rotations and rotations by its variables.
     sides
         For each contact of two profiles, by index of the pair: the profile of its first
         and of its second link.
@@ -220,10 +221,12 @@ class PairRotations:
 
     @property
     def sides_with_symbols(self) -> tuple[ProfileSide, ...]:
-        """The profiles whose tangent, point and curvature at the contact are symbols.
+        """The profiles that are not written as circles.
 
-        Compiled functions take the values of these symbols (`contact_symbols`) as further
-        arguments. They come after the pair variables, profile by profile in this order.
+        A circle is written as a rotation about its centre. For any other profile, the
+        tangent, point and curvature at the contact are symbols (`contact_symbols`).
+        Compiled functions take the values of these symbols as arguments after the pair
+        variables, in the order of the profiles here.
         """
         return tuple(
             side

@@ -289,13 +289,12 @@ def _rolling_vector(
     contact point. One of the links carries the vector. Primes are derivatives with
     respect to s as seen from this link. The tangent is t = p'. Then
 
-        first derivative:  (k1 - k2) t + (k1 - k2)' p
-        second derivative: (k1 - k2) t' + 2 (k1 - k2)' t + (k1 - k2)'' p
+        slide, the first derivative: (k1 - k2) t + (k1 - k2)' p
+        second derivative:           (k1 - k2) t' + 2 (k1 - k2)' t + (k1 - k2)'' p
 
-    The first derivative is the slide of the vector, which accelerations contain. The
-    length of the second derivative is at most the sum of the lengths of its terms.
-    Error bounds contain this bound. There is no expression of the last term. Its length
-    is at most ``|k1''| + |k2''|``, of which each profile knows the largest value.
+    `slide_change_bound` of the result bounds the length of the second derivative by the sum
+    of the lengths of its terms. There is no expression of the last term. Its length is at
+    most ``|k1''| + |k2''|``, of which each profile knows the largest value.
 
     Parameters
     ----------
