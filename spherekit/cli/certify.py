@@ -727,7 +727,8 @@ def _report_curves(report: ScreenReport, curves: "CertifiedCurves") -> None:
     intervals with a constant number of modes.
 
     Singularities have types. At type I the output can rest while the input moves. At type
-    II the mechanism can move while the input rests. Type III meets the two conditions.
+    II the mechanism can move while the input rests. Type III meets the two conditions, for
+    example where curves cross.
 
     Parameters
     ----------
@@ -749,8 +750,8 @@ def _report_curves(report: ScreenReport, curves: "CertifiedCurves") -> None:
     # Several crossings can have the same sentence, which is then printed once.
     for sentence, count in Counter(_crossing_sentences(curves)).items():
         configurations = f", in {count} configurations" if count > 1 else ""
-        # A proven crossing is a singularity of type III. Other sentences say that curves
-        # miss each other closely, or that they cross or miss each other.
+        # All other sentences contain "miss each other": nothing crosses, or this is
+        # undecided.
         is_proven_crossing = sentence.startswith("curves cross at")
         type_text = " (type III)" if is_proven_crossing else ""
         report.results.append(f"{sentence}{configurations}{type_text}")

@@ -163,23 +163,18 @@ class CommandParser(CommandLineParser):
     """
 
     def __init__(self, command: str, **options: Any) -> None:
-        """Store the name of the command, whose arguments are declared when it is used."""
+        """Create a parser that has no arguments yet."""
         super().__init__(**options)
         self._command = command
         self._has_arguments = False
 
     def import_command(self) -> None:
-        """Import the module of this subcommand and add its arguments and examples.
-
-        The module is imported only if the subcommand is used, so that the program starts
-        quickly. A second call has no effect.
-        """
+        """Add the arguments and examples of this subcommand, unless this has been done."""
         if self._has_arguments:
             return
         self._has_arguments = True
         module = import_module(f"spherekit.cli.{self._command}")
         self.epilog = module.EXAMPLES
-        # `options.execute` is the function that runs the command.
         self.set_defaults(execute=module.execute)
         self.add_argument(
             "-T",

@@ -298,8 +298,7 @@ def _describe_evaluations(plan: Facts) -> str:
 def _size_table(sizes_by_table: Mapping[str, Facts]) -> ScreenTable:
     """Return a table with the predicted sizes of the result tables of a run.
 
-    `sizes_by_table` has, for each name of a result table, the number of rows, the number of
-    columns, and the number of bytes of the file in the formats CSV and Parquet.
+    `sizes_by_table` has the sizes of each table by its name.
     """
     columns = [ScreenColumn("table", "left")]
     for heading in ("rows", "columns", "CSV", "Parquet"):

@@ -44,21 +44,22 @@ OUTPUT_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status.
 
-    An error that the user can mend is printed as one sentence. Examples are an interrupt,
-    or a lack of memory or disk space. If the program that reads the output ends early, as
-    ``head`` does in ``spherekit ... | head``, the command ends without an error.
+    An interrupt, or a lack of memory or disk space, is reported in one sentence, without a
+    traceback. If the program that reads the output ends early, as ``head`` does in
+    ``spherekit ... | head``, the command ends without an error.
 
     Parameters
     ----------
     arguments
         The words after ``spherekit``; by default the command line of the process.
     """
-    # Without arguments, this process runs only this command.
-    is_process = arguments is None
+    # Without arguments, the process was started for this command and ends after it.
+    process_ends = arguments is None
     words = sys.argv[1:] if arguments is None else [*arguments]
     try:
-        # Ctrl-C raises `KeyboardInterrupt` in this block.
-        with raise_on_interrupt(process_ends=is_process):
+        # Ctrl-C raises `KeyboardInterrupt` in this block. After the block, Ctrl-C ends the
+        # process at once if `process_ends` is true. Otherwise the caller handles Ctrl-C.
+        with raise_on_interrupt(process_ends):
             # If stdout is closed, the next opened file would get the file number of stdout,
             # and with it all output.
             _open_closed_streams()

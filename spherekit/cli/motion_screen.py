@@ -295,15 +295,16 @@ def _transmission_cells(
     """Return the table cells for the least transmission angle of an output.
 
     The transmission angle of a dyad (two links joined by a pair) is 0 at a dead centre. The
-    cells are the angle (deg), the pair (joint) at which it is measured, and the place: the
-    input or time. The cell of the pair exists only if the table has a column for it. All
-    cells are "-" for an output without a transmission angle.
+    cells are the angle (deg), the pair (joint) at which it is measured, and the place of
+    the sample with this angle. `place_text` writes a place, such as an input or a time, as
+    text. All cells are "-" for an output without a transmission angle.
     """
     if transmission is None:
         return ["-"] * (3 if has_pair_column else 2)
     cells = [transmission_text(transmission["angle_rad"])]
     if has_pair_column:
         cells.append(transmission["pair"])
+    # If samples have only numbers, the cell has the inputs in `transmission` instead.
     cells.append(_place_cell(transmission["place"], transmission, place_text))
     return cells
 

@@ -148,7 +148,8 @@ def _make_plans(options: Namespace) -> list["Plan"]:
         # Counting gives too few degrees of freedom for overconstrained mechanisms. For
         # these, the position analysis takes the number from the rank of the velocity
         # equations, and sets `by_rank`. Its positions are not used here, so two samples
-        # suffice. None stands for all driven pairs that the file declares.
+        # suffice. With several inputs, the analysis must drive all of them. None stands for
+        # all inputs that the file declares.
         input_pair = moving_inputs[0] if len(driven) == 1 else None
         if not PositionAnalysis(mechanism, input_pair, samples=2).by_rank:
             raise
@@ -220,25 +221,31 @@ def _legend(plan: "Plan") -> list[str]:
 
     A pole is the axis about which one link rotates relative to another. The mark of a pole
     says how it is constructed. Only marks that occur in the table are explained.
+
+    Poles are constructed in passes. Pass 0 takes the poles that are known from the pairs
+    (joints). The poles of a later pass follow from those of earlier passes, and have the
+    number of their pass as a Roman numeral.
     """
     from spherekit.planning.pole_plan import PRIMARY_MARK, PrimaryPole, table_cells
 
     marks = {mark for row in table_cells(plan) for mark in row}
-    # These steps take a pole from a pair (joint): the axis of a revolute pair, or the
-    # contact line of a rolling pair. In a later pass (number above 0) the pole is the
-    # common axis of several pairs.
+    # These steps take a pole from a pair: the axis of a revolute pair, or the contact line
+    # of a rolling pair.
     pair_steps = [step for step in plan.steps if isinstance(step, PrimaryPole)]
     source = "the axis of a pair"
     if any(plan.mechanism.pairs[step.pair].rolls for step in pair_steps):
         source += ", or the contact line of two links that roll on each other"
     lines = [f"{PRIMARY_MARK}: known from the start, because it is {source}"]
-    has_coaxial_step = any(step.pass_number > 0 for step in pair_steps)
-    if any(set(mark) <= set("IVXLC") for mark in marks if mark):
-        lines.append(
+    has_roman_numeral = any(set(mark) <= set("IVXLC") for mark in marks if mark)
+    if has_roman_numeral:
+        line = (
             "I, II, ...: found in this pass, where two great circles through poles of "
             "earlier passes intersect"
-            + (", or as the common axis of coaxial pairs" if has_coaxial_step else "")
         )
+        # After pass 0, a pole that comes from pairs is the common axis of several pairs.
+        if any(step.pass_number > 0 for step in pair_steps):
+            line += ", or as the common axis of coaxial pairs"
+        lines.append(line)
     if any("*" in mark for mark in marks):
         lines.append(
             "*: computed from velocity equations, because no two such great circles exist"

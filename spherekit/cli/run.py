@@ -566,15 +566,16 @@ def _study(options: Namespace) -> "Study":
     """Return the study (mechanism, motion and outputs) that the command line describes.
 
     The study is read from a file, and options of the command line replace values of the
-    file. With ``--view`` and no ``--save``, the recording goes to the folder of the run, or
-    to a temporary folder.
+    file. With ``--view``, the motion is recorded as an animation, which is then shown.
+    Without ``--save``, its file is in the folder of the run, or in a temporary folder.
     """
     fields = {
         "folder": options.output,
         "recording": options.save,
         "tolerance": options.tol,
         "verify": options.verify,
-        # None leaves the value of the file.
+        # Whether result tables have angles in degrees. Without the option `--deg`, None
+        # keeps what the file says.
         "degrees": options.deg or None,
     }
     study = study_from(options, fields)

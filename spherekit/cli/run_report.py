@@ -300,7 +300,9 @@ def _describe_dead_centres(summary: Any) -> Lines:
         if entry is None or set(entry["statuses"]) - {"OUT_OF_REACH"}:
             # Rows are missing for other reasons, so modes may end elsewhere.
             return []
-        texts = _dead_centre_texts(entry["closes"], overview["place_range"], place_text)
+        # The mode exists over these spans of the input (rad): first and last sample.
+        spans = entry["closes"]
+        texts = _dead_centre_texts(spans, overview["place_range"], place_text)
         if texts:
             text = listing(texts, MAX_LISTED_EVENTS)
             modes_by_places.setdefault(text, []).append(mode["number"])
@@ -319,6 +321,7 @@ def _describe_dead_centres(summary: Any) -> Lines:
             subject, verb, pronoun = "Modes", "end", "their"
         lines.append(
             f"{subject} {number_list(numbers)} {verb} at dead centres (type II "
+            # The swing of an output is the difference of its largest and smallest angle.
             f"singularities) {where} {places} deg. The table has {pronoun} values up to "
             "the last samples, so that swings and the largest velocity ratios are lower "
             "bounds: velocity ratios grow without bound towards a dead centre."
@@ -492,9 +495,12 @@ def _describe_simulation(simulation: Any) -> Lines:
         )
     event_count = simulation["events"]
     lines += _describe_events(event_count, simulation["event_list"])
-    # These three kinds of events are singularities of type II.
+    # At a singularity of type II a locked input does not hold the output. These three kinds
+    # of events are such singularities. At a "crossing", two
+    # curves of configurations cross.
     kinds = {event["kind"] for event in simulation["event_list"]}
     if not kinds & {"dead_centre", "type_2", "crossing"}:
+        # The line is "The motion meets no singularity of type II (...).".
         lines.append(f"The motion meets no {TYPE_2_TEXT.removeprefix('a ')}.")
     return lines
 
@@ -740,11 +746,13 @@ def _accuracy(summary: Any) -> str:
             f"{simulation['energy_imbalance_J']:.0e} J in the energy (of "
             f"{simulation['energy_scale_J']:.2g} J)",
         )
-    if not texts:
+    if not texts:  # no error bound is known
         return ""
     line = f"errors at each sample are at most {', '.join(texts)}"
     overview = summary["overview"]
-    if summary["assembly_modes"] and overview["outputs"]:
+    # The report has a table of outputs only if modes were found and outputs are declared.
+    has_output_table = summary["assembly_modes"] and overview["outputs"]
+    if has_output_table:
         line = f"{_table_accuracy(overview)}; {line}"
     return line
 
@@ -797,8 +805,8 @@ def _largest_excesses(overview: Any) -> dict[str, float]:
     """Return how far quantities between samples may exceed the extremes in the table.
 
     The table states the range of each output and its velocity ratio, for each assembly mode
-    (way to assemble the mechanism). With laws of time it has speeds (rad/s) instead of
-    velocity ratios.
+    (way to assemble the mechanism). If inputs are given as functions of time, the table has
+    speeds (rad/s) instead of velocity ratios.
 
     Parameters
     ----------
@@ -810,9 +818,9 @@ def _largest_excesses(overview: Any) -> dict[str, float]:
     The largest excess of each quantity, by its key in `TABLE_QUANTITIES`. Quantities are
     left out if no excess would change a printed digit.
     """
-    # The key "ratio" has a unit: "rad/s" for speeds, and an empty text for velocity ratios.
+    # The value is the unit of rates: "rad/s" for speeds, and "" for velocity ratios.
     unit_of_rates = overview["ratio"]
-    has_speeds = unit_of_rates != ""
+    has_speeds = unit_of_rates == "rad/s"
     largest: dict[str, float] = {}
     for mode in overview["modes"].values():
         for motion in mode["outputs"]:
@@ -852,18 +860,18 @@ def _table_excesses(motion: Any, has_speeds: bool) -> Iterator[tuple[str, float,
     excess = motion["excess_between_samples"]
     yield "angle", math.degrees(excess["angle_rad"]), 0.01
     # The lists have the lowest and the highest value for each input, or None if there is no
-    # value. The excess may belong to any of these values. So it is compared with the finest
-    # of the last digits of these values.
+    # value. There is one excess for all these values, so the finest last digit counts.
     extreme_ratios = [*motion["lowest_ratio"], *motion["highest_ratio"]]
     last_digits = [ratio_last_digit(ratio) for ratio in extreme_ratios if ratio is not None]
+    finest_last_digit = min(last_digits, default=math.inf)
     rate_key = "speed" if has_speeds else "ratio"
-    yield rate_key, excess["ratio"], min(last_digits, default=math.inf)
+    yield rate_key, excess["ratio"], finest_last_digit
     if motion["least_transmission"]:
         angle = math.degrees(motion["least_transmission"]["angle_rad"])
         last_digit = last_significant_digit(angle, TRANSMISSION_DIGITS)
         yield "transmission_angle", math.degrees(excess["transmission"]), last_digit
     elif motion["least_transmission_measure"]:
-        measure, _ = motion["least_transmission_measure"]
+        measure, _place_of_measure = motion["least_transmission_measure"]
         last_digit = last_significant_digit(measure, MEASURE_DIGITS)
         yield "transmission_measure", excess["transmission"], last_digit
 
@@ -982,7 +990,8 @@ def _details(summary: Any) -> Lines:
     The lines state the mobility (number of degrees of freedom), methods, errors and cost.
     Groups are sets of links whose positions are computed together, such as dyads (groups of
     two links). An acceleration coefficient is the derivative of an angular velocity with
-    respect to the input, for an input that moves at 1 rad/s.
+    respect to the input, for an input that moves at 1 rad/s. A pole axis is the axis about
+    which one link rotates relative to another.
 
     Parameters
     ----------
@@ -1011,6 +1020,7 @@ def _details(summary: Any) -> Lines:
         )
     key = "largest_acceleration_coefficient_error_bound"
     if errors[key] is not None:
+        # For example "acceleration coefficients to 2e-12 1/rad", the bound of their errors.
         lines.append(f"acceleration coefficients to {_round_up(errors[key])} 1/rad")
     if count := summary["pole_status"].get("NO_POLE"):
         lines.append(

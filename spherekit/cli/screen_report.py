@@ -243,8 +243,8 @@ def _console() -> "Console":
 def _print_line(console: "Console", line: str, style: str = "") -> None:
     """Print one line of a report, broken between words if the terminal is too narrow.
 
-    Further lines are indented more than the first one. The text is printed without the
-    style commands of `rich`.
+    Further lines are indented more than the first one. The whole line is printed in the
+    style, such as "bold". Markup in the line, such as "[bold]", is printed as it is.
     """
     from rich.text import Text
 

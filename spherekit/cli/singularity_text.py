@@ -38,8 +38,11 @@ def describe_singularities(summary: Any) -> Lines:
     """Return sentences on how near the samples of a run come to singularities.
 
     At a singularity of type I an output loses a direction of motion. At a singularity of
-    type II the locked inputs do not hold the output. The sentences leave out what other
-    parts of the report say.
+    type II the locked inputs do not hold the output.
+
+    Other parts of the report describe the singularities of type II of a simulation or of a
+    motion with one input. So the sentences describe them only for several prescribed
+    inputs.
 
     Parameters
     ----------
@@ -67,9 +70,8 @@ def describe_singularities(summary: Any) -> Lines:
     lines = [line for statement in statements for line in statement.lines]
     names_places = any(statement.names_singular_places for statement in statements)
     analyses = {analysis["name"] for analysis in summary["analyses"]}
-    # The hint suggests the analysis `singularities`, which computes exact places, so it is
-    # left out if the run has this analysis. The hint is about all places above, and is
-    # written once, after the last sentence.
+    # The hint after the last sentence suggests the analysis `singularities`. The hint is
+    # left out if the run has this analysis.
     has_exact_places = "singularities" in analyses
     if names_places and has_several_prescribed_inputs and not has_exact_places:
         lines[-1] += (
@@ -110,7 +112,8 @@ def _describe_type_2(summary: Any) -> _Statement:
     At such a singularity the locked inputs do not hold the output. The sentences say which
     assembly modes (ways to assemble the mechanism) have samples at a singularity, or end at
     a singularity. If there are no such modes, the sentences name the sample nearest to a
-    singularity.
+    singularity. It has the least transmission measure or transmission angle, which is 0 at
+    a singularity.
 
     Parameters
     ----------
@@ -125,7 +128,8 @@ def _describe_type_2(summary: Any) -> _Statement:
     nearest_samples: list[_NearestSample] = []
     for number, entry in overview["modes"].items():
         # "closes" has the ranges of samples in which the mode exists. At samples with the
-        # status OUT_OF_REACH the links cannot be assembled.
+        # status OUT_OF_REACH the links cannot be assembled. Between such samples the mode
+        # ends where it meets another mode, which is a singularity of type II.
         if entry["closes"] and "OUT_OF_REACH" in entry["statuses"]:
             modes_that_end.append(int(number))
         if "AT_SINGULARITY" in entry["statuses"]:
@@ -146,8 +150,8 @@ def _describe_type_2(summary: Any) -> _Statement:
         beginning = f"No singularity of {meaning} is met"
         nearest_text = ""
         if nearest_samples:
-            # The transmission (measure or angle) is 0 at a singularity.
             nearest = min(nearest_samples, key=lambda sample: sample.transmission)
+            # The best transmission is the largest possible value: 1, or 90 deg.
             is_nearly_met = nearest.transmission <= NEAR_SHARE * nearest.best_transmission
             if is_nearly_met:
                 beginning = f"A singularity of {meaning} is nearly met"
@@ -161,7 +165,8 @@ def _describe_nearest(
 ) -> str:
     """Return in words where the mechanism comes closest to a singularity of type II.
 
-    At such a singularity the locked inputs do not hold the output.
+    At such a singularity the locked inputs do not hold the output. The transmission is a
+    measure (0 to 1) or an angle (0 to 90 deg) that is 0 at a singularity.
 
     Parameters
     ----------
@@ -173,6 +178,7 @@ def _describe_nearest(
     summary
         The content of ``summary.json``, the file with the main results of the run.
     """
+    # The best transmission is the largest possible value: 1 or 90 deg.
     equal_difference = EQUAL_VALUES_SHARE * nearest.best_transmission
     equally_near = [
         (sample.mode, sample.inputs)
@@ -180,6 +186,7 @@ def _describe_nearest(
         if sample.transmission - nearest.transmission <= equal_difference
     ]
     place_text = _closest_text("closest configuration", summary, equally_near)
+    # `measure_text` is, for example, "measure is 0.12".
     return f"{place_text}, where the transmission {nearest.measure_text}"
 
 
@@ -265,14 +272,24 @@ def _list_nearest_samples(mode: int, entry: Any) -> Iterator[_NearestSample]:
         if measure and inputs:
             has_measure = True
             value, _place = measure  # the place of the sample in the run is not used
-            text = f"measure is {number_text(value, MEASURE_ERROR, 2)}"
-            yield _NearestSample(mode, inputs, value, 1.0, text)
+            number = number_text(value, MEASURE_ERROR, digits=2)
+            yield _NearestSample(
+                mode,
+                inputs,
+                transmission=value,
+                best_transmission=1.0,
+                measure_text=f"measure is {number}",
+            )
     transmission = entry["least_transmission"]
     if transmission and not has_measure:
         angle = transmission["angle_rad"]
         text = f"angle at pair {transmission['pair']} is {transmission_text(angle)} deg"
         yield _NearestSample(
-            mode, transmission["inputs_rad"], math.degrees(angle), 90.0, text
+            mode,
+            transmission["inputs_rad"],
+            transmission=math.degrees(angle),
+            best_transmission=90.0,
+            measure_text=text,
         )
 
 

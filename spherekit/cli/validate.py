@@ -58,6 +58,7 @@ def execute(options: Namespace) -> int:
     status = 0
     for name in options.file:
         try:
+            # `options.lock` names pairs (joints) whose angles are kept constant.
             properties = validate_file(name, options.lock)
         except SpherekitError as error:
             status = BAD_INPUT

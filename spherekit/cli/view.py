@@ -158,8 +158,9 @@ def _show_recording(path: Path, options: Namespace) -> int:
     path
         The recording of a motion, ``*.rrd``.
     options
-        Values of the arguments: ``web`` for a browser, or ``png`` with the file of the
-        picture, the sample and the size. By default the viewer is opened.
+        Values of the arguments. ``file`` is the mechanism or recording that the user named.
+        With ``web`` a browser is opened, and with ``png`` a picture is written to this
+        file. Otherwise the viewer is opened. The other arguments describe the picture.
 
     Returns
     -------
@@ -183,7 +184,8 @@ def _show_recording(path: Path, options: Namespace) -> int:
         sample=options.sample,
         size=_size(options.size),
         view="3D" if options.only_3d else "all",
-        front=options.front or (),
+        front=options.front
+        or (),  # tabs that are brought to the front  # tabs that are brought to the front
     )
     what = "the mechanism" if is_mechanism(options.file) else "the recording"
     sample = "" if options.sample is None else f" at sample {options.sample}"

@@ -284,8 +284,9 @@ class Descent:
         """Compute the result of `evaluate` by the chain rule.
 
         Objectives and conditions are expressions of the design variables (sizes) and of the
-        figures of merit (numbers that rate a design). Both are functions of the point x,
-        whose coordinates are the positions of the variables in their ranges (0 to 1).
+        figures of merit (numbers that rate a design). A figure belongs to one assembly mode
+        (way to assemble the mechanism). The coordinates of the point x are the positions of
+        the variables in their ranges (0 to 1).
         """
         # Values of the design variables in the units of the mechanism file.
         values = self.file_values(x)
@@ -296,12 +297,12 @@ class Descent:
         figures = figure_values.figures / self._figure_units
         # A coordinate of x goes from 0 to 1, and its variable over the width of its range.
         # So a derivative with respect to x is the derivative with respect to the variable,
-        # times the width. Derivatives of the variables with respect to x, (variables,
-        # variables).
+        # times the width.
+        # (variables, variables) derivatives of the variables with respect to x.
         variable_slopes = np.diag(self._width)
-        # Derivatives of the figures, (figures, variables): with respect to the variables,
-        # then to x.
+        # (figures, variables) derivatives of the figures with respect to the variables.
         slopes_by_variables = figure_values.gradients
+        # (figures, variables) derivatives of the figures with respect to x.
         figure_slopes = slopes_by_variables * self._width / self._figure_units[:, None]
         # NaN is replaced by 0. Otherwise 0 * NaN would spread to expressions that do not
         # depend on this figure.
@@ -311,7 +312,8 @@ class Descent:
         # (expressions, variables) by the chain rule. `partial_slopes` (arguments,
         # expressions) has the derivatives with respect to the variables and figures.
         gradients = expressions.partial_slopes.T @ inner_slopes
-        # The first k expressions are objectives, the others are conditions.
+        # The first k expressions are objectives, the others are conditions (limits). A
+        # limit is positive if the condition is violated.
         k = self._objective_count
         functions = LinearisedFunctions(
             objectives=expressions.values[:k],
@@ -319,6 +321,8 @@ class Descent:
             limits=expressions.values[k:],
             limit_gradients=gradients[k:],
         )
+        # `closing_fraction` is the fraction of samples at which the mechanism can be
+        # assembled.
         return DescentValues(functions, figure_values.closing_fraction, figures)
 
     def _evaluate_expressions(self, arguments: Floats) -> ExpressionValues:
@@ -335,11 +339,11 @@ class Descent:
         # Row 0 has the values. Each further row has the derivatives with respect to one
         # argument.
         outputs = outputs.reshape(len(arguments) + 1, -1)
-        slopes = outputs[1:]
-        # With a zero derivative the optimiser takes no direction from this argument.
-        return ExpressionValues(
-            values=outputs[0], partial_slopes=np.where(np.isnan(slopes), 0.0, slopes)
-        )
+        slopes = outputs[1:]  # (arguments, expressions)
+        # A derivative that does not exist is NaN. It becomes 0, so that the optimiser
+        # ignores it.
+        partial_slopes = np.where(np.isnan(slopes), 0.0, slopes)
+        return ExpressionValues(values=outputs[0], partial_slopes=partial_slopes)
 
     def objectives(self, x: Floats, mode: SynthesisMode) -> Floats:
         """Return the objectives (k,) at a point in a mode."""
@@ -575,15 +579,15 @@ class Descent:
     ) -> CandidateStarts:
         """Return all designs from which a descent may start to beat an optimum.
 
-        They are designs that were evaluated before all descents (rows), and optima of other
+        They are designs that were evaluated before all descents, and optima of other
         descents. They have the same assembly mode (way to assemble the mechanism) as the
         optimum.
         """
-        # Rows store only the label of their mode, so labels are compared.
+        # Of earlier designs, only the label of the mode is known, so labels are compared.
         is_same_mode = self.modes == optimum.mode.label
         points = [self.points[is_same_mode]]
         objectives = [self._row_objectives[is_same_mode]]
-        # The label of a mode can differ between designs. So `continues_in` follows the
+        # The modes of optima are compared more exactly. `continues_in` follows the
         # configurations of the other optimum to this design, and compares them there.
         for candidate in optima:
             if candidate.mode.continues_in(optimum.mode):

@@ -381,8 +381,10 @@ class DesignEvaluator:
         A row for each design and assembly mode (way to assemble the mechanism). The column
         `design` is the index of the design in `values`.
         """
-        # Evaluate as many designs together as memory permits.
-        values_per_design = len(self.figures.merits) * len(self.figures.rows)
+        # Evaluate as many designs together as memory permits, and at least one. Each figure
+        # has a value at each sample. `rows` has a row for each sample.
+        sample_count = len(self.figures.rows)
+        values_per_design = len(self.figures.merits) * sample_count
         fitting_count = MAX_FIGURE_VALUES // values_per_design + 1
         block_size = min(DESIGNS_PER_BLOCK, fitting_count)
         if self.tracks_solutions:
@@ -420,16 +422,15 @@ class DesignEvaluator:
     def has_signs_of_runs(self) -> bool:
         """Whether assembly modes have the same signs as in a run of one design.
 
-        A sign is the way in which a dyad (two links with three R pairs) is assembled. Signs
-        are compared to find a mode of a sweep in a run. There are two cases without equal
-        signs:
-
-        Modes that are found by tracking solutions have numbers. A kernel (function for many
-        designs) that replaces contacts by links has signs of these links, which a run does
-        not have.
+        A sign is the way in which a dyad (two links with three R pairs) is assembled. If
+        the signs are the same, a mode of this evaluation can be found among the modes of a
+        run by its signs.
         """
         if self.tracks_solutions:
+            # Solutions are followed from design to design. Modes have numbers, not signs.
             return False
+        # A kernel (function for many designs) may replace contacts by links. Its signs are
+        # those of these links, which a run does not have.
         has_replaced_contacts = (
             self.kernel is not None and self.varied_mechanism.equivalent_linkage is not None
         )
@@ -624,14 +625,16 @@ class DesignEvaluator:
 
         Returns
         -------
-        A row for each design and mode in which it closes, and one for a design that never
-        closes. All combinations of signs are tried, so no mode of a design is missing. Each
-        row says this in its column `claim`.
+        A row for each design and mode that can be assembled at a sample, and one for a
+        design that never can. All combinations of signs are tried, so no mode of a design
+        is missing. Each row says this in its column `claim`.
         """
         parts = []
         # Numbers that depend only on the sizes, computed once for all modes.
         prepared = kernel.prepare(sizes)
+        # The positions depend on one sign for each dyad.
         dyad_count = len(kernel.position_arguments)
+        # Each row of `rows` is one sample of the inputs.
         sample_count = len(self.figures.rows)
         shape = (dyad_count, sample_count, sizes.shape[1])
         for signs in product((1.0, -1.0), repeat=dyad_count):
@@ -797,8 +800,10 @@ class DesignEvaluator:
         """
         if len(self.inputs) == 1:
             # The modes are continuous curves over one input and can be evaluated anywhere.
+            # Column 0 of the points is the input. The others are rates and the time.
             return position_analysis.at(self.figures.points[:, :1])
-        # With several inputs, modes are only known at samples. Each point is one of them.
+        # With several inputs, modes are only known at samples. Each point has the inputs of
+        # one sample, and `_point_samples` has its index.
         return position_analysis.samples(self._point_samples)
 
     @cached_property
@@ -997,8 +1002,10 @@ class DesignEvaluator:
             If a point is not a sample.
         """
         input_grid = self.samples.input_grid
-        # (samples, points) distance (rad) of each point from each sample.
+        # (points, inputs) inputs of each point. Further columns are rates and the time,
+        # which do not matter for configurations.
         points = self.figures.points[:, : len(self.inputs)]
+        # (samples, points) distance (rad) of each point from each sample.
         distances = max_abs(points - input_grid.q[:, None], axis=2)
         for point in points[np.min(distances, axis=0) > POINT_TOLERANCE_RAD]:
             # Only mechanisms with other groups than dyads come here. Dyads (two links and

@@ -358,6 +358,7 @@ class RedundantKernel:
         (columns, n) quantities. Those that follow from rates are NaN where no kernel
         satisfies the equations of all loops to `MAX_LOOP_RESIDUAL`.
         """
+        # `_prepared` has the numbers of each kernel that do not depend on configurations.
         outputs_of_kernels = [
             self._evaluate_kernel(kernel, prepared, rows)
             for kernel, prepared in zip(self._kernels, self._prepared, strict=True)

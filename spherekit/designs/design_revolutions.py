@@ -246,9 +246,9 @@ def _accumulate_growth(
     """Add up the changes of angles, so that angles count whole revolutions.
 
     A station is a value of the input. The sums start with the angles at the first station.
-    A design may have gaps, over which its angles cannot be followed. Usually it cannot be
-    assembled there. After a gap, counting starts anew with angles in (-pi, pi] at the input
-    where the design can be assembled again.
+    Between two stations a design may have a gap: its angles cannot be followed, for example
+    because it cannot be assembled. Counting then starts anew with angles in (-pi, pi] at
+    the end of the gap, which is found by bisection.
 
     Parameters
     ----------
@@ -283,9 +283,9 @@ def _accumulate_growth(
             next_angles[:, designs] = _unwrap_from_mode_end(
                 angles_at,
                 designs,
-                open_input=stations[k - 1],
-                closed_input=stations[k],
-                closed_angles=angles[:, k, designs],
+                input_before=stations[k - 1],
+                next_input=stations[k],
+                wrapped_angles=angles[:, k, designs],
             )
         unwrapped[:, k] = next_angles
     return unwrapped
@@ -304,16 +304,16 @@ def _replace_minus_half_revolution(angles: Floats) -> Floats:
 def _unwrap_from_mode_end(
     angles_at: AngleFunction,
     designs: Indices,
-    open_input: float,
-    closed_input: float,
-    closed_angles: Floats,
+    input_before: float,
+    next_input: float,
+    wrapped_angles: Floats,
 ) -> Floats:
     """Return angles at an input for assembly modes that begin shortly before it.
 
     An assembly mode is one way to assemble the mechanism. It begins at the first input at
     which it can be assembled, which is found by bisection. There its angles are in (-pi,
-    pi]. From there they are followed to `closed_input`, where they may be outside this
-    range. Angles that cannot be followed are in (-pi, pi] at `closed_input`.
+    pi]. From there they are followed to `next_input`, where they may be outside this range.
+    Angles that cannot be followed are in (-pi, pi] at `next_input`.
 
     Parameters
     ----------
@@ -322,23 +322,24 @@ def _unwrap_from_mode_end(
         in rad, NaN where a design does not close.
     designs
         (m,) indices of designs.
-    open_input
-        Input (rad) at which none of the designs can be assembled.
-    closed_input
+    input_before
+        Input (rad) from which angles cannot be followed to `next_input`, usually because
+        the designs cannot be assembled there.
+    next_input
         Input (rad) at which all of the designs can be assembled.
-    closed_angles
-        (pairs, m) angles (rad) at `closed_input`, in (-pi, pi].
+    wrapped_angles
+        (pairs, m) angles (rad) at `next_input`, in (-pi, pi].
 
     Returns
     -------
-    (pairs, m) angles (rad) at `closed_input`, not wrapped to (-pi, pi].
+    (pairs, m) angles (rad) at `next_input`, not wrapped to (-pi, pi].
     """
-    end_inputs = np.full((len(designs), 1), closed_input)
+    end_inputs = np.full((len(designs), 1), next_input)
     # The beginning of each mode is between `outside`, where it does not exist, and
     # `inside`, where it does.
-    outside = np.full((len(designs), 1), open_input)
+    outside = np.full((len(designs), 1), input_before)
     inside = end_inputs
-    inside_angles = closed_angles
+    inside_angles = wrapped_angles
     for _ in range(MODE_END_BISECTIONS):
         middle = 0.5 * (outside + inside)
         middle_angles = angles_at(designs, middle)
@@ -346,7 +347,7 @@ def _unwrap_from_mode_end(
         inside = np.where(closes[:, None], middle, inside)
         outside = np.where(closes[:, None], outside, middle)
         inside_angles = np.where(closes, middle_angles, inside_angles)
-    # The change of each angle from the start of the mode to `closed_input`, without jumps
+    # The change of each angle from the start of the mode to `next_input`, without jumps
     # by whole revolutions.
     growth = _follow_growth(
         angles_at,
@@ -354,11 +355,11 @@ def _unwrap_from_mode_end(
         start_inputs=inside,
         end_inputs=end_inputs,
         start_angles=inside_angles,
-        end_angles=closed_angles,
+        end_angles=wrapped_angles,
     )
     # An angle of half a revolution may be just above -pi by rounding. It becomes pi.
     start_angles = _replace_minus_half_revolution(inside_angles)
-    reduced_angles = _replace_minus_half_revolution(closed_angles)
+    reduced_angles = _replace_minus_half_revolution(wrapped_angles)
     # `growth` is NaN where the angles cannot be followed.
     return np.where(np.isnan(growth), reduced_angles, start_angles + growth)
 

@@ -157,14 +157,14 @@ class DesignRuns:
         variables
             The numbers of the file that differ from design to design.
         merits
-            Figures of merit that reduce a column of a table of the run to one number.
+            The figures that need a run: each reduces a column of a table of the run.
         analyses
             The analyses of each run.
         tables
             Whether the caller also wants the tables of the runs.
         kernel_evaluator
-            Computes those figures of merit that need no run, for many designs at once. None
-            if there are no such figures.
+            Computes the other figures, which need no run, for many designs at once. None if
+            there are no such figures.
 
         Raises
         ------
@@ -183,8 +183,9 @@ class DesignRuns:
         self._require_columns()
         # Names of the figures that need no run.
         self._kernel_names = kernel_evaluator.figures.names if kernel_evaluator else []
-        # Names of all figures. If `tables` is true, the column for the number of the
-        # assembly mode (way to assemble the mechanism) is added.
+        # Names of the columns of numbers in the table of designs: all figures. If `tables`
+        # is true, the number of the assembly mode (way to assemble the mechanism) is added.
+        # By this number the rows of a mode are found in the tables of its run.
         self.names = self._list_number_columns()
 
     def _require_columns(self) -> None:
@@ -242,7 +243,8 @@ class DesignRuns:
         Parameters
         ----------
         values
-            (variables, n) values of the design variables, in the units of the file.
+            (variables, n) values of the design variables, in the units of the mechanism
+            file.
         is_needed
             Function that decides whether a design is run. Its arguments are the values
             (variables,) of the design and the rows from the kernel. By default all designs
@@ -468,7 +470,8 @@ class DesignRuns:
 
         - working modes (ways to assemble the mechanism at a fixed pose of the output) have
           no signs of dyads;
-        - the kernel may have no signs, or signs of other links (if it replaces contacts).
+        - the kernel may have no signs, or other signs, because it computes with links that
+          replace contacts.
 
         Parameters
         ----------
@@ -486,8 +489,8 @@ class DesignRuns:
         if evaluator is None or not evaluator.has_signs_of_runs:
             return None
         signs = str(assembly_modes[mode.label]["mode"])
-        # The kernel labels a mode by its signs, or by number and signs if a search found
-        # it.
+        # The kernel labels a mode by its signs, such as "+-", or also by its number, such
+        # as "0 +-".
         possible_labels = [signs, f"{mode.label} {signs}"]
         is_match = np.isin(kernel_rows.mode.astype(str), possible_labels)
         matching_rows = np.flatnonzero(is_match)

@@ -121,7 +121,8 @@ class GeometricAngle(NamedTuple):
           (joint) axis, and each ends at another pair axis.
         - "angles": the angle at the first pair axis of a link, between its first arc and
           another arc.
-        - "zeros": the angle at which the variable of a pair is zero.
+        - "zeros": the angle at which the variable of a pair is zero, from the first arc of
+          one link to that of the other link.
         - "values": the variable of a pair in a reference pose (known configuration).
         - "longitudes" and "latitudes": those of a pair axis in a reference pose.
         - `POINTED`: longitude or latitude of a direction of an output.
@@ -201,18 +202,23 @@ def design_variable(document: Document, key: str) -> DesignVariable:
             "are the same for all designs; vary numbers in the sections "
             f"{listing(DESIGNED)}"
         )
+    # If the number is an angle of a link, pair or output, it is stored as such. Functions
+    # that compute many designs at once take these angles as arguments.
+    geometric_angle = _find_geometric_angle(document, path)
     return DesignVariable(
         key=key,
         path=path,
         value=number_at(document, path),
-        geometric_angle=_find_geometric_angle(document, path),
+        geometric_angle=geometric_angle,
     )
 
 
 def _find_geometric_angle(document: Document, path: KeyPath) -> GeometricAngle | None:
-    """Return the angle of a link, pair (joint) or output that a number states, or None.
+    """Return which angle of a link, pair (joint) or output a number states, or None.
 
-    Functions for many designs treat these angles as arguments.
+    The angle of a pair is its variable in a reference pose ("value"), or the angle between
+    its links at which the variable is zero ("zero"). The axis of a pair in that pose and
+    the direction of an output are stated by longitude and latitude ("lonlat").
 
     Parameters
     ----------
@@ -234,6 +240,7 @@ def _find_geometric_angle(document: Document, path: KeyPath) -> GeometricAngle |
         case ("pairs", str(pair), "lonlat", int(k)):
             return GeometricAngle(("longitudes", "latitudes")[k], pair)
         case ("outputs", str(output), "lonlat", int(k)):
+            # The kind of both angles of a direction of an output.
             return GeometricAngle(POINTED, (output, k))
     return None
 
@@ -321,13 +328,13 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
 def default_size_keys(mechanism: Mechanism) -> Names:
     """Return the keys of the sizes that vary by default, such as ``"links.2.arc"``.
 
-    These are all arcs and angles of links, or the axes of all pairs in a reference pose.
-    Links with two axes on one line are left out, because the axes would not stay on one
-    line.
+    A mechanism file describes its links in one of two ways: by arcs between pair axes and
+    angles between arcs, or by the pair axes in a reference pose. All these numbers vary.
     """
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry):
         return _arc_and_angle_keys(geometry)
+    # Otherwise the axes in a reference pose are given.
     keys = []
     for pair in mechanism.pairs:
         if pair.kind.has_axis:
@@ -336,7 +343,11 @@ def default_size_keys(mechanism: Mechanism) -> Names:
 
 
 def _arc_and_angle_keys(geometry: SizeGeometry) -> Names:
-    """Return the keys of the arcs and angles of links without axes on one line."""
+    """Return the keys of the arcs and angles of links, as far as they vary by default.
+
+    Links with two axes on one line are left out, because the axes would not stay on one
+    line.
+    """
     keys = []
     coaxial = coaxial_links(geometry)
     for link, sizes in geometry.links.items():

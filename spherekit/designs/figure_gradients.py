@@ -159,15 +159,15 @@ class FigureGradients:
         design
             The design (choice of sizes).
         position_arguments
-            (numbers, samples + points) numbers that determine the positions of the links in
-            one assembly mode (way to assemble the mechanism). In closed form they are the
-            signs of the dyads (groups of two links with three revolute pairs). Otherwise
-            they are the pair variables (rad). The points are additional sets of inputs, at
-            which single figures of merit (numbers that rate a design) are evaluated.
+            (numbers, samples) numbers that determine the positions of the links in one
+            assembly mode (way to assemble the mechanism). In closed form they are the signs
+            of the dyads (groups of two links with three revolute pairs). Otherwise they are
+            the pair variables (rad).
 
         Returns
         -------
-        (unwrapped pairs, samples + points) offsets (rad).
+        (pairs, samples) offsets (rad) of the pairs in ``unwrapped_pairs`` of the kernel, on
+        whose full revolutions loads depend.
         """
         if not self._kernel.unwrapped_pairs:
             # No load depends on revolutions.

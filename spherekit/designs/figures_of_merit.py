@@ -109,6 +109,7 @@ class DesignSamples:
             If a range is empty, or the samples do not fit the number of inputs.
         """
         mechanism = driven_at(study.mechanism)  # unchanged, but its inputs are checked
+        # Only the study of a simulation has a start, from which the mechanism moves freely.
         if study.start is not None:
             raise DesignError(
                 f"{study.name}: designs are compared at samples of the inputs, not along "
@@ -298,8 +299,8 @@ class DesignTable(ArrayRows):
         design
             (n,) index of the design of each row.
         merits
-            The figures of merit (numbers that rate a design), as columns by name. If all
-            are NaN, only their names.
+            The figures of merit (numbers that rate a design), as columns by name. If only
+            their names are given, all figures are NaN.
         mode
             Label of the assembly mode.
         closes
@@ -416,7 +417,10 @@ def failed_design(problem: SpherekitError, names: Sequence[str]) -> DesignTable:
         status = IMPOSSIBLE
     elif isinstance(problem, SolveError):
         status = NEVER_CLOSES
-    return DesignTable.from_columns([0], names, status=status, reason=reason_of(problem))
+    # The table has one row, for the design with the index 0.
+    return DesignTable.from_columns(
+        design=[0], merits=names, status=status, reason=reason_of(problem)
+    )
 
 
 class QuantitiesOfModes(NamedTuple):
@@ -706,16 +710,16 @@ class KernelFigures:
         revolution_offsets: Floats,
         profiles: Sequence[ContactProfile],
     ) -> QuantitiesOfModes:
-        """Return the quantities of designs in n assembly modes, at some samples.
+        """Return quantities, such as angles, of n modes of designs at some samples.
 
-        A design is one choice of sizes, and an assembly mode is one way to assemble it.
-        Figures of merit (numbers that rate a design) are computed from the quantities. A
-        kernel, which is a function for many designs, computes them.
+        A design is one choice of sizes, and a mode is one way to assemble one design. A
+        kernel (function for many designs) computes the quantities. Figures of merit
+        (numbers that rate a design) are computed from them later.
 
         Parameters
         ----------
         kernel
-            Computes the `columns`.
+            Computes the quantities whose names are in `columns`.
         rows
             (r, 3 inputs + 1) samples: inputs, their rates and accelerations, and the time.
         prepared
@@ -726,14 +730,14 @@ class KernelFigures:
             (groups of two links that can be assembled in two ways), or pair variables
             (rad).
         revolution_offsets
-            (unwrapped pairs, r, n) multiples of 2 pi (rad) to be added to angles for loads
-            that depend on whole revolutions.
+            (pairs, r, n) multiples of 2 pi (rad) to be added to the angles of those pairs
+            on whose whole revolutions loads depend.
         profiles
             The profiles (curves) of all contacts if they are not circles, otherwise empty.
 
         Returns
         -------
-        The quantities, and whether the mechanism can be assembled.
+        The quantities by name, each (r, n), and whether the mechanism can be assembled.
         """
         sample_count, mode_count = len(rows), prepared.shape[1]
         # The kernel needs arrays (quantities, samples, modes). The samples do not depend on
@@ -751,8 +755,7 @@ class KernelFigures:
         dyads_close = np.all(reaches >= 0.0, axis=0)
         # Arguments of a configuration that was not found are all NaN, so the first tells.
         has_positions = all_finite(position_arguments[:1], axis=0)
-        # `sample_names` are the names of the inputs, their rates and so on. `columns` are
-        # the names of the quantities that the kernel computes.
+        # `sample_names` are the names of the inputs, their rates and so on.
         by_name = dict(zip(self.sample_names, samples, strict=True))
         by_name |= zip(self.columns, kernel_columns, strict=True)
         return QuantitiesOfModes(by_name, has_positions & dyads_close)

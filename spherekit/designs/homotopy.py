@@ -235,6 +235,8 @@ class DesignPaths:
         """Return the loop-closure equations at one point of each of some paths.
 
         Along a path, the sizes of a mechanism change linearly from one design to another.
+        `profiles` are the curves at which links touch. They are curves, not numbers, so
+        they are no sizes. They are None if there are no contacts, or only circles.
 
         Parameters
         ----------
@@ -247,9 +249,11 @@ class DesignPaths:
         -------
         The closure equations of the m designs at these points.
         """
-        start = _columns_of_paths(self.start_sizes, paths)
+        start = _columns_of_paths(self.start_sizes, paths)  # (sizes, m)
         end = _columns_of_paths(self.end_sizes, paths)
-        prepared = self.kernel.prepare(start + (end - start) * parameters)
+        sizes = start + (end - start) * parameters
+        # Numbers in the equations that depend only on the sizes.
+        prepared = self.kernel.prepare(sizes)
         if self.profiles is None:
             return ClosureProblem(self.kernel, prepared)
         path_profiles = PathProfiles(self.profiles, paths, parameters)
@@ -384,9 +388,9 @@ class PathHistory:
     def set_first_slope(self, paths: Indices, next_values: Array, parameter: float) -> None:
         """Set the slopes at the start from configurations near it.
 
-        The slopes are the change of the configuration per path parameter. They predict the
-        next point of a path, and before the first step there are no points from which they
-        follow.
+        The slopes are the change of the configuration per path parameter, between the last
+        three points. They predict the next point of a path. Before the first step there is
+        only one point, so its two slopes are set to the same value here.
 
         Parameters
         ----------
@@ -395,8 +399,9 @@ class PathHistory:
         next_values
             (variables, m) configurations (rad) at the next points of these paths.
         parameter
-            Path parameter of these points.
+            Path parameter of these points. It is 0 at the start.
         """
+        # `slopes` is (2, variables, paths).
         self.slopes[:, :, paths] = (next_values - self.current[:, paths]) / parameter
 
     def reached(self, paths: Indices) -> Floats:

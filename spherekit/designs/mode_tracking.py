@@ -79,8 +79,8 @@ class TrackedModes:
         "+" or "-" for dyads (two links and three revolute pairs), "~" for larger groups. An
         example is "0 +~".
     lost_designs
-        (lost,) indices of the designs without modes. A solution of the closure equations
-        was lost on the way from sample to sample, so a mode could be missing.
+        (lost,) indices of the designs whose modes are all left out. A solution of the
+        closure equations was lost, so one of the modes could be missing.
     """
 
     design: Indices
@@ -326,8 +326,10 @@ class _SolutionTracker:
         is lost. So if the straight path fails, others are tried, on which the inputs have
         complex values. Such a detour begins at the start inputs and ends at the end inputs.
         `DETOUR_RATIOS` says how large its imaginary part is. A path succeeds for a design
-        if all its solutions arrive and are different. If no path succeeds, the design is
-        marked in `is_lost`.
+        if all its solutions arrive and are different.
+
+        A design is marked in `is_lost` if no path succeeds. It is also marked if, on any
+        path, one of its solutions is neither clearly real nor clearly complex.
 
         Parameters
         ----------
@@ -346,10 +348,10 @@ class _SolutionTracker:
         """
         solutions = np.full(start.shape, np.nan, dtype=complex)
         # (designs,) whether the design still needs a successful path.
-        incomplete = ~self.is_lost
+        needs_path = ~self.is_lost
         for detour_ratio in DETOUR_RATIOS:
-            # The columns of all designs that still need a path.
-            columns = np.flatnonzero(np.repeat(incomplete, self.solutions_per_design))
+            # Each design has `solutions_per_design` successive columns.
+            columns = np.flatnonzero(np.repeat(needs_path, self.solutions_per_design))
             if not len(columns):
                 break
             sizes = self.sizes[:, columns]
@@ -363,13 +365,12 @@ class _SolutionTracker:
             # Imaginary parts that are rounding errors become exactly 0.
             cleaned = _remove_imaginary_rounding(self.path_kernel, ends, sizes)
             solutions[:, columns] = cleaned.values
-            # Solutions that are neither clearly real nor clearly complex make a design
-            # lost. Each design has `solutions_per_design` successive columns.
+            # A design with an undecided solution stays lost, whatever later paths give.
             undecided_columns = columns[cleaned.is_undecided]
             self.is_lost[undecided_columns // self.solutions_per_design] = True
             # If a path did not arrive, its solution is NaN, which counts as not distinct.
-            incomplete &= ~are_distinct(self._by_design(solutions))
-        self.is_lost |= incomplete
+            needs_path &= ~are_distinct(self._by_design(solutions))
+        self.is_lost |= needs_path
         solutions[:, np.repeat(self.is_lost, self.solutions_per_design)] = np.nan
         return solutions
 
@@ -448,7 +449,7 @@ def _track_along_detour(
     inputs: tuple[Array, Array],
     detour_ratio: float,
 ) -> Array:
-    """Follow solutions while the inputs change through complex values.
+    """Follow solutions while sizes and inputs change, the inputs through complex values.
 
     A solution is a configuration in which all loops of links close. On a path of real
     inputs, two solutions can meet at a singularity, and one is then lost. At complex inputs
@@ -461,9 +462,9 @@ def _track_along_detour(
     start
         (variables, n) solutions (rad) at the start of the paths.
     sizes
-        (sizes, n) sizes at the start and at the end.
+        Two arrays (sizes, n): sizes of links at the start and at the end of the n paths.
     inputs
-        (inputs, 1) inputs (rad) at the start and at the end.
+        Two arrays (inputs, 1): inputs (rad) at the start and at the end of all paths.
     detour_ratio
         Imaginary part of the inputs half-way between start and end, divided by their
         change. Along the path the imaginary part is a parabola that is zero at start and
@@ -507,10 +508,10 @@ def _remove_imaginary_rounding(
     """Remove the imaginary part of solutions that are real up to rounding.
 
     A solution is a configuration in which all loops of links close. If its imaginary part
-    is below `NEAR_REAL_RAD`, it is tested. Newton's method starts from its real part. If it
-    converges to the same solution, at most `SAME_SOLUTION_RAD` away, the solution is real.
-    A solution that fails the test is complex. If its imaginary part is below
-    `SAME_SOLUTION_RAD`, it is undecided instead.
+    is below `NEAR_REAL_RAD`, it is tested: Newton's method starts from its real part. If
+    the method converges to a point less than `SAME_SOLUTION_RAD` from there, the solution
+    is real. Otherwise it is complex, or undecided: with an imaginary part below
+    `SAME_SOLUTION_RAD` it cannot be told from a real solution.
 
     Parameters
     ----------

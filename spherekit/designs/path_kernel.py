@@ -224,8 +224,9 @@ def _newton_step_expressions(expressions: DesignExpressions) -> StepExpressions:
     linearised equations, and the squared closure error. The change of an input is 0.
     """
     coordinate_rates = expressions.coordinate_rates
-    # Solve the linearised equations: these changes close the small gaps (residuals) at
-    # which the loops of links are open, while the inputs rest.
+    # Solve the linearised equations, with the small gaps (residuals) of the loops of links
+    # on the right-hand side. The result is what is added to each variable to close the
+    # loops, while the inputs rest.
     change = coordinate_rates.solve_loops(coordinate_rates.closure_residuals)
     # A gear that the inputs drive has an angle that is a linear function of the inputs.
     # The other variables are just symbols. The change of the gear leads from its present
@@ -274,7 +275,7 @@ class PathKernel:
         """Create the functions that compute Newton steps of the loop-closure equations.
 
         Newton's method follows configurations of many designs (choices of sizes) along
-        paths.
+        paths. Some paths lead through complex configurations, so that no two meet.
 
         Parameters
         ----------
@@ -288,10 +289,12 @@ class PathKernel:
         self.expressions = expressions
         self.compiled = compiled and available()
         self.variable_count = len(variable_symbols)
+        # Indices of the variables that are inputs.
         self.driven = [*expressions.structure.inputs]
 
         # The outputs of the compiled functions, in the order in which `newton_step` reads
-        # them.
+        # them: changes of the variables, the determinant of the equations (0 at a
+        # singularity), and how far the loops are from being closed.
         step = _newton_step_expressions(expressions)
         outputs = [*step.change, step.determinant, step.squared_residual]
         # Symbols of values that change along a path: the pair variables, and the geometry
@@ -307,7 +310,7 @@ class PathKernel:
         self.prepare = expression_function(
             prepared_expressions, expressions.size_symbols, self.compiled
         )
-        # This function is for real variables. `_evaluate_complex` has the same outputs for
+        # The function for real configurations. `_evaluate_complex` is the same function for
         # complex ones.
         self._evaluate_real = expression_function(
             self._outputs, self._arguments, self.compiled

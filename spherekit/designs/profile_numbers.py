@@ -115,12 +115,12 @@ class DesignProfiles:
         return evaluate_profile_columns(self.profiles, values)
 
     def interpolate_to(self, deviations: Floats) -> ProfileColumns:
-        """Return a function for contact profiles between this design and deviating designs.
+        """Return a function for the profiles of designs that lie between two designs.
 
         A profile is the curve along which a link touches another link. In a tolerance
         analysis, each draw is one set of random deviations from this design. A
-        configuration of this design is followed to each draw along a path, by Newton's
-        method. This needs the profiles in between.
+        configuration of this design is followed to each draw along a path of designs, by
+        Newton's method. This needs the profiles of the designs on the path.
 
         Parameters
         ----------
@@ -129,8 +129,9 @@ class DesignProfiles:
 
         Returns
         -------
-        A function of pair variables, paths and path parameters. It returns the geometry of
-        the profiles at their contact points, see `ProfilesTowardsDraws.evaluate_columns`.
+        A function of pair variables, indices of paths, and positions on these paths (0 at
+        this design, 1 at the draw). It returns the geometry of the profiles at their
+        contact points, see `ProfilesTowardsDraws.evaluate_columns`.
         """
         profiles_of_draws = [
             self._deviating_profiles(self.values + deviation) for deviation in deviations.T
@@ -197,17 +198,18 @@ class DesignProfiles:
     def _start_rates(
         self, curve_derivatives: Mapping[int, CurveDerivative]
     ) -> dict[int, float]:
-        """Return how the start arc lengths of rolling profiles change with a variable.
+        """Return how the starts of rolling profiles change with a design variable.
 
-        A profile is the curve along which a link touches another link. If the file states a
-        reference pose, the contact starts where both profiles are nearest in this pose.
-        This point moves if a profile changes.
+        A profile is the curve along which a link touches another link. Its start is the arc
+        length at which rolling begins. If the file states a reference pose, the contact
+        starts where both profiles are nearest in this pose. This point moves if a profile
+        changes.
 
         Parameters
         ----------
         curve_derivatives
-            For the index of each profile that changes with the variable, the derivative of
-            the profile.
+            For the index of each profile that changes with the design variable, the
+            derivative of the profile.
 
         Returns
         -------
@@ -221,8 +223,8 @@ class DesignProfiles:
             profile = self.profiles[index]
             next_profile = self.profiles[next_index]
             derivatives = curve_derivatives.get(index), curve_derivatives.get(next_index)
-            # The two profiles of a rolling contact are neighbours in the list and share a
-            # variable.
+            # The two profiles of a rolling contact are neighbours in the list, and have the
+            # same pair variable.
             is_rolling = profile.variable == next_profile.variable
             if is_rolling and any(derivatives):
                 start_rates = _nearest_point_rates((profile, next_profile), derivatives)
@@ -431,7 +433,7 @@ class ProfilesTowardsDraws:
         Returns
         -------
         (9 * profiles, m) columns, NaN for impossible designs. The last column of each
-        profile is always NaN.
+        profile is always NaN, because closing the loops of links does not need it.
         """
         columns = nans((COLUMN_COUNT * len(self.nominal), len(draws)))
         for draw, points in _points_by_draw(draws).items():
@@ -732,21 +734,22 @@ def evaluate_profile_columns(
 def _interpolate_columns(start: Floats, end: Floats, fractions: Floats) -> Floats:
     """Interpolate the columns that describe contact profiles between two designs.
 
-    The nine columns of a profile describe it at the point of contact: the tangent (3), the
-    point (3) on the unit sphere, the geodesic curvature, and the first two derivatives of
-    the curvature with respect to arc length. All are interpolated linearly. Afterwards
-    point and tangent are corrected to orthogonal unit vectors.
+    Nine numbers describe a profile at a point of contact: the tangent (3), the point (3) on
+    the unit sphere, the geodesic curvature, and the first two derivatives of the curvature
+    with respect to arc length. All are interpolated linearly. Afterwards point and tangent
+    are corrected to orthogonal unit vectors.
 
     Parameters
     ----------
     start, end
-        (9 * profiles, n) columns of the two designs.
+        (9 * profiles, n) numbers of the first and of the second design, at the contact
+        points of n configurations.
     fractions
         (n,) 0 for `start`, 1 for `end`, and numbers in between.
 
     Returns
     -------
-    (9 * profiles, n) interpolated columns.
+    (9 * profiles, n) interpolated numbers.
     """
     columns = start + fractions * (end - start)
     for k in range(0, len(columns), COLUMN_COUNT):

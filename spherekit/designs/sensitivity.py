@@ -185,7 +185,11 @@ class Sensitivity:
     def _make_variable(self, key: str) -> DesignVariable:
         """Return the number of the mechanism file that a key names, as a design variable.
 
-        Quantities are differentiated with respect to such numbers.
+        Quantities are differentiated with respect to such numbers. These are all angles,
+        masses and loads, and the following numbers of contacts between links:
+
+        - the numbers of the profiles (contact curves), if some profile is not a circle,
+        - otherwise all numbers of contacts that a linkage with the same motion replaces.
 
         Raises
         ------
@@ -201,11 +205,6 @@ class Sensitivity:
         is_mass_or_load = variable.path[0] in ACTIONS
         if is_mass_or_load:
             return variable
-        # All angles have derivatives, and numbers of contacts in two cases. If some profile
-        # (contact curve) is not a circle, these are the numbers of profiles, since the
-        # equations contain the curves. If all profiles are circles, a linkage that moves in
-        # the same way may replace the contacts. Then the numbers of contacts are all
-        # numbers of the contact pairs.
         if has_shaped_profiles(self.mechanism):
             may_be_contact_number = "profiles" in variable.path
         else:
@@ -549,24 +548,25 @@ class Sensitivity:
         Parameters
         ----------
         samples
-            (n, 3 inputs + 1) inputs (rad), their rates and accelerations, and the time (s).
+            (n, 3 * inputs + 1) inputs (rad), their rates and accelerations, and the time
+            (s).
         values
             (n, variables) pair variables (rad) of the nominal mechanism.
         deviations
-            (sizes, draws) deviations of the sizes: in rad for angles, otherwise in the unit
-            of the mechanism file.
+            (numbers, draws) deviations of numbers of the mechanism file: in rad for angles,
+            otherwise in the unit of the file.
 
         Returns
         -------
-        (quantities, n, draws) quantities in rad and SI units. NaN where a mechanism cannot
-        be assembled.
+        (quantities, n, draws) the quantities with which this object was made, in rad and SI
+        units. NaN where a mechanism cannot be assembled.
         """
         draw_count = deviations.shape[1]
         design = self._nominal_design
         numbers_of_draws = design.values[:, None] + deviations
-        # (sizes, draws) the sizes in the closure equations, which follow from the numbers
-        # of the file. An impossible draw has NaN.
-        sizes, _ = self._varied_mechanism.kernel_sizes(numbers_of_draws)
+        # (sizes, draws) the sizes in the closure equations follow from the numbers of the
+        # file. They are NaN if a draw is impossible.
+        sizes, _reasons = self._varied_mechanism.kernel_sizes(numbers_of_draws)
         # Contact profiles of the draws, if they are not circles.
         profiles = None
         if design.profiles is not None:

@@ -61,11 +61,14 @@ class SizeDeviations:
             raise DesignError(
                 f'distribution "{self.distribution}" is not known; it is normal or uniform'
             )
-        sizes = np.atleast_1d(self.size)
-        is_valid = np.all(np.isfinite(sizes) & (sizes >= 0.0)) and np.any(sizes > 0.0)
-        if not is_valid or self.count < 0:
+        # `size` says how large the deviations are: one number, or one for each size.
+        deviations = np.atleast_1d(self.size)
+        is_valid = np.all(np.isfinite(deviations) & (deviations >= 0.0))
+        has_deviation = np.any(deviations > 0.0)
+        if not is_valid or not has_deviation or self.count < 0:
+            numbers = listing(f"{deviation:.6g}" for deviation in deviations)
             raise DesignError(
-                f"deviations: found {listing(f'{x:.6g}' for x in sizes)} (rad or SI units) "
+                f"deviations: found {numbers} (rad or SI units) "
                 f"and {counted(self.count, 'draw')}; each deviation must be a finite "
                 "positive number or 0, at least one must be above 0, and the number of "
                 "draws must be at least 0"

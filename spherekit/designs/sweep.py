@@ -162,7 +162,9 @@ class Sweep:
             If there is no figure of merit, if a number cannot be varied, if two columns
             have the same name, or if a condition cannot be parsed.
         """
-        if not self.merits and not self.tables:
+        # `tables` says whether the result tables of a run of each design are stored.
+        has_results = self.merits or self.tables
+        if not has_results:
             quantities = row_quantities(self.mechanism)
             last_pair = list(self.mechanism.pair_number)[-1]
             raise DesignError(
@@ -172,6 +174,7 @@ class Sweep:
                 f"{listing(quantities, 20)}"
             )
         check_variables(self.document, self.variables)
+        # `self.names` are the columns of the variables and of the figures.
         names = [*GENERAL_COLUMNS, *self.names]
         repeated = [name for k, name in enumerate(names) if name in names[:k]]
         if repeated:
@@ -291,11 +294,14 @@ class Sweep:
             "designs": self.space.count,
             "seed": self.space.seed,
             "merits": [asdict(merit) for merit in self.merits],
+            # Conditions that rows of the result must meet.
             "where": self.where,
+            # Labels of the requested assembly mode (way to assemble the mechanism).
             "mode_labels": self.mode_labels,
             "part": self.part_size,
             "columns": GENERAL_COLUMNS,
             "analyses": describe_analyses(self.analyses),
+            # Whether the tables of the analyses are stored, and whether in degrees.
             "tables": self.tables,
             "degrees": self.degrees,
         }
@@ -366,9 +372,9 @@ class Sweep:
         number
             Number of the part, counted from 0.
         store_table
-            Function that stores a result table from the run of one design, from
-            `open_part_tables`. Its arguments are the number of the design, the name of the
-            table, its description and its columns. By default the tables are not stored.
+            Function that stores a result table of the run of one design. Its arguments are
+            the number of the design, the name of the table, its description and its
+            columns. By default the tables are not stored.
 
         Returns
         -------
@@ -487,7 +493,7 @@ class Sweep:
         The columns by name, with angles in the unit of the file. If the sweep is for one
         assembly mode only, the rows of other modes are left out.
         """
-        # `mode_labels` has the labels of the requested mode. It is empty if all modes are.
+        # `mode_labels` is empty if all modes are requested.
         if self.mode_labels:
             design_table = self._rows_of_wanted_mode(design_table)
         # The index of the design of each row.
@@ -507,8 +513,9 @@ class Sweep:
         # and `claim` is the guarantee that no assembly mode was missed.
         columns["closes"] = design_table.closes
         columns["claim"] = design_table.claim
-        # A four-bar has a Grashof class: which of its links turn fully. Impossible designs
-        # have none.
+        # A four-bar has a Grashof class: which of its links turn fully. The class is left
+        # empty if sizes are invalid or the computation failed. A mechanism that cannot be
+        # assembled has a class.
         if grashof_classes is not None:
             has_class = np.isin(design_table.status, [OK, NEVER_CLOSES])
             columns["grashof"] = np.where(has_class, grashof_classes, "").astype(object)
@@ -523,16 +530,17 @@ class Sweep:
         assembled in this mode gets one row. Its status is `NEVER_CLOSES`, and its figures
         of merit (numbers that rate a design) are NaN.
         """
-        # `mode_labels` are all labels that the mode may have. A row with an empty label
-        # belongs to a design that failed in all modes.
+        # A mode can have several labels, such as "0" and its signs "+-". `mode_labels` has
+        # all labels of the wanted mode. A row with an empty label belongs to a design that
+        # failed in all modes.
         is_wanted = np.isin(design_table.mode, ["", *self.mode_labels])
         remaining = design_table.rows(is_wanted)
         figure_names = list(design_table.merits)
         # A row for each design of which no row is left.
         missing = DesignTable.from_columns(
-            np.setdiff1d(design_table.design, remaining.design),
-            figure_names,
-            self.mode_labels[0],
+            design=np.setdiff1d(design_table.design, remaining.design),
+            merits=figure_names,
+            mode=self.mode_labels[0],
             status=NEVER_CLOSES,
             reason="does not close in this assembly mode at any sample",
         )
@@ -684,9 +692,12 @@ class Sweep:
         """
         path = self.path_of(folder, number)
         make_folder(path.parent)
+        # Number of rows of each table of runs. `store_table` counts them.
         row_counts = Counter[str]()
         tables_folder = Path(folder) / TABLES_FOLDER
+        # Notes in each file that say to which sweep and part it belongs.
         identification = self.part_notes(number)
+        # `degrees` says whether the tables have angles in degrees.
         with open_part_tables(
             tables_folder, path.name, self.degrees, row_counts, identification
         ) as store_table:

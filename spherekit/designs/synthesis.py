@@ -150,7 +150,9 @@ class ExploredDesigns:
     Attributes
     ----------
     rows
-        The best n rows of this table, as columns by name.
+        The best n rows of this table, as columns by name. All meet the conditions. With one
+        objective they are those with the lowest values. Otherwise no other row of the same
+        mode and part of the sweep is better in all objectives.
     objectives
         (n, k) the values of the k objectives, which are minimised, in these rows.
     feasible_count
@@ -271,16 +273,17 @@ def _require_gradients(specification: Specification) -> DesignEvaluator:
     - A group of links, whose positions are found together, has more than 7 bodies.
     - The closure equations have more than 64 complex solutions (`MAX_SOLUTIONS` of
       `spherekit.designs.homotopy`), too many to follow all of them.
-    - Assembly modes (ways to assemble the mechanism) pass crossings of configuration curves
-      (crossings "pass").
+    - The study has the setting crossings = "pass": where curves of configurations cross,
+      assembly modes (ways to assemble the mechanism) follow the smooth curve.
     - A contact curve is not a circle, and a number varies that is neither a size of a link
       nor a number of such a curve.
 
     Raises
     ------
     DesignError
-        If the gradients cannot be computed. Several objectives, which give a Pareto front,
-        also need signs that identify the assembly modes in every design.
+        If the gradients cannot be computed. If there are several objectives, which give a
+        Pareto front, also if modes are not named by the signs of dyads (groups of two
+        links).
     """
     sweep = specification.sweep
     evaluator = sweep.evaluator

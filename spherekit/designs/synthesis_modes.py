@@ -34,9 +34,10 @@ class ModeOrigin:
     design
         The design with these configurations.
     configurations
-        (variables, n) pair (joint) variables in rad, first at the samples of the input.
-        Then come the inputs that figures of merit such as ``at(theta_41, 0.5)`` state. NaN
-        where the mechanism cannot be assembled in this mode.
+        (variables, n) pair (joint) variables in rad. The first columns belong to the
+        samples of the input. The last columns belong to inputs that figures of merit such
+        as ``at(theta_41, 0.5)`` state. NaN where the mechanism cannot be assembled in this
+        mode.
     """
 
     path_kernel: PathKernel
@@ -59,10 +60,12 @@ class ModeOrigin:
         # If contact profiles are not circles, they change gradually, too.
         profiles = None
         if self.design.profiles is not None:
+            # Difference of the design variables, which determine the profiles.
             deviation = design.values - self.design.values
             profiles = self.design.profiles.interpolate_to(deviation[:, None])
-        # Steps are chosen such that each Newton step is at most this fraction of the step
-        # before. Otherwise the path could jump to another assembly mode.
+        # `contraction` is the largest allowed ratio of two successive steps of Newton's
+        # method. With a larger ratio the path could jump to another assembly mode, so the
+        # sizes change by smaller steps.
         tracked_values, has_arrived = track_solutions(
             self.path_kernel,
             start=self.configurations[:, closed_indices],
@@ -148,13 +151,13 @@ class SynthesisMode:
         They must agree with the configurations of the other mode at all inputs at which
         both modes exist, and there must be such an input.
         """
-        # Modes without an origin are identified by signs. This is the same for all modes of
-        # a mechanism.
+        # The origin of a mode is a design with the configurations of the mode. Modes that
+        # are identified by signs have no origin, and their labels are the signs.
         if self.origin is None or other_mode.origin is None:
             return self.label == other_mode.label
+        # (variables, inputs) configurations. Those that do not exist are NaN.
         tracked_configurations = self.origin.track_to(other_mode.origin.design)
         other_configurations = other_mode.origin.configurations
-        # Configurations that do not exist are NaN.
         both_exist = all_finite(tracked_configurations, 0) & all_finite(
             other_configurations, 0
         )

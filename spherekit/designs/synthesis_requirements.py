@@ -377,9 +377,11 @@ def evolve_fronts(
     class FrontProblem(Problem):  # type: ignore[misc]
         """The search for the Pareto front of one assembly mode, for the library pymoo.
 
-        An assembly mode is one way to assemble the mechanism. pymoo calls `_evaluate` with
-        the points of a generation of designs. Then it reads the objectives from
-        ``out["F"]`` and the violations of conditions from ``out["G"]``.
+        An assembly mode is one way to assemble the mechanism. A point has the design
+        variables of a design, scaled to 0 to 1. pymoo calls `_evaluate` with the points of
+        a generation of designs. Then it reads the objectives from ``out["F"]``. In
+        ``out["G"]`` there is one number for each design, the sum of all violations of
+        conditions.
         """
 
         def __init__(self, population_scorer: PopulationScorer) -> None:

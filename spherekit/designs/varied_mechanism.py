@@ -390,6 +390,7 @@ class VariedMechanism:
         # Longitude and latitude (rad) by output.
         angles_by_output: dict[str, list[Any]] = {}
         for variable in self.variables:
+            # `POINTED` angles are longitudes and latitudes of directions of outputs.
             varied_angle = variable.geometric_angle
             if varied_angle is None or varied_angle.kind != POINTED:
                 continue
@@ -651,8 +652,8 @@ class VariedMechanism:
     def _read_mechanism(self, values: Floats) -> Mechanism:
         """Return the mechanism of a design from the mechanism file with its values.
 
-        If only masses and loads change with the variables, only they are read, which is
-        faster.
+        If only the numbers of masses and loads are needed from the file, only these are
+        read, which is faster. Other sizes are then arguments of the kernel themselves.
 
         Parameters
         ----------
@@ -661,7 +662,8 @@ class VariedMechanism:
         """
         if self._reads_whole_file:
             return make_design(self.document, self.variables, values)
-        # `ACTIONS` are the tables of masses and loads in the file.
+        # `ACTIONS` are the tables of masses and loads in the file. The masses and loads do
+        # not depend on the other variables.
         numbers_by_path = {
             variable.path: float(value)
             for variable, value in zip(self.variables, values, strict=True)
@@ -681,8 +683,8 @@ class VariedMechanism:
         Raises
         ------
         _OtherFormError
-            If the same expressions do not apply to this linkage and to the linkage of the
-            mechanism in the file, since other contacts slide or other wheels roll.
+            If other contacts slide or other wheels roll than in the mechanism of the file.
+            The equations for many designs hold for one choice of these contacts only.
         """
         if self.equivalent_linkage is None:
             return []

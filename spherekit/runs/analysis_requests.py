@@ -54,7 +54,8 @@ def plan_requests(
             input_pair=mechanism.pairs[driven].name,
             poles=sorted(needs.directions),
             rates=rate_poles,
-            derivatives=needs.derivatives,  # by the input, of all requested rates
+            # True or false: whether all rates are also differentiated by the input.
+            derivatives=needs.derivatives,
             planes=sorted(needs.planes),
             by_rank=by_rank,
             links=link_numbers,

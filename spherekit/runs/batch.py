@@ -349,8 +349,9 @@ class Batch:
         Returns
         -------
         The columns by name: sample, assembly mode and closure residual of the batch row,
-        names of the links and of the moving input, unit vector of the axis, coefficients
-        of velocity and acceleration, and status.
+        names of the links and of the moving input, unit vector of the axis, velocity
+        coefficient (angular velocity per unit rate of the input), acceleration coefficient
+        (its derivative with respect to the input), and status.
         """
         columns: dict[str, Interleaved] = {}
         # These columns have equal numbers for all poles of a batch row.
@@ -612,9 +613,9 @@ class Batch:
 
         A pole is the instantaneous axis of the relative rotation of two links. An analysis
         declares in its `Needs` which quantities of which poles it reads, because a run
-        computes only these. `Needs` has several sets of poles. For most quantities more
-        than one set is enough: a direction, for example, is also computed for poles in the
-        set `rates`.
+        computes only these. `Needs` has several sets of poles. Most quantities are computed
+        for the poles of two or more of these sets. For example, a direction is computed for
+        poles in `directions` and for poles in `rates`.
 
         Parameters
         ----------
