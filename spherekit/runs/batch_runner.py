@@ -163,23 +163,22 @@ class BlockRows:
         # This function computes the error bounds of rows. In closed form it starts from the
         # inputs and the assembly mode, otherwise from the predicted `values`.
         if kernel.has_closed_form:
-            self._quality_function = kernel.closed_form_quality
+            self._column_function = kernel.closed_form_quality
         else:
-            self._quality_function = kernel.row_quality
+            self._column_function = kernel.row_quality
         mode_count = len(position_analysis.assembly_modes)
         sample_count = n // mode_count
         # The results of a whole slice (group of rows) should fit into the processor cache.
-        numbers_per_row = self._quality_function.width
+        numbers_per_row = self._column_function.width
         slice_size = _choose_slice_size(numbers_per_row)
         self.slices = split_rows(mode_count, sample_count, slice_size)
 
     def fill(self, samples: Indices) -> list[SliceReversals]:
-        """Compute all rows of the block, and certify the rows with small error bounds.
+        """Compute all rows of the block, and store the results in this object.
 
-        A row is one sample in one assembly mode (way to assemble the mechanism). The
-        results (pair variables, residuals, certificates, status codes) are stored in this
-        object. Compiled functions compute most rows. All other rows are solved one after
-        another.
+        A row is one sample in one assembly mode (way to assemble the mechanism). Compiled
+        functions compute the rows. A row is certified if its error bounds are small enough.
+        All other rows are solved again, one after another.
 
         Parameters
         ----------
@@ -191,7 +190,7 @@ class BlockRows:
         For each slice (successive rows of one mode) with certified rows: the rows
         between which the direction of a pole may reverse. A pole is the axis about which
         one link rotates relative to another. A pole is a line, so its computed direction
-        may change its sign from row to row.
+        can have either sense. The caller uses the result to keep the sense from row to row.
         """
         # The result of a slice is None if some of its rows have to be solved first. Threads
         # only make compiled functions faster.
@@ -251,10 +250,11 @@ class BlockRows:
         rows = slice_rows.start + np.flatnonzero(self.is_certified[slice_rows])
         if not len(rows):
             return None
-        # The angular velocities of the links decide. This function computes them.
-        quality_function = self.kernel.row_quality
-        columns = quality_function(self.values[:, rows])
-        return find_slice_reversals(self.kernel, quality_function, columns, mode, rows)
+        # A direction may reverse where the angular velocities of links change much from row
+        # to row. The velocities are among the numbers (columns) of this function.
+        column_function = self.kernel.row_quality
+        columns = column_function(self.values[:, rows])
+        return find_slice_reversals(self.kernel, column_function, columns, mode, rows)
 
     def _fill_slice(self, row_slice: RowSlice) -> SliceReversals | None:
         """Compute the rows of a slice, and decide which of them are certified.
@@ -272,8 +272,8 @@ class BlockRows:
         Returns
         -------
         The rows between which the direction of a pole (axis of the relative rotation of two
-        links) may reverse. None if rows of the slice still have to be solved, or if none is
-        certified.
+        links) may reverse, since a pole is a line without a sense. None if rows of the
+        slice still have to be solved, or if none is certified.
         """
         mode, rows = row_slice
         columns = self._evaluate_slice(mode, rows)
@@ -282,8 +282,9 @@ class BlockRows:
         # `is_certified` is true and `status` is OK for all rows from the beginning.
         self._store_closure(rows, columns)
         row_numbers = np.arange(rows.start, rows.stop)
+        # `_column_function` is the function that has computed the columns.
         return find_slice_reversals(
-            self.kernel, self._quality_function, columns, mode, row_numbers
+            self.kernel, self._column_function, columns, mode, row_numbers
         )
 
     def _fill_row_by_row(
@@ -302,14 +303,15 @@ class BlockRows:
         rows
             The n rows of the slice, as a range of rows of the block (group of samples).
         columns
-            (width, n) the numbers that the kernel (compiled functions) has computed for
+            (numbers, n) the numbers that the kernel (compiled functions) has computed for
             these rows: closure residuals, error bounds and angular velocities. They are
             changed in place in rows that are moved to another configuration here.
 
         Returns
         -------
-        The rows between which a pole direction (axis of relative rotation) may
-        reverse. None if rows of the slice still have to be solved, or if none is certified.
+        The rows between which the direction of a pole (axis of relative rotation) may
+        reverse, since a pole is a line without a sense. None if rows of the slice still
+        have to be solved, or if none is certified.
         """
         row_numbers = np.arange(rows.start, rows.stop)
         is_out_of_reach = self._find_out_of_reach(mode, rows, columns)
@@ -327,9 +329,10 @@ class BlockRows:
         is_complete = np.all(is_certified | is_out_of_reach)
         if not is_complete or not np.any(is_certified):
             return None
+        # `_column_function` is the function that has computed the columns.
         return find_slice_reversals(
             self.kernel,
-            self._quality_function,
+            self._column_function,
             columns[:, is_certified],
             mode,
             row_numbers[is_certified],
@@ -341,7 +344,7 @@ class BlockRows:
         A slice is a group of successive rows. A closure residual tells how far the loops
         are open. The columns (width, n) of the n rows come from `_evaluate_slice`.
         """
-        residual, error = columns[self._quality_function.slices["closure"]]
+        residual, error = columns[self._column_function.slices["closure"]]
         self.closure_residual[rows] = residual
         self.configuration_error[rows] = error
 
@@ -352,7 +355,7 @@ class BlockRows:
         each row. The columns (width, n) come from `_evaluate_slice`. An uncertainty is an
         error bound, divided by the largest one that is allowed.
         """
-        parts = self._quality_function.slices
+        parts = self._column_function.slices
         # The uncertainties are not negative. If their sum is at most 1, so is each of them.
         uncertainty_sum = columns[parts["uncertainty_sum"]]
         residual = columns[parts["closure"]][0]
@@ -367,7 +370,7 @@ class BlockRows:
         The columns (width, n) come from `_evaluate_slice`. An uncertainty is an error
         bound, divided by the largest one that is allowed.
         """
-        parts = self._quality_function.slices
+        parts = self._column_function.slices
         residual = columns[parts["closure"]][0]
         has_small_bounds = np.all(columns[parts["uncertainties"]] <= 1.0, axis=0)
         return has_small_bounds & (residual <= self._rounding_rad)
@@ -398,8 +401,8 @@ class BlockRows:
         signs = self._position_analysis.assembly_modes[mode].signs_along(q)
         arguments, columns = self._allocate_numbers(len(q) + len(signs), q.shape[1])
         write_arguments(q, signs, arguments)
-        self._quality_function(arguments, columns)
-        self.values[:, rows] = columns[self._quality_function.slices["variables"]]
+        self._column_function(arguments, columns)
+        self.values[:, rows] = columns[self._column_function.slices["variables"]]
         return columns
 
     def _evaluate_predicted(self, rows: slice) -> Floats:
@@ -407,7 +410,7 @@ class BlockRows:
         values = self.values[:, rows]
         arguments, columns = self._allocate_numbers(*values.shape)
         arguments[:] = values
-        self._quality_function(arguments, columns)
+        self._column_function(arguments, columns)
         return columns
 
     def _allocate_numbers(self, argument_count: int, n: int) -> tuple[Floats, Floats]:
@@ -417,7 +420,7 @@ class BlockRows:
         enough. Both arrays share one array in memory, which suits the cache of the
         processor. The arguments are (argument_count, n), the results (width, n).
         """
-        numbers = np.empty((argument_count + self._quality_function.width, n))
+        numbers = np.empty((argument_count + self._column_function.width, n))
         return numbers[:argument_count], numbers[argument_count:]
 
     def _find_out_of_reach(self, mode: int, rows: slice, columns: Floats) -> Bools:
@@ -441,10 +444,11 @@ class BlockRows:
         """
         if not self.kernel.has_closed_form:
             return self._find_beyond_curve(mode, rows)
-        # A dyad is two links with three R pairs. (dyads, n) is the square of the triple
-        # product of its three axes, computed from the arc lengths of its links and the
-        # distance of its ends. A negative square means that the two arcs do not meet.
-        triple_squares = columns[self._quality_function.slices["squares"]]
+        # A dyad is two links with three R pairs. The square of the triple product of its
+        # axes follows from the arc lengths of its links and the distance of its ends. If
+        # the arcs do not meet, this formula gives a negative number.
+        # `_column_function` has computed `columns` and knows which of them are squares.
+        triple_squares = columns[self._column_function.slices["squares"]]  # (dyads, n)
         return find_out_of_reach(triple_squares)
 
     def _find_beyond_curve(self, mode: int, rows: slice) -> Bools:
@@ -462,7 +466,8 @@ class BlockRows:
         rows
             The n rows, as a range of rows of the block (group of samples).
         """
-        # Only rows without a predicted configuration can be beyond the end.
+        # Most configurations were already predicted from the curve. Only rows without such
+        # a prediction can be beyond the end.
         has_prediction = self._has_prediction(rows)
         is_beyond = np.zeros_like(has_prediction)
         assembly_mode = self._position_analysis.assembly_modes[mode]
@@ -472,6 +477,7 @@ class BlockRows:
         # curve.
         if not isinstance(curve, ModeCurve) or assembly_mode.pieces:
             return is_beyond
+        # `_q` is (inputs, rows). The curve says whether it reaches these inputs.
         inputs = self._q[:, rows][:, ~has_prediction].T
         status = curve.predict(inputs).status
         is_beyond[~has_prediction] = status == Status.OUT_OF_REACH
@@ -506,7 +512,7 @@ class BlockRows:
         row_numbers
             (n,) for each column the index, in the block, of its row.
         """
-        residual = columns[self._quality_function.slices["closure"]][0]
+        residual = columns[self._column_function.slices["closure"]][0]
         is_open = (residual > self._rounding_rad) & np.isfinite(residual)
         open_columns = np.flatnonzero(is_open)
         if not len(open_columns):
@@ -568,12 +574,12 @@ class BlockRows:
             residual have no configuration, and are left out.
         """
         solved_rows = rows[np.isfinite(self.closure_residual[rows])]
-        quality_function = self.kernel.row_quality
-        columns = quality_function(self.values[:, solved_rows])
-        _, configuration_error = columns[quality_function.slices["closure"]]
+        column_function = self.kernel.row_quality
+        columns = column_function(self.values[:, solved_rows])
+        _, configuration_error = columns[column_function.slices["closure"]]
         self.configuration_error[solved_rows] = configuration_error
         # Uncertainties are error bounds divided by their limits, so 1 is the limit.
-        uncertainties = columns[quality_function.slices["uncertainties"]]
+        uncertainties = columns[column_function.slices["uncertainties"]]
         self.is_certified[solved_rows] = np.all(uncertainties <= 1.0, axis=0)
 
 
@@ -591,15 +597,15 @@ class PendingPoles:
     is_certified
         (n,) rows that the kernel certifies.
     is_assembled
-        (modes, samples) rows with a configuration.
+        (modes, samples) rows with a configuration. The n rows have one sample after another
+        in the first mode, then those in the second mode, and so on.
     uncertified
         (k,) indices of the rows that have a configuration but are not certified.
     compared_rows_by_input
-        For each input that moves: a mapping from the index of an assembly mode to rows. In
-        these rows the direction of a pole is compared with its direction in the row before.
-        A pole is a line, so its computed direction may be reversed there. In all other rows
-        the direction keeps the sense of the row before. The list is empty for a grid of
-        inputs, in which successive rows are not successive positions of a motion.
+        For each input that moves: a mapping from the index of an assembly mode to rows. A
+        pole is a line, so its computed direction may reverse from one row to the next. This
+        is possible only at these rows, so only there directions are compared. The list is
+        empty for a grid of inputs, in which successive rows are not successive positions.
     error_maxima
         (inputs, 3) largest error bound in all certified rows: of directions (rad), of
         velocity coefficients and of their derivatives. NaN if no row is certified.
@@ -853,11 +859,12 @@ class BatchRunner:
             size = self._choose_next_size(size, first_size, largest_size)
 
     def _choose_next_size(self, size: int, first_size: int, largest_size: int) -> int:
-        """Return the number of samples of the next block, limited by its memory.
+        """Return the number of samples of the next block (group of samples).
 
-        Columns have the numbers of poles (axes of relative rotation) and are computed when
-        they are read. They need most of the memory. If a column of the latest block was
-        read, the next block has the size of the first one. Otherwise its size is doubled.
+        The quantities of poles (axes of relative rotation) are columns that are computed
+        only when they are read. They then need most of the memory. So if a column of the
+        latest block was read, the next block has the size of the first one. Otherwise its
+        size is doubled.
 
         Parameters
         ----------
@@ -865,7 +872,7 @@ class BatchRunner:
             Number of samples in the present block, in the first one, and in the largest.
         """
         if self._latest_columns is None:
-            # The poles of no block were requested yet.
+            # No block has columns yet, so it is unknown whether they will be read.
             return size
         if self._latest_columns.was_read:
             return first_size
@@ -884,11 +891,11 @@ class BatchRunner:
     ) -> tuple[LazyField, ...]:
         """Return the poles of a block (group of samples), for each moving input.
 
-        A pole is the axis about which one link rotates relative to another. A row is one
-        sample in one assembly mode (way to assemble the mechanism). The kernel (compiled
-        functions) certifies a row if its error bounds are small enough. Poles of certified
-        rows are computed later, when a column of their numbers is read. Poles of all other
-        rows are computed now, in another way.
+        A pole is the axis about which one link rotates relative to another, while one input
+        moves and the others are locked. A row is one sample in one assembly mode (way to
+        assemble the mechanism). The kernel (compiled functions) certifies a row if its
+        error bounds are small enough. Poles of certified rows are computed later, when a
+        column of their numbers is read. Poles of all other rows are computed now.
 
         `motion_at` has stored facts about these poles in `pending_poles`. They are removed
         here, so each motion can be used only once.
@@ -898,9 +905,9 @@ class BatchRunner:
         motion
             A block of samples that `motion_at` has returned.
         sign_continuations
-            For each input, the last pole directions of the previous block. The signs of
-            directions are chosen such that they continue from there. They are updated in
-            place.
+            For each input, the last pole directions of the previous block, in each mode.
+            The directions of this block continue with the same senses. The objects are
+            updated in place.
 
         Returns
         -------
@@ -929,6 +936,7 @@ class BatchRunner:
         )
         # The size of the next block depends on whether these columns will be read.
         self._latest_columns = columns
+        # `error_maxima` has the largest error bounds of certified rows for each input.
         return tuple(
             LazyField(columns, input_index, motion, pending_poles.is_certified, errors)
             for input_index, errors in enumerate(pending_poles.error_maxima)
@@ -961,10 +969,11 @@ class BatchRunner:
         input_index
             Index of the input that moves while the other inputs are locked.
         uncertified_poles
-            The poles in the rows that the kernel (compiled functions) does not certify.
+            The poles in rows in which the error bounds of the kernel (compiled functions)
+            are too large. They were computed in another way.
         pending_poles
-            Which rows have a configuration, and at which rows directions are compared with
-            the directions in the row before.
+            Which rows have a configuration, and at which rows a direction may reverse, so
+            that it has to be compared.
         sign_continuation
             The last directions of the previous block. It is updated in place.
 
@@ -997,7 +1006,8 @@ class BatchRunner:
         """Compute the positions of the mechanism at some samples, in all assembly modes.
 
         Facts about the poles (axes of relative rotation) are computed at the same time.
-        They are stored in `pending_poles` until `fields` is called with the motion.
+        They are stored in `pending_poles`. The method `fields` of this class takes them
+        from there.
 
         Parameters
         ----------
@@ -1011,22 +1021,25 @@ class BatchRunner:
         q = np.tile(position_analysis.input_grid.q[samples].T, mode_count)
         rows = BlockRows(self.kernel, position_analysis, q)
         self._predict_configurations(samples, rows)
-        examined_slices = rows.fill(samples)
-        rows.erase_failed()
+        # For each slice of successive rows: where directions of poles may reverse.
+        reversals_of_slices = rows.fill(samples)
+        rows.erase_failed()  # replaces the numbers of rows without a configuration by NaN
         motion = self._make_motion(samples, q, rows)
         _store_configuration_errors(motion, rows)
         self.pending_poles[id(motion)] = self._collect_pole_facts(
-            motion, rows, examined_slices
+            motion, rows, reversals_of_slices
         )
         return motion
 
     def _collect_pole_facts(
         self, motion: Motion, rows: BlockRows, examined_slices: Sequence[SliceReversals]
     ) -> PendingPoles:
-        """Return what `fields` needs to know about the poles of a block (group of samples).
+        """Return facts about the poles of a block (group of samples) for the later methods.
 
-        A pole is the axis about which one link rotates relative to another. A row of the
-        block is one sample in one assembly mode (way to assemble the mechanism).
+        A pole is the axis about which one link rotates relative to another. For each input
+        that moves while the others are locked, the poles of several pairs of links are
+        requested. A row of the block is one sample in one assembly mode (way to assemble
+        the mechanism).
 
         Parameters
         ----------
@@ -1036,8 +1049,9 @@ class BatchRunner:
             The same rows, with the information which of them are certified (have small
             error bounds).
         examined_slices
-            For each slice of successive rows, the rows between which the direction of a
-            pole may reverse, and the largest error bounds of poles.
+            For each slice (successive rows of one mode in this block), the rows between
+            which the direction of a pole may reverse, and the largest error bounds of
+            poles.
         """
         # Indices of the rows with a configuration, but with too large error bounds.
         uncertified = rows.uncertified
@@ -1049,8 +1063,7 @@ class BatchRunner:
         # A row fails if it has no configuration.
         is_assembled = ~rows.has_failed.reshape(shape)
         is_uncertified = is_uncertified.reshape(shape)
-        # Poles are requested for each input that moves while the other inputs are locked.
-        # `requests` has one item for each of these inputs.
+        # `requests` has one item for each moving input.
         input_count = len(self.requests)
         # A pole is a line, so its computed direction may reverse from one row to the next.
         # These are the rows in which it has to be compared with the row before. In a grid
@@ -1072,10 +1085,11 @@ class BatchRunner:
         )
 
     def _predict_configurations(self, samples: Indices, rows: BlockRows) -> None:
-        """Predict the configurations of a block by interpolation between neighbours.
+        """Predict the configurations of a block by interpolation between known ones.
 
-        A block is a group of samples. The method is used if configurations are not computed
-        in closed form. The predicted pair variables (joint angles) are stored in `rows`.
+        The known configurations come from the search for assembly modes. A block is a group
+        of samples. The method is used if configurations are not computed in closed form.
+        The predicted pair variables (joint angles) are stored in `rows`.
 
         Parameters
         ----------

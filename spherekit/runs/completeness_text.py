@@ -26,7 +26,7 @@ def describe_completeness(position_analysis: PositionAnalysis) -> str:
 
     Returns
     -------
-    One or two sentences for users. Empty if no motion was computed.
+    One or two sentences for users. Empty if there are no modes, as no motion was computed.
     """
     if not position_analysis.assembly_modes:
         return ""
@@ -38,8 +38,9 @@ def describe_completeness(position_analysis: PositionAnalysis) -> str:
     how = f" ({listing(methods)})" if methods else ""
     has_searched = position_analysis.probe_count > 0  # number of samples of the search
     if not has_searched:
-        # The reason is here "the mode of the reference pose".
+        # The sentence is "Only the mode of the reference pose was computed. ...".
         return f"Only {claim.reason} was computed. Others were not searched."
+    # Some claims have a sentence of their own.
     if claim.sentence:
         return claim.sentence
     if claim.guarantee in (Guarantee.CERTIFIED, Guarantee.COMPLETE):
@@ -48,12 +49,12 @@ def describe_completeness(position_analysis: PositionAnalysis) -> str:
 
 
 def can_prove_modes(position_analysis: PositionAnalysis) -> bool:
-    """Return whether a proof of the assembly modes is both needed and possible.
+    """Return whether a proof of the assembly modes should be proposed to the user.
 
-    An assembly mode is a way to assemble the mechanism. A proof of completeness is
-    worthwhile if the search could have missed a mode. The command ``spherekit certify`` can
-    then prove that none is missing. The command can do so for mechanisms with one input
-    that are constructed link by link, and in which all contact profiles are circles.
+    An assembly mode is a way to assemble the mechanism. The search could have missed a
+    mode. The command ``spherekit certify`` can then prove that none is missing, if the
+    mechanism has one input and can be constructed link by link. With many loops of links
+    the proof would take hours, and is not proposed.
 
     Parameters
     ----------
@@ -74,5 +75,5 @@ def can_prove_modes(position_analysis: PositionAnalysis) -> bool:
 
     try:
         return has_construction(extract_structure(mechanism))
-    except PlanError:
+    except PlanError:  # the proof does not cover the mechanism
         return False

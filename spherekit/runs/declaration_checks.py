@@ -146,8 +146,8 @@ def check_needs(analysis: AbstractAnalysis, mechanism: Mechanism) -> Needs:
     Raises
     ------
     PluginError
-        If the class of the analysis is faulty, or if it declares links, pairs or types that
-        do not exist.
+        If the class of the analysis is faulty, or if it declares links or pairs that do not
+        exist, or values of a wrong type.
     SpherekitError
         If the analysis itself refuses the mechanism or its parameters.
     """

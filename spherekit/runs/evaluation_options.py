@@ -31,9 +31,10 @@ class Setting:
     engine
         Name of the engine that evaluates the velocity equations at the samples.
     route
-        How the engine "numpy" computes poles (axes of relative rotation of two links). One
-        route solves the velocity equations of the whole mechanism. The other intersects
-        great circles, each of which goes through two poles that are already computed.
+        How the engine "numpy" computes poles (axes of relative rotation of two links). The
+        routes "best" and "equations" solve the velocity equations of the whole mechanism,
+        "best" with more digits where needed. The routes "first" and "conditioned" intersect
+        two great circles, each of which goes through two poles that are already computed.
     integrator
         Name of the engine that solves a simulation.
     tolerance

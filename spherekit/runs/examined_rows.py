@@ -564,12 +564,15 @@ class ExaminedRows:
         linear_angle_step = 0.5 * (rate_before + rate_after) * step
         angle_step = segment.angles[after] - segment.angles[before]
         error = abs(linear_angle_step - angle_step)
-        # The rate counts as linear if the error is a small share of this angle.
+        # The change of the rate times the step, an angle. The rate counts as linear if the
+        # error is a small share of this angle.
         variation = abs((rate_after - rate_before) * step)
         is_linear = error <= MAX_RATE_CURVATURE * variation
         if not is_linear:
-            # Let the rate only rise or only fall between the two rows. Then the angle goes
-            # beyond its values in both rows by at most a quarter of `variation`.
+            # Let the rate r only rise or only fall over the step h, with a zero at x. Then
+            # the angle goes beyond its value in the row before by at most |r_before| x, and
+            # beyond its value in the row after by at most |r_after| (h - x). One of the two
+            # bounds is at most a quarter of `variation`.
             overview.add_turning_error(0.25 * variation)
             first_place = float(segment.places[before])
             overview.add_uncertain_rest(first_place, float(segment.places[after]))

@@ -188,10 +188,11 @@ class CostExtrapolation:
     def predict(self, *keys: str) -> int:
         """Return a predicted cost of a long run, such as the size of a table.
 
-        The prediction is extrapolated from the costs of two short runs. If there are many
-        poles, these two runs have only the table of the motion, to save time. All other
-        costs are then measured in a third run of a few samples, which has all tables. They
-        are multiplied by the ratio of the numbers of samples.
+        The prediction is extrapolated from the costs of two short runs. A pole is the axis
+        of the relative rotation of two links, so a mechanism with many links has many
+        poles. Then the two runs have only the table of the motion, to save time. All other
+        costs are measured in a third run of a few samples, which has all tables. They are
+        multiplied by the ratio of the numbers of samples.
 
         Parameters
         ----------
@@ -200,7 +201,7 @@ class CostExtrapolation:
             ``"configurations"``.
         """
         is_in_motion_table = len(keys) > 1 and keys[1] == MOTION
-        third_run_cost = self.of_many_poles
+        third_run_cost = self.of_many_poles  # None if there are few poles
         if third_run_cost is None or is_in_motion_table:
             value = self._extrapolate_linearly(keys)
         else:

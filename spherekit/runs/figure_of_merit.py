@@ -142,10 +142,11 @@ class FigureOfMerit:
         Parameters
         ----------
         names
-            Units of quantities by their names. An input has the name ``q``. With several
-            inputs it is for example ``q_21``, if `place` is the pair 21.
+            Units of quantities by their names. A single input has the name ``q``. One of
+            several inputs has, for example, the name ``q_21``.
         """
         if REDUCTION_BY_NAME[self.reduction].returns_input:
+            # `place` is the pair of the input, such as "21", if there are several inputs.
             input_name = f"q_{self.place}" if self.place else "q"
             return names.get(input_name, "")
         quantity = _QUANTITY_PATTERN.fullmatch(self.expression)

@@ -168,8 +168,9 @@ class UncertifiedPoles:
         Parameters
         ----------
         sign_functions
-            For each input that moves, a function of directions (3, poles, u), row numbers
-            (u,) and indices of assembly modes (u,). It returns signs +1 or -1 (poles, u).
+            For each input that moves, a function of directions (3, poles, u) in the u
+            uncertified rows, row numbers (u,) and indices of assembly modes (u,). It
+            returns signs +1 or -1 (poles, u).
         samples
             Number of samples, which is the number of rows of each assembly mode.
         """
@@ -177,6 +178,7 @@ class UncertifiedPoles:
         # on.
         mode_indices = self.rows // samples
         for input_index, field in enumerate(self.fields):
+            # All poles that are no pair axis.
             poles = self._reversible_poles[input_index]
             directions = np.empty((3, len(poles), len(self.rows)))
             for pole_index, pole in enumerate(poles):
@@ -189,11 +191,11 @@ class UncertifiedPoles:
     def put_into_unsigned(
         self, poles: UnsignedPoles, input_index: int, rows: Indices
     ) -> None:
-        """Replace the values of the kernel (compiled code) in uncertified rows, in place.
+        """Replace the values of poles in uncertified rows by more accurate ones, in place.
 
         A kernel (compiled functions) has computed the poles (axes of the relative rotation
-        of two links) in all rows. In uncertified rows its errors may be too large, and more
-        accurate results replace the values of the kernel.
+        of two links) in all rows. In uncertified rows its errors may be too large. A pole
+        is a line, so the signs of directions are arbitrary here, and are chosen later.
 
         Parameters
         ----------
@@ -212,6 +214,7 @@ class UncertifiedPoles:
         field = self.fields[input_index]
         # The position of each replaced row among the uncertified rows, which are rising.
         field_rows = np.searchsorted(self.rows, rows[replaced])
+        # Reversible poles are those that are no pair axis. `poles` has only these.
         for pole_index, (first_link, second_link) in enumerate(
             self._reversible_poles[input_index]
         ):
@@ -379,21 +382,22 @@ class KernelColumns:
         uncertified_poles: UncertifiedPoles,
         sign_functions: Sequence[SignFunction],
     ) -> None:
-        """Store what the columns are computed from; see the class for the arguments."""
+        """Store what the columns of a block (group of samples) are computed from.
+
+        The columns have quantities of poles (axes of relative rotation) in n rows. Their
+        values in some rows come from `uncertified_poles`. In all other rows, the kernel
+        (compiled functions) computes them. The class describes all arguments.
+        """
         self.kernel = kernel
         self.requests = requests
         self.uncertified_poles = uncertified_poles
         self._sign_functions = sign_functions
-        # Whether a column was read. As long as no column is read, the rows take little
-        # memory, so the run makes the next blocks (groups of samples) longer.
+        # Whether a column was read. A column needs memory only after it was read.
         self.was_read = False
-        # For the n rows of the block: (variables, n) pair variables (rad), and (n,) whether
-        # the row has failed.
-        self._values = motion.values.T
-        self._failed = motion.failed
-        # (n,) rows in which other values replace the values of the kernel (compiled
-        # functions): NaN in failed rows, and results of slower functions where errors are
-        # too large.
+        self._values = motion.values.T  # (variables, n) pair variables (rad)
+        self._failed = motion.failed  # (n,) rows without a configuration
+        # (n,) rows in which other values replace those of the kernel: NaN in failed rows,
+        # and results of slower functions where errors are too large.
         self._is_replaced = motion.failed.copy()
         self._is_replaced[uncertified_poles.rows] = True
         # Columns are computed for one slice of rows after another, because the results of a
@@ -418,14 +422,16 @@ class KernelColumns:
         """
         self.was_read = True
         read_slice = partial(self._read_slice, keys, reader)
-        thread_map(read_slice, self._slices, self.kernel.is_compiled)
+        # Threads save time only if compiled functions run outside the interpreter.
+        thread_map(read_slice, self._slices, uses_threads=self.kernel.is_compiled)
 
     def _read_slice(
         self, keys: Sequence[ColumnKey], reader: Reader, row_slice: RowSlice
     ) -> None:
         """Compute some columns of one slice of rows, and pass them to a reader.
 
-        A column has one value of a pole or link in each row (sample in an assembly mode).
+        A column has one value of a pole (axis of relative rotation) or link in each row
+        (sample in an assembly mode). A kernel (compiled functions) computes the columns.
 
         Parameters
         ----------
@@ -438,6 +444,8 @@ class KernelColumns:
         """
         mode, rows = row_slice
         all_columns = self._evaluate_kernel(rows)
+        # A pole is a line with two possible senses. The signs make its direction continue
+        # from row to row of the mode.
         self._apply_signs(all_columns, mode, rows)
         columns = [all_columns[self._find_column(key)] for key in keys]
         # In failed or inaccurate rows, other values replace the values of the kernel.
@@ -636,18 +644,19 @@ class LazyField:
     def _add_unfilled_arrays(self) -> list[tuple[LazyColumn, Floats]]:
         """Add an empty array for each quantity of each pole or link to the field.
 
-        A pole is the axis of the relative rotation of two links. The caller then fills all
-        arrays together, which is faster than one after another.
+        A pole is the axis of the relative rotation of two links. The arrays have no values
+        yet. The caller then fills all of them together, which is faster than one after
+        another.
 
         Returns
         -------
-        For each component of a quantity: the column that computes its n numbers, and a view
-        (n,) of the array to be filled with them.
+        For each component of a quantity: a `LazyColumn`, which computes its n numbers when
+        it is read, and a view (n,) of the array to be filled with them.
         """
         n = len(self._field.status)
         columns: list[tuple[LazyColumn, Floats]] = []
-        # `indices` are the positions of the components among the columns of the kernel
-        # (compiled functions). Only their number is used here.
+        # The subject is a pole or a link. `indices` has one item for each component of the
+        # quantity.
         for quantity, indices_by_subject in self._column_indices.items():
             for subject, indices in indices_by_subject.items():
                 # Successive values of a component are adjacent in memory.
@@ -677,9 +686,10 @@ class LazyField:
     def column(self, name: str, pole: Pole, k: int) -> LazyColumn | Floats:
         """Return one component of a quantity of a pole, at all n rows.
 
-        A pole is the axis about which one link rotates relative to another. A row is one
-        sample in one assembly mode. A kernel (compiled functions) computes most quantities
-        when they are read.
+        A pole is the axis about which one link rotates relative to another, while one input
+        moves and the others are locked. A row is one sample in one assembly mode (way to
+        assemble the mechanism). A kernel (compiled functions) computes most quantities when
+        they are read.
 
         Parameters
         ----------
@@ -695,7 +705,9 @@ class LazyField:
         (n,) numbers that are computed when they are read, or an array if the kernel does
         not have the quantity.
         """
-        if pole in self._column_indices.get(name, {}):
+        # `_column_indices` has the quantities and poles that the kernel computes.
+        is_computed_by_kernel = pole in self._column_indices.get(name, {})
+        if is_computed_by_kernel:
             key = ColumnKey(self._input_index, name, pole, k)
             return LazyColumn(self._source, key, len(self._field.status))
         values: Floats = getattr(self._field, name)[pole]

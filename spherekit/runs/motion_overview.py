@@ -91,9 +91,9 @@ class MotionOverview:
     def _add_statuses(self, plan: OverviewPlan, motion: Motion, first_sample: int) -> None:
         """Add the status of each configuration to the overview of its assembly mode.
 
-        A status tells whether the mechanism closes, or why it does not. `motion` has the
-        configurations of one block of samples. `first_sample` is the index of this first
-        sample in the whole run.
+        A status tells whether the mechanism can be assembled, or why not. `motion` has the
+        configurations of one block of samples. `first_sample` is the index, in the whole
+        run, of the first sample of the block.
         """
         # The rows of a mode follow each other, one for each sample of the block.
         statuses_by_mode = motion.status.reshape(-1, motion.samples)

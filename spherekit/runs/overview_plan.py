@@ -71,8 +71,9 @@ def examined_outputs(mechanism: Mechanism) -> tuple[ExaminedOutput, ...]:
 def _examined_output(mechanism: Mechanism, output: Output) -> ExaminedOutput:
     """Return an output with the data that the overview of a run needs.
 
-    If a pair (joint) joins the link of the output to its reference link, the angle of the
-    output is the variable of this pair, up to the sign. A direction has no such variable.
+    An output is the angle of a link relative to a reference link, or a direction fixed in
+    the link. If a pair (joint) joins the two links, the angle is the variable of this pair,
+    up to the sign.
     """
     link = mechanism.link_number[output.link]
     reference = mechanism.link_number[output.relative_to]
@@ -135,12 +136,11 @@ class OverviewPlan:
 
     @cached_property
     def joining_dyads(self) -> list[Group | None]:
-        """For each output the dyad that supplies the stated transmission angle, or None.
+        """For each output the dyad of which the overview states the transmission angle.
 
-        A dyad is a group of two links with three R pairs (revolute joints).
-
-        It is the group of links that determines the motion of the output's link relative to
-        its reference link. None if this group is not a dyad.
+        A group of links determines the motion of the output's link relative to its
+        reference link. If this group is a dyad (two links with three R pairs), the overview
+        states its transmission angle. Otherwise the item is None.
         """
         assembly = self.sampling.position_analysis.assembly
         joining_groups = [

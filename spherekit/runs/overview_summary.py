@@ -152,10 +152,9 @@ def _summarize_excess(output: OutputOverview) -> Facts:
     measure instead. Only small values of the transmission matter, so its maxima are left
     out.
     """
-    # There are two estimates for the angle. Only one estimate is used, and the second is 0.
-    # If the rates are unknown, parabolas through successive samples exceed the samples. If
-    # the rates are known, turning points between samples are computed from them, with an
-    # error.
+    # Excess of parabolas through the angles of successive samples. It is 0 if the rates of
+    # the angle are known. Then turning points between samples are computed from the rates,
+    # and their error counts instead.
     parabola_excess = output.smooth_angle.excess(output.lowest_rad, output.highest_rad)
     angle_excess = max(parabola_excess, output.turning_error_rad)
     ratios = [
@@ -165,11 +164,13 @@ def _summarize_excess(output: OutputOverview) -> Facts:
         )
     ]
     transmission = 0.0
+    # With None, `excess` leaves out the maximum.
     if output.transmission_angle is not None:
-        least = output.transmission_angle[0]
-        transmission = output.smooth_transmission_angle.excess(least, None)
+        least_angle = output.transmission_angle[0]
+        transmission = output.smooth_transmission_angle.excess(least_angle, None)
     elif output.transmission is not None:
-        transmission = output.smooth_transmission.excess(output.transmission[0], None)
+        least_measure = output.transmission[0]
+        transmission = output.smooth_transmission.excess(least_measure, None)
     return {
         "angle_rad": angle_excess,
         "ratio": max(ratios, default=0.0),
@@ -180,15 +181,12 @@ def _summarize_excess(output: OutputOverview) -> Facts:
 def _summarize_jacobian(plan: OverviewPlan, output: OutputOverview) -> Facts | None:
     """Return how near an output comes to singularities of type I, None if it is unknown.
 
-    At type I the smallest singular value of the output's velocity Jacobian is zero. A place
-    identifies a sample by its time, its first input or its number. The result has the range
-    of the smallest singular value, and the place and inputs of its least value. The places
-    of type I are the places at which the determinant of the Jacobian changes sign. The last
-    item of the result counts the places that are not listed.
+    At type I the smallest singular value of the output's velocity Jacobian is zero, and its
+    determinant changes sign. A place identifies a sample by its time, its first input or
+    its number.
     """
     if output.gain is None:
         return None
-    # The range of the smallest singular value, and the place of its least value.
     least, place, largest = output.gain
     return {
         "least_singular_value": least,

@@ -41,7 +41,7 @@ def plain_meaning(meaning: str) -> str:
 
 
 def _section_lines(docstring: str) -> Iterator[tuple[str, str]]:
-    """Yield the heading of its section, and the text, for each line of a docstring.
+    """Yield each line of a docstring, together with the heading of its section.
 
     Before the first heading, "" is yielded as heading. A heading is a line that is
     underlined by as many hyphens as it has characters. Headings and their underlines are

@@ -118,7 +118,7 @@ class SliceReversals:
 
 def find_slice_reversals(
     kernel: RowKernel,
-    quality_function: ColumnFunction,
+    column_function: ColumnFunction,
     columns: Floats,
     mode: int,
     rows: Indices,
@@ -127,18 +127,18 @@ def find_slice_reversals(
 
     A pole is the axis about which one link rotates relative to another. It is a line, so
     its computed direction may reverse from row to row. A slice is a number of successive
-    rows (samples) of one assembly mode.
+    rows (samples) of one assembly mode. Its rows with large error bounds are left out here.
 
     Parameters
     ----------
     kernel
         Compiled functions for many rows. For each input that moves, `input_columns` know
         the two links of each pole.
-    quality_function
+    column_function
         The function that has computed the columns. Its attribute `slices` maps the name of
         a quantity and the index of an input to the columns of this quantity.
     columns
-        (width, n) results of this function for n rows with small error bounds.
+        (numbers, n) results of this function for n rows with small error bounds.
     mode
         Index of the assembly mode of the slice.
     rows
@@ -147,9 +147,11 @@ def find_slice_reversals(
     by_input: list[InputReversals] = []
     for input_index, input_columns in enumerate(kernel.input_columns):
         # (components, n) angular velocities of all links per unit rate of this input.
-        velocities = columns[quality_function.slices["velocities", input_index]]
-        errors = columns[quality_function.slices["errors", input_index]]
-        # A gap is the step from one row to the next, if a direction may reverse there.
+        velocities = columns[column_function.slices["velocities", input_index]]
+        # (3, n) error bounds of directions, velocity coefficients and their derivatives.
+        errors = columns[column_function.slices["errors", input_index]]
+        # If a direction may reverse from one of the n rows to the next, there is a gap
+        # between the two rows.
         positions_before_gaps = _find_reversals(input_columns, velocities)
         by_input.append(
             InputReversals(
@@ -302,14 +304,15 @@ def find_compared_rows(
 
     A block is a group of samples. A pole is the axis about which one link rotates relative
     to another. It is a line, so its direction needs a sign that is continuous from row to
-    row. A row is one sample in one assembly mode. The result has the rows before and after
-    each gap, in which a direction may reverse, and the first and the last row of each mode.
-    All other rows have the sign of the compared row before them.
+    row. A row is one sample in one assembly mode. Two rows between which a direction may
+    reverse are called a gap. The result has the rows of all gaps, and the first and the
+    last row of each mode. All other rows have the sign of the compared row before them.
 
     Parameters
     ----------
     slices
-        The rows with small error bounds, in successive slices, with the gaps between them.
+        The gaps in each slice. A slice has successive rows of one mode, of which those with
+        small error bounds were examined.
     input_index
         Index of the input that moves while the other inputs are locked.
     is_assembled
@@ -340,16 +343,17 @@ def find_compared_rows(
 def _list_gaps_by_mode(
     slices: Sequence[SliceReversals], input_index: int
 ) -> dict[int, list[ReversalGaps]]:
-    """Return where the direction of a pole may reverse in a block, for each assembly mode.
+    """Return where directions of poles may reverse in a block, for each assembly mode.
 
     A pole is the axis of the relative rotation of two links. It is a line, so its computed
-    direction may reverse between two rows (samples). Such pairs of rows are called gaps. A
-    gap is within a slice of successive rows, or between two slices.
+    direction may reverse between two rows (samples). If this is possible for any pole, the
+    two rows are called a gap. A gap is within a slice of successive rows, or between two
+    slices.
 
     Parameters
     ----------
     slices
-        The rows with small error bounds, in successive slices.
+        The slices of the block, which were examined one by one.
     input_index
         Index of the input that moves while the other inputs are locked.
 
@@ -361,10 +365,11 @@ def _list_gaps_by_mode(
     for reversals in slices:
         gaps_by_mode[reversals.mode].append(reversals.by_input[input_index].gaps)
     for before, after in pairwise(slices):
-        keeps_direction = _keeps_direction(
-            before.by_input[input_index].last_velocities,
-            after.by_input[input_index].first_velocities,
-        )
+        # A pole has the direction of the relative angular velocity of its two links. Here
+        # are the velocities of all poles in the two rows between which the slices meet.
+        last_velocities = before.by_input[input_index].last_velocities
+        first_velocities = after.by_input[input_index].first_velocities
+        keeps_direction = _keeps_direction(last_velocities, first_velocities)
         if before.mode == after.mode and not np.all(keeps_direction):
             gap_between_slices = ReversalGaps(
                 rows_before=np.array([before.last_row]),
@@ -392,17 +397,17 @@ def _gaps_beside(rows: Indices, is_uncertified: Bools) -> ReversalGaps:
 def _compare_at_gaps(rows: Indices, gap_lists: Sequence[ReversalGaps]) -> ComparedRows:
     """Return the rows at which the directions of poles have to be compared.
 
-    A pole (axis of the relative rotation of two links) is a line. Its direction may reverse
-    in a gap, which is a pair of rows. Directions are compared at both ends of each gap, and
-    at the first and the last row of the mode.
+    A pole (axis of the relative rotation of two links) is a line, so its computed direction
+    may reverse from row to row. Two rows between which this is possible are called a gap.
+    Directions are compared at both ends of each gap, and at the first and the last row of
+    the mode.
 
     Parameters
     ----------
     rows
         (n,) the successive rows (samples) of an assembly mode.
     gap_lists
-        The gaps. They can overlap: a gap between two rows with small error bounds can
-        contain the gaps beside a row with large bounds.
+        The gaps. They can overlap, because the two rows of a gap need not be neighbours.
     """
     gap_starts = np.concatenate([gaps.rows_before for gaps in gap_lists])
     gap_ends = np.concatenate([gaps.rows_after for gaps in gap_lists])

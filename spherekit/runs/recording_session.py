@@ -184,11 +184,11 @@ class RecordingSession:
     def use_final_sampling(self, final_sampling: Sampling) -> None:
         """Record the samples of a finished simulation from now on.
 
-        While a simulation is solved, its links are shown at samples up to the requested end
-        time. The simulation may end earlier, and then has fewer samples. Shown samples
-        after its end are hidden. The last sample of the finished simulation is at its end,
-        so its time may differ from the time of the shown sample with this index. This shown
-        sample is hidden, too.
+        A recording is a file that a viewer shows. While a simulation is solved, its links
+        are already recorded at samples up to the requested end time. The simulation may end
+        earlier, and then has fewer samples. Shown samples after its end are hidden. The
+        last sample of the finished simulation may have another time than the shown sample
+        with this index, so this one is hidden, too.
 
         Parameters
         ----------
@@ -196,14 +196,16 @@ class RecordingSession:
             The samples of the finished simulation.
         """
         # Hide the samples from the last one of the finished simulation to the last one that
-        # was shown. `_shown_count` counts in steps of `_every`, so it may be too large.
+        # was shown. Only every n-th sample is shown, and `_shown_count` grows in steps of
+        # n. So it may be larger than the number of samples.
         shown_sampling = self._sampling
         first_hidden = len(final_sampling) - 1
         shown_end = min(self._shown_count, len(shown_sampling))
         hidden_samples = np.arange(first_hidden, shown_end)
         if hidden_samples.size:
             motion = shown_sampling.motion_at(hidden_samples)
-            # Links without a rotation (NaN) are not drawn, so recording them hides them.
+            # Links without a rotation (NaN) are not drawn. They replace the links that were
+            # recorded at the same samples.
             motion = replace(motion, placed=np.full_like(motion.placed, np.nan))
             scenes = moving_link_scenes(motion, self._link_shapes)
             # `MOTION` says that these scenes belong to the run itself, not to an analysis.
@@ -289,14 +291,14 @@ class RecordingSession:
         motion
             The recorded samples of the block.
         """
-        # The first `count` rows are all samples in the first assembly mode.
+        # The first `count` rows are all samples in the first assembly mode. All modes have
+        # the same inputs and times.
         count = motion.samples
         scene_over_samples = replace(scene, over=self._axes(motion))
         inputs = None
-        # `_inputs` has the values of a single input. It is None with several inputs, or if
-        # the samples are times.
-        if self._inputs is not None:
-            # The single input is the timeline of the viewer.
+        # `_inputs` is None with several inputs, or if the samples are times.
+        is_over_single_input = self._inputs is not None
+        if is_over_single_input:
             inputs = motion.q[:count]
         times = None
         if self._times is not None and motion.timing is not None:
@@ -314,23 +316,22 @@ class RecordingSession:
         motion
             The configurations of the block, in all assembly modes.
         """
-        # The first `count` rows are all samples in the first assembly mode.
+        # The first `count` rows are all samples in the first assembly mode. All modes have
+        # the same inputs and times.
         count = motion.samples
-        # `timing` alone does not tell, because samples of inputs may have times, too.
-        times = self._sampling.t
+        times = self._sampling.t  # None if the samples are values of the inputs
         if times is not None and motion.timing is not None:
             return (Axis("time", "s", motion.timing.t[:count], (times[0], times[-1])),)
         names = motion.mechanism.input_pairs
-        has_one_input = len(names) == 1
-        # `extents[0]` (2, inputs) are the least and greatest inputs (rad), `extents[1]` are
-        # the least and greatest rates.
-        input_ranges = self._sampling.extents[0].T.tolist()
-        return tuple(
-            Axis(f"input {name}" if has_one_input else name, "rad", values, input_range)
-            for name, values, input_range in zip(
-                names, motion.inputs[:count].T, input_ranges, strict=True
-            )
-        )
+        # (2, inputs) the least and the greatest value of each input (rad).
+        input_extents, _rate_extents = self._sampling.extents
+        axes = []
+        for name, values, input_range in zip(
+            names, motion.inputs[:count].T, input_extents.T.tolist(), strict=True
+        ):
+            title = f"input {name}" if len(names) == 1 else name
+            axes.append(Axis(title, "rad", values, input_range))
+        return tuple(axes)
 
 
 def _spread_evenly(timeline: Floats | None, count: int) -> Floats | None:

@@ -25,13 +25,14 @@ It avoids 0 / 0 for values that are all zero. Their derivatives are then zero.
 class SampledValues:
     """Values of one quantity at k samples of the inputs, to be reduced to one number.
 
-    The number, a figure of merit, is for example their maximum.
+    The number, a figure of merit, is for example their maximum, or the input at which the
+    maximum occurs.
 
     Attributes
     ----------
     q
-        (k,) the input (rad) at each sample. With several inputs it is the first one, or the
-        one that the user names if the result is an input.
+        (k,) the input (rad) at each sample. With several inputs it is the first one, unless
+        the user names another one as the result.
     values
         (k, n) the values in n assembly modes (ways to assemble the mechanism). NaN where a
         mode cannot be assembled.
@@ -138,7 +139,10 @@ def sample_weights(
         return np.zeros(len(values))
     # No function of `weights` reads the inputs, so they are NaN.
     no_inputs = nans(len(values))
-    return weights(SampledValues(no_inputs, values[:, None], is_closed_path), figure)
+    # `SampledValues` has a column for each assembly mode (way to assemble the mechanism).
+    # Here there is one mode.
+    values_by_mode = values[:, None]
+    return weights(SampledValues(no_inputs, values_by_mode, is_closed_path), figure)
 
 
 def _least(samples: SampledValues) -> Floats:

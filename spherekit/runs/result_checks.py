@@ -202,8 +202,8 @@ def compute_findings(
 ) -> Findings:
     """Return the findings of an analysis in a block, joined with all earlier findings.
 
-    Findings are results of an analysis in addition to its tables: values for the summary,
-    warnings and remarks.
+    Findings are results of an analysis that are not in its stored tables: values for the
+    summary (figures), warnings, remarks and small tables of texts for the screen.
 
     Parameters
     ----------
@@ -240,8 +240,8 @@ def compute_findings(
                     f"{analysis.name}: findings: tables: the cell {cell!r} is a "
                     f"{type(cell).__name__}; it has to be a text; number_text makes one"
                 )
-    # The text is not used. The call only finds values that cannot be written.
-    # The figures are stored as JSON at the end of the run.
+    # The figures are stored as JSON at the end of the run. The text is not used here. The
+    # call only finds values that cannot be written.
     with convert_plugin_errors(analysis.name, "findings: making JSON of its figures"):
         json.dumps(dict(findings.figures))
     return findings

@@ -51,8 +51,8 @@ def differences(stored: Mapping[str, Any], current: Mapping[str, Any]) -> str:
     """Return the differences of two identities in words; empty if there are none.
 
     An identity has the options, versions and checksums on which the results of a run
-    depend. A stopped run is continued only without differences. Of a checksum, only its
-    meaning is printed.
+    depend. A stopped run is continued only without differences. For a checksum that
+    differs, the text says from what it was computed.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def differences(stored: Mapping[str, Any], current: Mapping[str, Any]) -> str:
                 continue
             title = key.replace("_", " ")
             changes.append(f"{title}: {_shortened(old)} there, {_shortened(new)} now")
-    return listing(changes, 4)
+    return listing(changes, limit=4)
 
 
 def _shortened(value: object) -> str:

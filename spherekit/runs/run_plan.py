@@ -339,10 +339,11 @@ class RunPlan:
             stored_table = table.with_names(self.mechanism)
             stored_rows = stored_table.named(rows, mode_names)
             table_store.add(analysis_name, stored_table, stored_rows)
+        # Rows of an analysis that reads only the mechanism belong to no samples. In all
+        # other tables, rows of samples without a configuration are not counted.
         names_without_samples = [
             analysis.name for analysis in self.analyses if not analysis.reads_samples
         ]
-        # Whether the rows belong to the samples of the block.
         has_rows_of_batch = analysis_name not in names_without_samples
         run_state.count_rows(
             analysis_name,
@@ -373,10 +374,9 @@ class RunPlan:
             "samples": "x".join(map(str, sampling.shape)),
             "assembly_modes": [[mode.number, mode.label] for mode in modes],
         }
-        # `crossings` says how an assembly mode (way to assemble the mechanism) continues
-        # where curves of configurations cross. With "end", the default, it keeps the signs
-        # of its dyads (groups of two links). With "pass" it follows its smooth curve.
-        # The default has no key, so that runs of earlier versions can be resumed.
+        # With the setting "pass", an assembly mode (way to assemble the mechanism) follows
+        # its smooth curve where curves of configurations cross. The default has no key, so
+        # that runs of earlier versions can be resumed.
         if position_analysis.crossings == "pass":
             identity["crossings"] = "pass"
         # `timing` has the times of the samples, and the rates of the inputs.
@@ -386,7 +386,8 @@ class RunPlan:
         return identity | {
             "analyses": describe_analyses(self.analyses),
             "engine": None if simulation is None else simulation.engine.name,
-            "tolerance": sampling.tolerance,
+            "tolerance": sampling.tolerance,  # of a simulation
+            # By which engine and route the quantities are computed.
             "setting": asdict(self.setting),
             "over_time": sampling.is_over_time,
             "input_values": hash_array(sampling.inputs),
@@ -602,12 +603,13 @@ def motion_table(sampling: Sampling) -> Table:
 def motion_rows(sampling: Sampling, motion: Motion, pole_fields: PoleFields) -> TableArrays:
     """Return the columns of the table of configurations for a block of samples.
 
-    `motion_table` declares the columns. The status of a row is the status of its
-    configuration. If the configuration is OK, the row has the status of its poles. A pole
-    is the axis about which one link rotates relative to another.
+    `motion_table` declares the columns. The status of a row is the first failure: of its
+    configuration, or of the velocities while each input in turn moves (`pole_fields`). The
+    residual says how far the loops of links are from being closed.
     """
     mechanism = sampling.position_analysis.mechanism
     times = {}
+    # Samples that are values of the inputs may have times, too. These are not in the table.
     if sampling.is_over_time and motion.timing:
         times = {"t": motion.timing.t}
     return {
@@ -661,20 +663,21 @@ def extract_needed_part(study: Study, analyses: Analyses) -> Mechanism:
             # The analysis is faulty. The run will not compute it, and reports the error.
             continue
         # All links on which the quantities in the needs depend.
-        links = links_of(mechanism, needs)
+        read_links = links_of(mechanism, needs)
         if needs.tracer:
-            # The analysis computes further configurations itself. It may read any of their
-            # links, unless it declares `links`.
-            reads_whole = not needs.links
+            # The analysis computes further configurations itself. It reads all links in
+            # them, unless it declares which ones.
+            declares_links = bool(needs.links)
+            reads_whole = not declares_links
         else:
-            # An analysis without quantities of links must read the mechanism itself.
-            reads_whole = not links
+            # If the analysis reads no quantity of a link, it reads the mechanism itself.
+            reads_whole = not read_links
         if reads_whole:
             raise AnalysisError(
                 f"{analysis.name}: needs the whole mechanism, so no part of it can be left "
                 "out; run it without only_needed (--only-needed)"
             )
-        needed_links |= links
+        needed_links |= read_links
     return part_for(mechanism, needed_links)
 
 

@@ -206,16 +206,19 @@ class RunState:
 
         is_assembled = motion.status == Status.OK
         self._note_error(CLOSURE_RESIDUAL, motion.residual)
+        # The error of a configuration has a meaning only if its loops are closed.
         self._note_error(CONFIGURATION_ERROR, motion.configuration_error[is_assembled])
         self._count_poles(pole_fields)
 
         if self.mobility_by_rank is None and np.any(is_assembled):
             closure = position_analysis.solver.closure
-            # `argmax` finds the first true value. The vectors are the axes of the pairs in
-            # this configuration, from which the rank of the closure equations follows.
+            # `argmax` finds the first true value.
             first_configuration = motion.values[[np.argmax(is_assembled)]]
+            # (1, variables, 3) relative angular velocity of two links per unit rate of each
+            # pair variable. The rank of the velocity equations follows from these vectors.
             vectors = closure.linearise(first_configuration).vectors
-            self.mobility_by_rank = int(rank_mobility(closure.tree, vectors)[0])
+            (mobility,) = rank_mobility(closure.tree, vectors)
+            self.mobility_by_rank = int(mobility)
             count, pairs = redundancy(closure.tree, vectors[0])
             pair_names = motion.mechanism.names_of(pairs)
             self.redundant_constraints = {"count": count, "pairs": pair_names}
@@ -247,18 +250,24 @@ class RunState:
                 is_rigid = has_several_inputs and np.all(valid_codes == Status.NO_POLE)
                 if not is_rigid:
                     self._count_statuses((POLES,), valid_codes, pole_count)
+            # A `LazyField` computes numbers only when they are read. Its largest errors are
+            # known before.
             if isinstance(pole_field, LazyField):
                 errors = pole_field.error_maxima
             else:
                 errors = largest_errors(pole_field)
             for attribute, key in POLE_ERROR_KEYS.items():
                 self._note_error(key, np.array([errors[attribute]]))
-            # Keys of counts are tuples, here of one text. Only certified rows, with small
-            # error bounds, count as computed by the kernel.
+            # Only certified rows, with small error bounds, count as computed by the kernel.
             is_quad_precision = pole_field.is_quad_precision
-            self.counts[EVALUATED,] += len(is_quad_precision)
-            self.counts[BY_EQUATIONS,] += int(np.count_nonzero(is_quad_precision))
-            self.counts[BY_KERNEL,] += int(np.count_nonzero(pole_field.is_certified))
+            row_counts = {
+                EVALUATED: len(is_quad_precision),
+                BY_EQUATIONS: int(np.count_nonzero(is_quad_precision)),
+                BY_KERNEL: int(np.count_nonzero(pole_field.is_certified)),
+            }
+            for name, count in row_counts.items():
+                count_key = (name,)  # keys of `counts` are tuples
+                self.counts[count_key] += count
 
     def _count_statuses(
         self,
@@ -311,7 +320,8 @@ class RunState:
 
         - The mechanism has no configuration at the sample of the row. The row then has the
           same status as the configuration.
-        - The row has the status of a pole, and `count_block` counts it.
+        - A pole (axis of the relative rotation of two links) does not exist or is
+          ill-conditioned. `count_block` counts such poles.
 
         Parameters
         ----------
@@ -320,7 +330,8 @@ class RunState:
         table, data
             The declared table, and its columns for the block.
         batch
-            The samples that the analysis has read. None if failed rows are not counted.
+            The samples that the analysis has read, with its declared needs. None if failed
+            rows are not counted.
         has_rows_of_batch
             Whether the rows belong to the samples of the batch. Only then is it known
             whether the mechanism has a configuration at the sample of a row.
@@ -471,12 +482,13 @@ def _select_pole_failures(codes: Array, batch: Batch) -> Array:
     Parameters
     ----------
     codes
-        (n,) status codes of one of several poles in a table. They usually have one row for
-        each configuration of the batch, in the same order.
+        (n,) status codes of one of several poles in a table.
     batch
-        The configurations.
+        The configurations. Usually each code belongs to one configuration, in the same
+        order.
     """
-    # With another number of rows, their configurations are unknown.
+    # With another number of codes, it is unknown to which configuration a code belongs. So
+    # no code is left out.
     if len(codes) != len(batch):
         return codes
     return codes[codes != batch.status]

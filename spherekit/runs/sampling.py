@@ -267,7 +267,8 @@ class Sampling:
         spread_samples = np.arange(0, len(self), max(1, len(self) // 24))
         motion = self.motion_at(spread_samples)
         is_first_mode = motion.assembly_mode == motion.assembly_mode[0]
-        # (rows, pairs, 3): the third column of the frame of a pair is its axis.
+        # (rows, pairs, 3) the third column of the frame of each pair (joint). It is the
+        # axis of the pair, or points to the contact point of two links.
         axes = motion.frames[~motion.failed & is_first_mode, :, :, 2]
         axis_sum = np.sum(axes, axis=(0, 1))
         length = np.linalg.norm(axis_sum)
@@ -390,7 +391,8 @@ def make_sampling(
 ) -> Sampling:
     """Return the samples of a study, with its assembly modes or its solved simulation.
 
-    The samples are values of the inputs, times of time laws, or times of a simulation.
+    The samples are values of the inputs, or times. With time laws the inputs are given as
+    functions of time. In a simulation they follow from loads.
 
     Parameters
     ----------
@@ -399,9 +401,9 @@ def make_sampling(
     engine
         The solver of a simulation; see `simulate`.
     follow
-        False if no analysis of the run needs the motion. Assembly modes (ways to assemble
-        the mechanism) are then not searched, and there are no configurations. Samples that
-        are times need the modes in any case.
+        False if no analysis of the run needs the motion. If the samples are values of the
+        inputs, no assembly modes (ways to assemble the mechanism) are then searched and no
+        configurations computed. If the samples are times, `follow` is not used.
     on_progress
         Function that is called while a simulation is solved. Its argument has all samples
         and the part of the simulation that is solved.
@@ -461,11 +463,14 @@ def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling
     # a path.
     input_grid = position_analysis.input_grid
     is_straight_path = study.path is None and input_grid.is_path
+    # The times and rates at which the inputs pass the samples with constant speed. None if
+    # they cannot, because the samples are a grid or a path with corners.
+    timing = _time_input_values(input_grid.q, is_straight_path)
     return Sampling(
         position_analysis=position_analysis,
         inputs=input_grid.q,
         shape=input_grid.shape,
-        timing=_time_input_values(input_grid.q, is_straight_path),
+        timing=timing,
         is_over_time=False,
         laws={},
     )

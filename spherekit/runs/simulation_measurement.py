@@ -234,6 +234,7 @@ def _make_batches(
         while the other inputs are locked. Empty if poles are not compared.
     """
     motions = run_plan.source.blocks(run_plan.block_size)
+    # Continued angles are pair variables (joint angles) without jumps of whole revolutions.
     for motion, pole_fields, continued_angles in run_plan.evaluate_blocks(motions):
         if reference_fields:
             # Both directions along a pole are right. A reversed direction must not count as

@@ -154,8 +154,9 @@ def takes_study_options(options_class: type) -> Callable[[Function], Function]:
     """Return a decorator that shows the options of a function in its signature.
 
     The function itself takes them as ``**options``. With the decorator, help texts and
-    editors show the name, type and default of each option: the fields of a study, and the
-    fields of `options_class`.
+    editors show the name, type and default of each option. The options are the fields of a
+    study (a mechanism with its motion), and the fields of `options_class`. `_list_options`
+    returns all of them.
     """
 
     def show_options(function: Function) -> Function:

@@ -143,8 +143,10 @@ def _unapplied_joint_limits(
     """
     if sampling.simulation is not None:
         return {}
+    # (2, inputs) the least and the greatest value of each input (rad).
+    input_extents, _rate_extents = sampling.extents
     input_ranges = dict(
-        zip(sampling.position_analysis.inputs, sampling.extents[0].T.tolist(), strict=True)
+        zip(sampling.position_analysis.inputs, input_extents.T.tolist(), strict=True)
     )
     limits = {}
     for limit in mechanism.joint_limits:

@@ -181,14 +181,14 @@ def take_samples(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
     position_analysis = sampling.position_analysis
     modes = position_analysis.assembly_modes
     q = sampling.inputs[rows]
-    timing = None
+    timing = None  # times of the samples, and rates of the inputs
     if sampling.timing is not None:
         timing = sampling.timing.rows(rows)
     # A run in a single assembly mode stays restricted to this mode.
     only_mode = modes[0].number if len(modes) == 1 else None
     # `input_pair` can replace the inputs of the mechanism by another one; with None they
-    # stay. `path` lists the input values, one sample after another. `crossings` is the rule
-    # by which a mode continues where curves of configurations cross.
+    # stay. `path` lists the input values, one sample after another. `crossings` says which
+    # curve a mode follows at a point where two curves of configurations cross.
     smaller_analysis = PositionAnalysis(
         position_analysis.mechanism,
         input_pair=None,
@@ -406,11 +406,13 @@ def _trade_samples(run_plan: RunPlan, study: Study, trade_options: TradeOptions)
             count.
         """
         if is_compared:
+            # The two directions along a pole (axis of relative rotation) are equally right.
+            # Computed directions get those of the reference, so that they can be compared.
             return compute_timed_tables(sampling, analysis, setting, reference.pole_fields)
         # Long runs with the default setting, `ORDINARY`, use a kernel (compiled functions
         # for many rows). The usual samples are too few for a kernel, so this setting is
-        # timed at the samples `kernel_sampling`. They are None if the user's run is too
-        # short for one.
+        # timed at more samples, `kernel_sampling`. If the user's run is too short for a
+        # kernel, `kernel_sampling` is None.
         timed_sampling = kernel_sampling if setting == ORDINARY else None
         if timed_sampling is None:
             return compute_timed_tables(sampling, analysis, setting)
@@ -466,6 +468,7 @@ def _make_trade(run_plan: RunPlan, study: Study, measurement: SettingMeasurement
     for table in run_plan.tables_of(analysis):
         for column in table.columns:
             name = f"{table.name}.{column.name}"
+            # Columns that are not compared, such as texts, have no scale.
             if name in scales:
                 columns.append((name, describe_scale(column), scales[name]))
     return Trade(
@@ -476,7 +479,7 @@ def _make_trade(run_plan: RunPlan, study: Study, measurement: SettingMeasurement
         rows=len(sampling) * len(sampling.position_analysis.assembly_modes),
         reference=measurement.reference,
         floor=measurement.floor,  # error of the reference values
-        # Order of the derivatives of rates that the analysis reads, 0 or 1.
+        # 1 if the analysis also reads derivatives of velocities by the input, otherwise 0.
         derivatives=int(run_plan.needs[0].derivatives),
         columns=tuple(columns),
         settings=tuple(measurement.settings),
@@ -562,10 +565,9 @@ def _run_with_value(
 ) -> TimedTables:
     """Run an analysis with one value of a parameter, and measure the time.
 
-    The parameter trades speed for accuracy. An analysis with such a parameter spends nearly
-    all its time on a search. The samples of the run need hardly any time, so only a few
-    samples are computed here. The parameter can also be the number of samples of the run
-    itself. Then its value is taken.
+    The parameter trades speed for accuracy. It may be the number of samples of the run. An
+    analysis with another parameter spends nearly all its time on a search, and hardly any
+    on samples. So only a few samples are then computed here.
 
     Parameters
     ----------
@@ -575,7 +577,6 @@ def _run_with_value(
         The analysis.
     parameter_trade
         The parameter, and the table of the analysis that is compared between its values.
-        `parameter_trade.beside` has values of other parameters, which are constant.
     value
         The value of the parameter.
     is_compared
@@ -583,6 +584,7 @@ def _run_with_value(
         functions, but is not used here.
     """
     start = time.process_time()
+    # The values of other parameters, which are the same in all runs.
     parameters = dict(parameter_trade.beside)
     if parameter_trade.parameter == "samples":
         sample_count = value
@@ -597,8 +599,8 @@ def _run_with_value(
         raise AnalysisError(result.failures[analysis.name])
     data = arrays(result.results[analysis.name].data[parameter_trade.table])
     seconds = time.process_time() - start
-    # The caller extrapolates the time to more samples. `first_seconds` is the part of the
-    # time that does not grow with their number. This is the time of the search, so all.
+    # `first_seconds` is the part of the time that the caller must not scale to more
+    # samples. Here this is all of the time.
     return TimedTables(
         {parameter_trade.table: data}, first_seconds=seconds, seconds=seconds
     )

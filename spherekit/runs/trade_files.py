@@ -35,7 +35,9 @@ def describe_run(study: Study, analysis: AbstractAnalysis) -> Facts:
     analysis
         The analysis for which the settings are measured.
     """
-    mechanism = driven_at(study.mechanism)  # the mechanism, after a check of its inputs
+    # Without names of inputs, this only checks the inputs of the mechanism.
+    mechanism = driven_at(study.mechanism)
+    # The values of the inputs at all samples, if the study lists them.
     path = study.path
     # The description of an analysis is its name, version and parameters.
     ((_, version, analysis_parameters),) = describe_analyses([analysis])
@@ -59,8 +61,10 @@ def describe_run(study: Study, analysis: AbstractAnalysis) -> Facts:
         # Which curve a mode follows where configuration curves cross: "pass" continues
         # smoothly. The default "end" has no key, as trades of earlier versions lack it.
         **({"crossings": "pass"} if study.crossings == "pass" else {}),
+        # Inputs that are given as functions of time.
         "laws": {pair: repr(law) for pair, law in study.laws.items()},
         "duration": study.duration,
+        # Inputs and their rates at the start of a simulation, and its driving torque.
         "start": None if study.start is None else [study.start.q, study.start.dq],
         "torque": study.torque,
     }

@@ -125,14 +125,15 @@ def compute_reference_tables(
         as exact.
     """
     (analysis,) = run_plan.analyses
-    # A pole is the axis about which one link rotates relative to another. A request lists
-    # the poles that are read while one input moves and the other inputs are locked.
+    # A pole is the axis about which one link rotates relative to another. There is a
+    # request for each input. It lists the poles that are read while this input moves and
+    # the other inputs are locked.
     requests = [request for request in run_plan.requests if request.poles]
     pole_fields = [evaluate(motion, request) for request in requests]
     # A pole field has the computed poles of all rows for one request.
     reference = compute_reference(motion, requests, pole_fields, inputs=inputs)
-    # `compute_reference` returns a motion in which each row counts as a sample. Here the
-    # rows belong to all assembly modes, so the number of samples of a mode is restored.
+    # The attribute `samples` is the number of rows of each assembly mode (way to assemble
+    # the mechanism). `compute_reference` has lost it, so it is taken from the run.
     reference_motion = replace(reference.motion, samples=motion.samples)
     # Rows of the run for which no solution in many digits was found. `exact` has an entry
     # for each moving input. The first one suffices, as all have the same configurations.
@@ -166,7 +167,8 @@ def align_directions(
     """Return pole fields with directions to the same side as the reference directions.
 
     A pole is the axis about which one link rotates relative to another. A pole field has
-    the poles in several rows (configurations), for one input.
+    the poles in several rows (configurations), for one input. The arrays of `pole_fields`
+    are changed in place.
 
     `rows` are the rows of the reference that belong to the rows of the fields. The two
     senses of a pole axis are equally right, so they must not count as a deviation.
@@ -175,5 +177,6 @@ def align_directions(
     for field, reference_field in zip(computed_fields, reference, strict=True):
         for pole, direction in field.direction.items():
             cosine = np.vecdot(direction, reference_field.direction[pole][rows])
-            apply_signs(field, pole, np.where(cosine < 0.0, -1.0, 1.0))
+            signs = np.where(cosine < 0.0, -1.0, 1.0)
+            apply_signs(field, pole, signs)
     return computed_fields

@@ -38,7 +38,7 @@ class Measured:
     """The times and errors of one setting of a run, or of one value of a parameter.
 
     A setting is a way to compute a run, such as an engine. Settings may be measured with
-    fewer samples than the run has. The times are converted to all samples of the run.
+    fewer samples than the run has. The times are then scaled up to all samples of the run.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Measured:
     seconds, seconds_median
         Best and median processor time (s) of the run, without compiling.
     first_seconds
-        The part of the best and of the median time (s) before the first sample. It does not
+        The part of both times (s) that is spent before the first sample. This part does not
         depend on the number of samples.
     compile_seconds
         Time (s) for compiling, which is spent once.

@@ -28,8 +28,8 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
     """Return a trade as text for users.
 
     A trade consists of the settings of a run (ways to compute it) with their measured times
-    and errors. The text has a table of the settings, and then the scale of each column, by
-    which its errors are divided. The last lines list the settings that do not apply.
+    and errors. The text has a table of the settings, and lines that explain its marks, its
+    times and its errors. The last lines list the settings that do not apply.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def advise(trade: Trade, tolerance: float) -> str:
             "compiling"
         )
     # The front has the settings that no other setting beats in both time and error, the
-    # fastest first. Settings that lack values of the reference are left out.
+    # fastest first. Settings that did not compute all numbers are left out.
     front = trade.pareto
     if not front:
         return f"For {tolerance:g}: no setting computes all numbers"

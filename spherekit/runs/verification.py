@@ -104,13 +104,15 @@ class _BlockRows(ArrayRows):
         -------
         The rows, sorted by assembly mode and sample.
         """
-        # Indices of the rows in the whole run. The order of the evenly spread rows depends
-        # only on these numbers, so later blocks do not change it.
+        # The number of each row in the whole run. The order of the evenly spread rows
+        # depends only on these numbers, so later blocks do not change it.
         row_numbers = self.motion.assembly_mode * sample_count + self.motion.sample
+        # Indices of rows in this object, the most important rows first.
         candidates = [*self._find_worst_rows(), *order_evenly(row_numbers)]
         # A dictionary removes repeated rows and keeps the order.
-        selected = list(dict.fromkeys(candidates))[:count]
-        return self.rows(np.array(selected)[np.argsort(row_numbers[selected])])
+        selected = np.array(list(dict.fromkeys(candidates))[:count], dtype=np.intp)
+        order = np.argsort(row_numbers[selected])
+        return self.rows(selected[order])
 
     def replace_rows(
         self, rows: Indices, source: "_BlockRows", source_rows: Indices
@@ -139,8 +141,8 @@ class _BlockRows(ArrayRows):
         row_numbers = np.arange(n)
         row_numbers[rows] = n + source_rows
         result = joined.rows(row_numbers)
-        # `rows` returns a motion in which each row counts as a sample. Here the rows belong
-        # to all modes, so the number of samples of a mode is restored.
+        # The attribute `samples` is the number of rows of each mode. The method `rows` has
+        # lost it, so it is taken from this object.
         return replace(result, motion=replace(result.motion, samples=self.motion.samples))
 
     def _find_worst_rows(self) -> list[np.intp]:
@@ -162,10 +164,10 @@ class _BlockRows(ArrayRows):
 def order_evenly(numbers: Integers) -> Indices:
     """Return an order of numbers in which the first numbers are spread evenly over all.
 
-    Rows of a run are selected for checks in this order. For a number k, take k + 1 times
-    the golden ratio less 1 (`GOLDEN`), and its fractional part. For successive k, these
-    parts are spread evenly from 0 to 1. The numbers are sorted by them. So the order of two
-    numbers does not depend on further numbers, and stays the same if numbers are added.
+    Rows of a run are selected for checks in this order. A number k is sorted by the
+    fractional part of (k + 1) g, where g is 0.618... (`GOLDEN`, the golden ratio less 1).
+    For successive k, these parts are spread evenly from 0 to 1. The order of two numbers
+    does not depend on further numbers, and stays the same if numbers are added.
 
     Parameters
     ----------
@@ -176,8 +178,8 @@ def order_evenly(numbers: Integers) -> Indices:
     -------
     (n,) indices of the numbers.
     """
-    # Without the 1, the fractional part of the number 0 would be 0. So 0 would always be
-    # the first one.
+    # With k instead of k + 1, the fractional part of the number 0 would be 0, and 0 would
+    # always be the first number.
     fractional_parts = (numbers + 1) * GOLDEN % 1.0
     return np.argsort(fractional_parts)
 
@@ -222,9 +224,9 @@ def compute_reference(
         The configurations of the run: n rows.
     requests
         The poles that the run has evaluated: one request for each moving input. Without
-        requests, the rates of the first input are computed.
+        requests, the first input moves.
     pole_fields
-        The values of these poles in the run, one field for each request.
+        The poles as the run has computed them, one field for each request.
     arithmetic
         The number of digits; see `exact_rows_by_input`, which also lists the errors that
         can be raised.
@@ -460,6 +462,7 @@ class Verifier:
         -------
         For each declared table its columns by the run, and by the reference.
         """
+        # `_whole` has all rows of the run. None if no analysis needs them.
         if analysis.at_once and self._whole is not None:
             reference_rows = self._put_into_whole(self._whole, reference_rows)
             selected = self._whole
