@@ -98,8 +98,8 @@ class ClosingLinkPlacement:
     """The constants by which a link is oriented when two of its axes are known in space.
 
     The link has two pairs (joints). Each joins it to another link, a parent, which is
-    placed already. U and W are the axes of these pairs in the parents, in common axes. The
-    arc between both axes is a size of the link, so U and W must satisfy an equation.
+    placed already. U and W are the directions of the two pairs, as the parents are placed.
+    The arc between U and W is a size of the link, so U and W must satisfy an equation.
 
     Attributes
     ----------
@@ -181,11 +181,13 @@ class ArcEquations:
         self.construction = construction
         self.unknown_count = construction.unknown_count
         self.variable_count = len(construction.pairs)
+        # (equations, variables) degrees of the equations in cos and sin of the angles.
         self.degrees = construction.degrees
         self.pair_frames = decimal_mechanism.pair_frames()
-        # Constant parts of the angles that the input drives through toothed wheels.
+        # Toothed wheels turn by a multiple of the input's angle, plus these constants.
         self.follower_offsets = _follower_offsets(decimal_mechanism, construction)
-        # By link: the rotation about its pair, or the constants of a closing link.
+        # By link: the rotation about its pair, and the constants of each closing link. The
+        # two links that a closing link connects are its parents.
         self._rotation_terms = {
             step.link: self._pair_rotation_terms(step)
             for step in construction.steps
@@ -325,11 +327,12 @@ class ArcEquations:
         -------
         For each link the jet of its rotation matrix (3, 3) from link axes to the axes of
         the root. A jet has the matrix under the key (), and its derivatives with respect to
-        the variables j and l under (j,) and (j, l).
+        the variables j and l under (j,) and (j, l). A missing key means zero.
         """
         # At first each orientation is relative to a link placed earlier, its reference. The
         # product with the orientation of the reference leads to the root.
         _, orientations = self._evaluate_jets(variables, order)
+        # The root does not rotate. Its derivatives have no keys; they count as zero.
         orientations[self.construction.root] = {(): exact_balls(np.eye(3))}
         for step in self.construction.steps:
             reference = self.construction.placements[step.link].reference
@@ -434,17 +437,18 @@ class ArcEquations:
 
             abs(derivative of f with respect to the variables j1 to jk) <= C d_j1 ... d_jk
 
-        Reason: f = U . W - cos(arc), with two axes U and W and the constant arc of a link.
-        Each axis is a unit vector, multiplied by the orientation matrices of the links
-        along a path. `_orientation_norms` has a bound of the norm of each matrix. C is the
-        product of these bounds, so abs(U . W) <= C. Each derivative with respect to
-        variable j multiplies the bound of a trigonometric polynomial by d_j at most
-        (Bernstein).
+        Reason: each equation says that a link fits between two axes U and W of links placed
+        before, f = U . W - cos(arc of the link). Each axis is a unit vector, multiplied by
+        the orientation matrices of the links along a path. C is the product of the norms of
+        these matrices, so abs(U . W) <= C. By Bernstein's inequality, a derivative with
+        respect to variable j has at most the bound of its function, times d_j.
         """
         norms = self._orientation_norms
         bounds = []
+        # Each step places the link of one equation.
         for step in self.construction.equation_steps:
-            # `first` and `second` have the links on the paths of U and W.
+            # `first` and `second` have the links on the paths of U and W. While loops are
+            # open, the matrices of some links are no rotations, with norms above 1.
             paths = self.construction.parent_paths(step)
             norm_of_U = _multiply_norms(norms, paths.first)
             norm_of_W = _multiply_norms(norms, paths.second)
@@ -463,15 +467,16 @@ class ArcEquations:
         # The orientation of a link placed by one pair is a rotation about the axis of the
         # pair, so its norm is 1. `_rotation_terms` has these links as keys.
         norms = dict.fromkeys(self._rotation_terms, 1.0)
-        # A closing link is put on two axes U and W of earlier links. While the loop is
-        # open, these are not as far apart as the axes of the link. So the matrix is no
-        # rotation, and its norm can exceed 1. Each axis is a unit vector, multiplied by the
-        # orientations of the links on a path. The norms of these links are known.
+        # A closing link is put on two axes U and W of earlier links. Its matrix is
+        # U a^T + W b^T + (U x W) n^T, with constant vectors a, b and n. This is a rotation
+        # only if the loop is closed; otherwise the norm can exceed 1. U and W are unit
+        # vectors, multiplied by the orientations of the links on a path.
         for step in self.construction.equation_steps:
-            # `first` and `second` have the links on the paths of U and W.
+            # `first` and `second` have the links on the paths of U and W. The norms of
+            # these links are known, since they were placed before.
             paths = self.construction.parent_paths(step)
-            # A bound of the sine of the arc between the two axes of the link. With a small
-            # sine, a small error of U or W changes the matrix much.
+            # A lower bound of the sine of the arc between the two axes of the link. The
+            # lengths of a, b and n are at most 1 / sine.
             arc_sine = self._closing_link_placements[step.link].arc_sine
             norms[step.link] = _bound_closing_link_norm(
                 first_norm=_multiply_norms(norms, paths.first),

@@ -319,8 +319,8 @@ def _enclose_pieces(
     Parameters
     ----------
     evaluate
-        Function that returns values (n, ...) at parameters (n,) by the pieces of given
-        numbers (n,).
+        Function that takes parameters (n,) and indices of pieces (n,). It returns values
+        (n, ...), each by the formula of the piece, also outside this piece.
     parameters
         (n,) balls, or power series of balls. In a series the constant term decides the
         piece.
@@ -332,8 +332,8 @@ def _enclose_pieces(
     pieces = find_pieces(low)
     last_pieces = find_pieces(high)
     values = evaluate(parameters, pieces)
-    # Most balls are in one piece. For the remaining balls, the next pieces are added one by
-    # one.
+    # Most balls meet one piece only. For the other balls, the values of the next pieces are
+    # added one by one.
     while np.any(pieces < last_pieces):
         pieces = np.minimum(pieces + 1, last_pieces)
         values = enclose_both(values, evaluate(parameters, pieces))
@@ -389,16 +389,18 @@ def _make_fourier_path(axes: Array, cosines: Array, sines: Array) -> Path:
         Azimuths and results are balls (numbers with error bounds), or power series of
         balls.
         """
-        colatitude, slope = _evaluate_colatitude(azimuth, cosines, sines)
-        # The point is cos(r) z + sin(r) outward, with the angle r from the centre. The unit
-        # vector `outward` is perpendicular to z, at the azimuth from x; `along` is its
-        # derivative.
+        # `colatitude` is the angle r between the point and the centre z of the curve;
+        # `colatitude_rate` is its derivative with respect to azimuth.
+        colatitude, colatitude_rate = _evaluate_colatitude(azimuth, cosines, sines)
+        # The point is cos(r) z + sin(r) outward. The unit vectors x and y are perpendicular
+        # to z, at azimuths 0 and 90 degrees. `outward` is the unit vector between them at
+        # the azimuth of the point, and `along` is its derivative.
         azimuth_sine, azimuth_cosine = (part[:, None] for part in sine_cosine(azimuth))
         outward = azimuth_cosine * x + azimuth_sine * y
         along = azimuth_cosine * y - azimuth_sine * x
         sine, cosine = (part[:, None] for part in sine_cosine(colatitude))
         point = cosine * z + sine * outward
-        rate = slope[:, None] * (cosine * outward - sine * z) + sine * along
+        rate = colatitude_rate[:, None] * (cosine * outward - sine * z) + sine * along
         return point, rate
 
     return path
@@ -463,26 +465,28 @@ class _SphericalSpline:
 
     def _find_intervals(self, parameter_floats: Floats) -> Indices:
         """Return, for each parameter (n,), the index of its interval between knots."""
-        # The first and the last degree + 1 knots are equal: the ends of the spline.
+        # The knots begin with degree + 1 copies of the start of the curve, and end with as
+        # many copies of its end. Only the knots between them separate intervals.
         inner_knots = self._knots[self._degree + 1 : len(self._control_points)]
         return np.searchsorted(inner_knots, parameter_floats, side="right")
 
     def _evaluate_intervals(self, parameter: Array, interval: Indices) -> Array:
-        """Return projected points and their derivatives (n, 2, 3) at n parameters.
+        """Return points on the unit sphere and their derivatives (n, 2, 3).
 
-        Each parameter is evaluated with the polynomial of its `interval` (n,) between
-        knots.
+        Each parameter (n,) is evaluated with the polynomial of its `interval` (n,), which
+        is numbered from the start of the curve.
         """
-        # The polynomial of interval i depends on control points i to i + degree, and on
-        # knots i + 1 to i + 2 degree. The arrays have shapes (degree + 1, n, 3) and (2
-        # degree, n).
+        # The polynomial of interval i depends on the control points and knots with these
+        # indices: (degree + 1, n) from i on, and (2 * degree, n) from i + 1 on.
         point_numbers = interval + np.arange(self._degree + 1)[:, None]
         knot_numbers = interval + np.arange(1, 2 * self._degree + 1)[:, None]
         spline_point, derivative = _evaluate_de_boor(
             self._control_points[point_numbers],
+            # The knots as balls without error.
             exact_balls(self._knots[knot_numbers]),
             parameter,
         )
+        # From the spline in space to the sphere.
         return _project_to_sphere(spline_point, derivative)
 
 

@@ -32,7 +32,7 @@ def exact_inertia(rows: ExactRows) -> tuple[Array, Array]:
     Raises
     ------
     ValueError
-        If the rows have no derivatives (order 1).
+        If the rows were computed without derivatives.
     """
     # `slopes` are the derivatives of the angular velocities with respect to the input.
     # Reading them raises the ValueError if they are missing.
@@ -85,8 +85,9 @@ def interpolate_table(table: TorqueTable, t: Array, time_inside: float) -> Array
     """Return the torque of a table, continued along one of its straight lines.
 
     The table is piecewise linear in time, with a kink at each listed time. For smooth
-    results, the line that is valid at `time_inside` is used for all times. A periodic table
-    repeats its listed times. Balls are numbers with a bound of their error.
+    results, the line that is valid at `time_inside` is used for all times. A table may be
+    periodic, that is, repeat its listed times. Balls are numbers with a bound of their
+    error.
 
     Parameters
     ----------
@@ -103,16 +104,16 @@ def interpolate_table(table: TorqueTable, t: Array, time_inside: float) -> Array
     """
     times = exact_balls(table.times)
     torques = exact_balls(table.torques)
+    # In a periodic table the line is one of the first period, shifted by whole periods. It
+    # is selected in float64; the torque on it is computed in balls.
     period = times[-1] - times[0]
-    # The line is one of the first period, shifted by whole periods. It is selected in
-    # float64; the torque on it is computed in balls.
     if table.periodic:
         periods_passed = np.floor((time_inside - table.times[0]) / float(period))
     else:
         periods_passed = 0
     time_in_first_period = time_inside - periods_passed * float(period)
-    # The line leads from one listed time to the next. These are their numbers. The line of
-    # the first two times also holds before them, and the last line after all times.
+    # The line leads from one listed time to the next: `start` and `end` are the indices of
+    # the two times. Before all times the first line holds, after all times the last.
     start = np.searchsorted(table.times[1:-1], time_in_first_period)
     end = start + 1
     slope = (torques[end] - torques[start]) / (times[end] - times[start])

@@ -108,14 +108,15 @@ def frames_from_sizes(
     sizes: Mapping[str, Sequence[Sequence[Ball]]],
     zeros: Mapping[str, Ball],
 ) -> Frames:
-    """Return the frames of revolute pairs from the arcs and angles of the links.
+    """Return the frames of revolute pairs from the sizes of the links.
 
-    Rolling and sliding contacts have no axis and no frame here. A ball is a number with a
-    centre, and a radius that bounds its error. A frame (3, 3) has three unit vectors in
-    link axes as rows: the zero direction, from which the pair angle is counted, the side
+    The sizes of a link locate its axes: arcs from its first axis to the others, and angles
+    between these arcs. A ball is a number with a bound of its error.
+
+    A frame (3, 3) has three unit vectors in link axes as rows: the zero direction, the side
     (cross product of axis and zero direction), and the axis of the pair. The zero direction
     points towards another axis of the link. If all axes of the link coincide, it is any
-    direction across the axis.
+    direction across the axis. Rolling and sliding contacts have no axis and no frame.
 
     Parameters
     ----------
@@ -127,14 +128,14 @@ def frames_from_sizes(
     sizes
         By link: its list of arcs and its list of angles (rad), in balls.
     zeros
-        By pair: the angle (rad) at which its variable is zero. The angle is 0 if the pair
-        is missing here.
+        By pair: the angle (rad) between the zero directions of its two links at which the
+        variable of the pair is zero. The angle is 0 if the pair is missing here.
 
     Returns
     -------
     By name of the pair its frames in its first and second link. The first frame is rotated
-    about the axis by the zero angle of the pair. So the variable of the pair is the angle
-    from the first frame to the second.
+    about the axis by the angle of `zeros`. So the variable of the pair is the angle from
+    the first frame to the second.
     """
     # 1. The axes of each link in its own axes, in float64 and in balls.
     float_axes = {link: axes_from_sizes(given) for link, given in geometry.links.items()}
@@ -223,10 +224,10 @@ def _reference_frame(
 ) -> Frame:
     """Return the frame of a pair in a link, as balls (numbers with a bound of their error).
 
-    The frame (3, 3) has three unit vectors as rows: zero direction, side and axis. The pair
-    angle is counted from the zero direction. It points towards the first other axis of the
-    link that does not coincide with the axis of the pair. If there is none, it is any
-    direction across the axis.
+    The frame (3, 3) has three unit vectors as rows: the zero direction, from which the pair
+    angle is counted, the side (axis x zero direction), and the axis. The zero direction
+    points towards the first other axis of the link that does not coincide with the axis of
+    the pair. If there is no such axis, any direction across the axis is taken.
 
     Parameters
     ----------
@@ -241,7 +242,7 @@ def _reference_frame(
     for other_name, other_axis in axes.items():
         sine = np.linalg.norm(np.cross(float_axes[name], float_axes[other_name]))
         if sine > COLLINEAR_SINE:
-            # The component of the second axis at right angles to the axis of the pair.
+            # The component of the other axis at right angles to the axis of the pair.
             perpendicular = np.cross(np.cross(axis, other_axis), axis)
             return _frame_toward(axis, perpendicular)
     return _frame_across(axis, float_axes[name])

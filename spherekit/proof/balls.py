@@ -157,15 +157,17 @@ def enclose_both(first: Array, second: Array) -> Array:
     """Return balls (numbers with error bounds) that contain the balls of two arrays.
 
     Both arrays have the shape (...), and each ball contains the two balls at its place. If
-    the elements are power series, this is done for each coefficient.
+    the elements are power series, this is done for each coefficient that both series have.
     """
     series_type = flint_library().arb_series
 
     def unite(a: Any, b: Any) -> Any:
         if not isinstance(a, series_type):
             return a.union(b)
+        # `prec` is the number of known coefficients of a series, from power 0 on.
         count = min(a.prec, b.prec)
-        return series_type([a[power].union(b[power]) for power in range(count)], count)
+        coefficients = [a[power].union(b[power]) for power in range(count)]
+        return series_type(coefficients, count)
 
     return np.asarray(np.frompyfunc(unite, 2, 1)(first, second))
 
@@ -173,10 +175,11 @@ def enclose_both(first: Array, second: Array) -> Array:
 def ball_ends(balls: Array) -> tuple[Floats, Floats]:
     """Return float64 bounds (...) below and above all numbers of real balls (...).
 
-    A ball is a centre and a radius, that is an interval. There are two exceptions, for
-    which both results are the centre, rounded to float64: exact numbers (radius 0), and
-    balls with an end that is not finite.
+    A ball is a centre and a radius, that is an interval. In two cases both results are the
+    centre, rounded to float64, and need not be bounds: if the radius is 0, so that exact
+    float64 numbers stay unchanged, and if an end is not finite.
     """
+    # At first both ends are the centres.
     lows = centre_floats(balls)
     highs = lows.copy()
     for index, ball in np.ndenumerate(balls):

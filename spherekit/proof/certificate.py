@@ -60,19 +60,16 @@ def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
 
     A certificate is a table for a JSON file, from which a checking program can repeat the
     proof. An assembly mode (one way to assemble the mechanism) is a real root of the loop
-    equations. All proven complex roots are listed, too. The centre of each is exact: real
-    and imaginary parts have a mantissa and an exponent of 2.
+    equations. The entries are:
 
-    The other entries say whether roots are missing:
-
+    - "construction" is the order in which the proof places the links one after another.
+    - "roots" are all proven complex roots, real roots among them.
     - "bound" is the largest possible number of complex roots. If as many are listed,
       "counted" is true, and none is missing.
-    - "complete" is true if no real root is missing. This follows from "counted", from the
-      solutions of parts of the equations ("systems"), or from a division of space into
-      boxes.
+    - "complete" is true if no real root is missing. Other ways to prove this are "systems",
+      parts of the equations with all their solutions, and a search of all angles by boxes.
     - "undecided_rad" are the boxes that may contain further real roots.
-
-    "construction" is the order in which the proof places the links one after another.
+    - "precision_bits" are the bits of the numbers in the proof.
     """
     decimal_mechanism = modes.decimal_mechanism
     construction = modes.construction
@@ -301,10 +298,11 @@ def _wheel_tables(
     Parameters
     ----------
     decimal_mechanism
-        A mechanism with one input. Wheels in mesh drive some of its pairs, the followers.
+        A mechanism with one input. The pairs (hinges) of its wheels are its followers,
+        because the input drives them.
     construction
-        The order in which links are placed. Each step has the pairs by which a link is
-        placed, and the whole multiple (`angle_factor`).
+        The order in which links are placed. Each step places a link by one or two pairs.
+        `angle_factor` is the turns of the link per turn of the variable.
 
     Returns
     -------
@@ -422,7 +420,7 @@ def pole_table(modes: CertifiedModes) -> list[dict[str, Any]]:
     A pole is the axis of the relative rotation of two links, while one input moves and the
     other inputs are locked. The velocity coefficient is the relative angular velocity of
     the links at unit rate of that input. An assembly mode is one way to assemble the
-    mechanism.
+    mechanism. Balls are numbers with bounds of their errors.
 
     Returns
     -------
@@ -431,6 +429,7 @@ def pole_table(modes: CertifiedModes) -> list[dict[str, Any]]:
     """
     structure = modes.decimal_mechanism.structure
     rows = []
+    # For each mode `narrow_balls` gives the balls of all variables as they were proven.
     with modes.narrow_balls() as (equations, balls_of_modes):
         for mode, variables in enumerate(balls_of_modes):
             for pole in enclose_poles(equations, variables):
@@ -492,9 +491,8 @@ def _system_tables(
     """Return systems of equations with approximations of all their solutions, as tables.
 
     A system is a smallest set of equations that can be solved separately, after the systems
-    before it. All its other variables then have given values; it is solved for several sets
-    of them. A solution has for each unknown angle the number z = e^(i angle). Where
-    "inverse" is true, the number is 1 / z instead, so that an infinite z is listed as 0.
+    before it. Each solution of the systems before gives values to its other variables. So
+    the system is solved several times, once for each set of given values.
 
     Parameters
     ----------

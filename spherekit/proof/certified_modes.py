@@ -154,7 +154,8 @@ class CertifiedModes:
         3. The space of the unknown angles is divided into boxes, in which further real
            modes are excluded (`is_complete`).
 
-        Otherwise some boxes stay undecided. Real modes can only be missing there.
+        Otherwise some boxes stay undecided, and real modes can only be missing there. If
+        space was not divided at all, modes can be missing at any angle.
         """
         arithmetic = f"ball arithmetic of {self.precision_bits} bits"
         statement = f"{len(self.real)} real modes, each alone in its ball"
@@ -182,8 +183,7 @@ class CertifiedModes:
                 f"{statement}; undecided in {len(widths)} clusters, nothing else outside; "
                 f"{arithmetic}"
             )
-            # Without clusters, space was not divided. Modes can then be missing at any
-            # angle, so the width is a whole turn.
+            # Without clusters, space was not divided. The width is then a whole turn.
             largest_width = max(widths, default=TURN)
             return Completeness(Guarantee.TO_BOX, words, largest_width)
         return Completeness(Guarantee.CERTIFIED, words)
@@ -299,8 +299,7 @@ def read_known_angles(
 def join_boxes(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
     """Join boxes that touch each other, and return the smallest box around each group.
 
-    The results are regions that may contain further solutions. If boxes around groups
-    touch, they are joined, too.
+    If the boxes around groups touch, they are joined, too.
 
     Parameters
     ----------
@@ -399,9 +398,9 @@ class _RootSearch:
         known roots to these equations. Up to `HOMOTOPY_SEEDS` homotopies with different
         random numbers are tried. The search ends as soon as one of these is true:
 
-        1. As many roots are proven as there can be (`_is_complete`).
-        2. As many finite roots are approximated as there can be (`_is_complete`). The
-           caller may still prove them with more bits.
+        1. As many roots are proven as there can be.
+        2. As many finite roots are approximated as there can be. The caller may still prove
+           them with more bits.
         3. No real root is missing. To prove this, the equations are divided into small
            systems, which are solved one after another (`_find_complete_systems`).
 
@@ -411,7 +410,8 @@ class _RootSearch:
         """
         approximations: list[Sequence[complex]] = []
         for seed in range(HOMOTOPY_SEEDS):
-            # (roots, unknowns) complex angles (rad).
+            # (roots, unknowns) complex angles (rad). `circle_points` are the cosines and
+            # sines of the known angles.
             roots = approximate_modes(self.equations, self.circle_points, seed)
             for root in roots:
                 # The conjugate of a root is a root, too. `add_root` tries to prove the root
@@ -419,14 +419,14 @@ class _RootSearch:
                 for angles in (root.tolist(), root.conj().tolist()):
                     self.add_root(angles)
                     approximations.append(angles)
-            if self._is_complete(roots):
+            if self._is_complete(roots):  # Case 1 or 2.
                 break
             # A homotopy without roots is followed by the next one at once, since the
             # systems take time.
             if not len(roots):
                 continue
             systems = self._find_complete_systems()
-            if systems:
+            if systems:  # Case 3.
                 return _HomotopyResult(approximations, systems)
         return _HomotopyResult(approximations, systems=())
 

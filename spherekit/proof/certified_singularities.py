@@ -86,17 +86,18 @@ class CertifiedSingularities:
         """Return how far (rad) the input can move from q, at least, before a singularity.
 
         It is the distance of q to the nearest critical input, in both directions and for
-        all assembly modes (ways to assemble). Critical inputs are singularities of type I
-        and II, places where curves of configurations cross or nearly do, inputs at which a
-        whole curve exists, and the ends of the range. The result is 0 if not everything is
-        proven.
+        all assembly modes (ways to assemble). At a critical input, an output (type I) or
+        the input (type II) is stationary along a curve of configurations, curves cross or
+        nearly do, the input is constant along a whole curve, or its range ends. The result
+        is 0 if not everything is proven.
         """
         curves = self.curves
         # `undecided` counts parts of curves that may have further singularities.
         if curves.completeness.guarantee is not Guarantee.CERTIFIED or self.undecided:
             return 0.0
+        # After a cycle of `cycle_turns` turns of the input, all links are back at the same
+        # place. So no distance exceeds half a cycle.
         half_cycle = np.pi * curves.cycle_turns
-        # All repeats after a cycle of the input, so no distance exceeds half a cycle.
         distances = [half_cycle]
         for value, error in self._list_critical_inputs():
             # Offset to the nearest repetition after whole cycles of the input.
@@ -104,19 +105,21 @@ class CertifiedSingularities:
             distances.append(abs(offset) - error)
         if not curves.is_full_cycle:
             distances += [q - curves.low, curves.high - q]
-        # Allow for the rounding of the input.
-        return max(min(distances) - curves.cycle_turns * INPUT_ROUNDING_RAD, 0.0)
+        # The variable of the equations makes one turn in a cycle. So rounding errors of it
+        # are multiplied by `cycle_turns`.
+        rounding = curves.cycle_turns * INPUT_ROUNDING_RAD
+        return max(min(distances) - rounding, 0.0)
 
     def _list_critical_inputs(self) -> list[tuple[float, float]]:
         """Return the inputs (rad) near which singularities are, each with its error (rad).
 
-        They are the singularities of types I and II, the places where curves of
-        configurations cross or nearly do (saddles), and the inputs at which a whole curve
-        exists.
+        They are the singularities of types I and II (an output or the input is stationary),
+        the places where curves of configurations cross or nearly do (saddles), and the
+        inputs at which a whole curve exists. An input may be listed twice.
         """
         curves = self.curves
-        # Type II (stationary input) is taken from the curves, because `singularities` is
-        # empty if there is no output.
+        # Type II is taken from the curves: `singularities` lists it, too, but not for a
+        # mechanism without outputs.
         points = [
             point
             for stationary_points in curves.input_stationary_points
@@ -146,9 +149,10 @@ def find_output_pairs(decimal_mechanism: DecimalMechanism) -> dict[str, int]:
     """Return the pair that measures each output, by the name of the output.
 
     An output is a link that is observed relative to another link. The pair joins these two
-    links. Outputs without such a pair are left out of the result. An output without a name
-    is called like its links, such as ``rocker/frame``. Pairs have the indices of the
-    structure (links and R pairs).
+    links; it is given by its index in `decimal_mechanism.structure`. Outputs without such a
+    pair are left out. An output without a name is called like its links, such as
+    ``rocker/frame``. The decimal mechanism is the mechanism with the decimal sizes of its
+    file.
     """
     mechanism = decimal_mechanism.mechanism
     pairs = dict[str, int]()

@@ -70,17 +70,14 @@ the margin, else 0.
 class Chain:
     """A configuration curve, or its part in the range of the input, as a row of boxes.
 
-    The boxes prove where the curve is.
-
     Attributes
     ----------
     pieces
         The boxes, in the space of the variables, in order. Each is proven to contain
         exactly one arc (piece) of the curve, and contains the centre of the next box.
     closed
-        Whether the curve returns to its start: the last box contains the centre of the
-        first, up to whole turns of the variables. Otherwise each end is beyond the range,
-        or at a place where curves cross or nearly do.
+        Whether the curve returns to its start, up to whole turns of the variables. The ends
+        of an open curve should be beyond the range, or where curves cross or nearly do.
     problem
         The reason if an end is at none of these places; otherwise empty.
     """
@@ -91,11 +88,7 @@ class Chain:
 
     @property
     def successive_pieces(self) -> list[tuple[CertifiedArc, CertifiedArc]]:
-        """Each piece of the chain together with the next one.
-
-        A chain is a curve of configurations as a row of pieces. A piece is a box with one
-        arc of the curve. In a closed chain the first piece follows the last.
-        """
+        """Each piece with the next one; in a closed chain the first follows the last."""
         pieces = [*self.pieces]
         if self.closed:
             pieces.append(self.pieces[0])
@@ -104,19 +97,17 @@ class Chain:
     def may_repeat_start(self) -> bool:
         """Return whether the chain may pass through its start a second time.
 
-        It would then contain parts of the curve twice, and assembly modes would be counted
-        twice.
+        The start is the centre of the first piece. A second passage would mean that
+        assembly modes are counted twice.
         """
         start = self.pieces[0].centre
-        successive_pieces = self.successive_pieces
-        # The parts next to the start are left out: the first one, and in a closed chain the
-        # last one.
-        if self.closed:
-            tested_pieces = successive_pieces[1:-1]
-        else:
-            tested_pieces = successive_pieces[1:]
+        # Each section of the curve leads from the centre of a piece to that of the next.
+        # The first section begins at the start. In a closed chain the last one ends there.
+        sections = self.successive_pieces
+        other_sections = sections[1:-1] if self.closed else sections[1:]
         return any(
-            _may_be_between(start, piece, next_piece) for piece, next_piece in tested_pieces
+            _may_be_between(start, piece, next_piece)
+            for piece, next_piece in other_sections
         )
 
 
@@ -224,7 +215,11 @@ def find_piece_ahead(
     if configuration is None:
         return None
     next_piece = find_piece(equations, configuration, piece.tangent, longest)
-    if next_piece is None or not piece.coordinates(next_piece.centre)[0] > 0.0:
+    if next_piece is None:
+        return None
+    # The first coordinate in the box of an arc is along its tangent.
+    distance_ahead = piece.coordinates(next_piece.centre)[0]
+    if not distance_ahead > 0.0:
         return None
     if not piece.contains(next_piece.centre, next_piece.centre_error):
         return None
@@ -234,16 +229,18 @@ def find_piece_ahead(
 def _find_next_piece(equations: ArcEquations, last: CertifiedArc) -> CertifiedArc | None:
     """Return the arc that continues a chain after its last arc, None if none is proven.
 
-    A chain is a configuration curve as a row of certified arcs: boxes that contain exactly
-    one arc each. The next box has its centre ahead on the tangent. Shorter and shorter
-    distances are tried, until an arc can be proven.
+    A chain is a configuration curve as a row of certified arcs, each in a box that contains
+    no other configurations. The next arc has its centre ahead on the tangent. Shorter and
+    shorter distances are tried, until an arc can be proven.
     """
+    # The distance, divided by the half length of the last arc.
     ratio = NEXT_CENTRE_RATIO
-    longest = min(LONGEST_ARC_RAD, LENGTH_GROWTH * last.half_length)
+    longest_half_length = min(LONGEST_ARC_RAD, LENGTH_GROWTH * last.half_length)
     while ratio > MIN_CENTRE_RATIO:
         position = last.centre + ratio * last.half_length * last.tangent
-        if next_piece := find_piece_ahead(equations, last, position, longest):
-            return next_piece
+        next_arc = find_piece_ahead(equations, last, position, longest_half_length)
+        if next_arc is not None:
+            return next_arc
         ratio *= CENTRE_RATIO_REDUCTION
     return None
 

@@ -127,24 +127,24 @@ class FourPairLoop:
     def angles_that_free_other_variable(self, variable: int) -> list[Ball]:
         """Return the angles of one variable at which the second one can have any angle.
 
-        A loop of four pairs (joints) has two variables x and y, the angles of two pairs. y
-        is 0 where the links of its pair are folded onto each other, and pi where they are
-        stretched. The result contains angles of x at which the loop closes with y = 0 and
-        with y = pi, all axes in one plane. Then it closes with all y:
+        The equation of a loop of four pairs (joints) contains the angles x and y of two
+        pairs. Let y be 0 where the two links of its pair are folded onto each other, and pi
+        where they are stretched. If, at some x, the loop closes in a plane with y = 0 and
+        also with y = pi, it closes with all y:
 
         1. The equation of the loop is linear in cos(y) and sin(y).
         2. The reflection in the plane maps y to -y, so sin(y) does not occur. The equation
            is a + b cos(y) = 0.
         3. It holds for y = 0 and y = pi, so a + b = 0 and a - b = 0. Both a and b are 0.
 
-        `variable` is the number of x. The angles (rad) are balls (numbers with error
+        `variable` is the index of x. The angles x (rad) are balls (numbers with error
         bounds).
         """
         other_variable = self.other_variable(variable)
         free_angles = []
         for is_folded in (True, False):
-            # Planar closures in which the links of x are folded (or stretched); x is equal
-            # in all.
+            # Planar closures in which the links of x are folded, or else stretched. The
+            # links of a pair are folded at one angle only, so x is the same in all of them.
             closures = [
                 closure
                 for closure in self.planar_closures
@@ -190,7 +190,9 @@ def complete_configuration(
         if distance > GIVEN_VALUE_TOLERANCE_RAD:
             return None
     free_variables = [j for j in range(equations.variable_count) if j not in given]
-    other_equations = [k for k in range(equations.unknown_count) if k != equation]
+    # A mechanism has as many equations as unknown angles.
+    equation_count = equations.unknown_count
+    other_equations = [k for k in range(equation_count) if k != equation]
     if len(free_variables) != len(other_equations):
         return None
     if not free_variables:
@@ -232,7 +234,8 @@ def _widen_around_solution(
     -------
     (v,) the balls, with those of free variables widened. None if no solution is proven.
     """
-    (residuals,) = equations.evaluate(balls, 0)
+    # Errors of the equations at the centre, without derivatives.
+    (residuals,) = equations.evaluate(balls, order=0)
     wide_balls = balls.copy()
     wide_balls[free_variables] += widen(0.0, SOLUTION_RADIUS_RAD)
     _, derivatives = equations.evaluate(wide_balls)
@@ -582,10 +585,10 @@ class Crossings:
 
         The proof uses one arc of the curve, the middle one:
 
-        1. A loop of four pairs has two variables. At certain angles of one variable, the
-           loop closes with all angles of the second variable
+        1. The equation of a loop of four pairs contains two of its pair angles, x and y. At
+           certain values of x it holds for all y
            (`FourPairLoop.angles_that_free_other_variable`). These configurations form a
-           curve along which the first variable is constant.
+           curve along which x is constant.
         2. A configuration of this curve is inside the box of the arc.
         3. The box contains only configurations of the arc. So the arc, and with it the
            whole curve, is the curve of step 1.
@@ -602,7 +605,8 @@ class Crossings:
         for loop in self.loops:
             if variable not in loop.variables:
                 continue
-            # A configuration near the arc, on a curve as in step 1. None if there is none.
+            # A configuration near the arc, on a curve as in step 1 with this variable as x.
+            # None if there is none.
             configuration = self._find_on_constant_curve(
                 loop, variable, middle_piece.centre
             )
@@ -653,19 +657,18 @@ class Crossings:
 
         The test looks for a configuration in the box in which a loop of four pairs (joints)
         has all its axes in one plane. Curves cross there, for this reason: The equations of
-        the mechanism are F_1 = 0, F_2 = 0, ... Near the box there is a surface of positions
-        with two coordinates u and v. On the surface, each F_i is l_i g(u, v) with a
-        constant l_i, so the configurations are the curves g = 0. The caller, `find_saddle`,
-        has proven that both slopes of g are 0 at exactly one point of the surface in the
-        box, the saddle point.
+        the mechanism are F_1 = 0, F_2 = 0, ... In the box there is a smooth surface of
+        positions, with two coordinates u and v, on which F_i = l_i g(u, v) with constants
+        l_i. All configurations in the box are on this surface, where g = 0. The caller,
+        `find_saddle`, has proven that both slopes of g are 0 at exactly one of its points.
 
-        1. Let F_i = 0 be the equation of the loop. Reflect the planar loop in its plane:
-           small changes of the angles are reversed, but F_i stays the same. So all
-           derivatives of F_i are 0.
-        2. F_i is l_i g on the surface, and l_i is not 0. So both slopes of g are 0, too,
-           and the planar configuration is the saddle point.
-        3. The configuration is closed, so g = 0 at the saddle point. Two curves g = 0 cross
-           at a saddle point.
+        1. Let F_i = 0 be the equation of the loop. A reflection in the plane of the loop
+           changes the signs of all small changes of its angles, but not F_i. So the first
+           derivatives of F_i are 0 in the planar configuration.
+        2. If l_i were 0, F_i = l_i g would not restrict small motions there, and the
+           surface would not be smooth. So l_i is not 0, and both slopes of g are 0.
+        3. The planar configuration is therefore the saddle point of g, with g = 0. Two
+           curves g = 0 cross at such a point.
         """
         for configuration in self._find_planar_configurations(box.centre):
             # A configuration near the centre is in the box.
@@ -677,7 +680,8 @@ class Crossings:
         """Yield configurations near a position in which a loop of four pairs is planar.
 
         In a planar loop all four axes are in one plane. Only loops are considered that are
-        proven to close in this way by their exact arcs.
+        proven to close in this way by their exact arcs. The equation of a loop contains two
+        of its pair angles as variables.
 
         Parameters
         ----------
@@ -690,7 +694,7 @@ class Crossings:
         """
         for loop in self.loops:
             for closure in loop.planar_closures:
-                # The planar loop determines both its variables, and they satisfy its
+                # The planar closure gives the two variables of the loop, which satisfy its
                 # equation. The other equations determine all other variables.
                 given = {variable: planar.angle for variable, planar in closure.items()}
                 configuration = complete_configuration(

@@ -221,8 +221,8 @@ class CertifiedCurves:
         Assembly modes cannot be counted in these parts. Overlapping parts are joined.
         """
         ranges = []
-        # Centres and half widths of boxes have all variables. `input_angle` selects the
-        # variable of the input, and multiplies it by a positive number.
+        # Boxes are in the space of all variables. `input_angle` takes the variable of the
+        # input, and multiplies it by the turns of the input in one turn of this variable.
         for centre, half_widths in zip(
             self.undecided_boxes.centres, self.undecided_boxes.radii, strict=True
         ):
@@ -241,12 +241,11 @@ class CertifiedCurves:
     def _ranges_around(
         self, position: Floats, variable_error: float
     ) -> list[tuple[float, float]]:
-        """Return the inputs near a position as parts (low, high) rad of the range.
+        """Return the inputs near a position as intervals (low, high) rad.
 
-        The inputs near the position are an interval. All links return to the same place
-        after a cycle of the input. So the interval is shifted by whole cycles, to where it
-        overlaps the range. The result is empty if it never does. It may list the same
-        interval several times.
+        All links return to the same place after a cycle of the input. So the interval of
+        inputs near the position is shifted by whole cycles, to where it overlaps the range.
+        The result is empty if there is no overlap. It may list an interval several times.
 
         Parameters
         ----------
@@ -256,11 +255,11 @@ class CertifiedCurves:
             Largest difference (rad) of the input's variable from its value at the position.
         """
         ranges = []
-        # With wheels, the input is `cycle_turns` times its variable.
+        # The input makes `cycle_turns` turns in a cycle, its variable in the equations one.
         half_width = variable_error * self.cycle_turns
         middle = self.input_angle(position)
-        # Only an end of the interval may be in the range. So the start, the middle and the
-        # end are shifted into the range one after another, and the interval with them.
+        # The interval may overlap the range with one end only. So its start, its middle and
+        # its end are shifted into the range one after another, and the interval with them.
         for offset_from_middle in (-half_width, 0.0, half_width):
             shifted_input = self.wrap_into_range(middle + offset_from_middle)
             if shifted_input is not None:
@@ -269,7 +268,7 @@ class CertifiedCurves:
         return ranges
 
     def bound_saddle_doubts(self, variable: int) -> list[float]:
-        """Return the distance from each saddle up to which a variable may be stationary.
+        """Return how near to each saddle a variable may be stationary.
 
         A saddle is a place where two configuration curves cross or narrowly miss each
         other. Four branches of curves, its arms, leave it. Curves that miss each other bend
@@ -286,8 +285,8 @@ class CertifiedCurves:
         For each saddle the largest change (rad) of the variable from its centre. It is 0 if
         the variable can only be stationary at the crossing itself.
         """
-        # An arm is named by its saddle and its quadrant: the signs of the two coordinates u
-        # and v of the saddle on this arm. Here the quadrants of each saddle are listed.
+        # For each saddle its arms on curves along which the variable is not constant. An
+        # arm is named by its quadrant: the signs of the saddle's two coordinates u and v.
         quadrants_of_saddles: list[list[Quadrant]] = [[] for _ in self.saddles]
         for saddle_number, quadrant in self._arms_of_moving_chains(variable):
             quadrants_of_saddles[saddle_number].append(quadrant)
@@ -337,6 +336,7 @@ class CertifiedCurves:
         With the input locked, the mechanism can move along such a curve. Each input is
         listed once.
         """
+        # A chain is a curve as a row of pieces. The input is the same in all of them.
         positions_on_constant_curves = [
             chain.pieces[0].centre
             for chain, is_constant in zip(self.chains, self.has_constant_input, strict=True)
@@ -366,12 +366,12 @@ class CertifiedCurves:
         """
         period = self.cycle_turns * TURN
         wrapped = self.low + np.remainder(q - self.low, period)
-        # Over a full cycle, the end is the same configuration as the start, and counts as
-        # it.
+        # If the range is a full cycle, its end means the same configurations as its start.
+        # An input at the end is replaced by the start.
         if self.is_full_cycle and wrapped > self.high - SAME_PROVEN_INPUT_RAD:
             wrapped -= period
-        # By rounding, an input just below `low` is shifted to the end of the cycle. The
-        # second candidate is one cycle lower.
+        # An input just below `low`, by rounding only, was shifted to the end of the cycle.
+        # So the value one cycle lower is tried, too.
         for candidate in (wrapped, wrapped - period):
             if (
                 self.low - SAME_PROVEN_INPUT_RAD
@@ -440,10 +440,10 @@ class CertifiedCurves:
         """The parts of the range of the input, each with its number of assembly modes.
 
         An assembly mode is one way to assemble the mechanism at an input, that is a point
-        of a configuration curve. The range is cut where the number can change: at turning
-        points of the input, at crossings of curves, at inputs with whole curves, and at the
-        ends of undecided parts. Undecided parts are left out. The list is empty if one
-        curve may have been found twice, because its modes would be counted twice.
+        of a configuration curve. The range is cut where the number can change
+        (`_find_cuts`). Undecided parts, in which modes may be missing, are left out. The
+        list is empty if one curve may have been found twice, because its modes would be
+        counted twice.
         """
         if OVERLAPPING in self.problems:
             return []
@@ -458,12 +458,16 @@ class CertifiedCurves:
     def _find_cuts(self) -> list[float]:
         """Return the inputs (rad) at which the number of modes may change, in order.
 
-        Those at the ends of the range are left out.
+        Inputs at the ends of the range are left out.
         """
+        # In an undecided part of the range modes may be missing.
         undecided_ends = [end for part in self.undecided_ranges for end in part]
         inputs = (
+            # Two modes meet and vanish where the input turns back along a curve.
             *self.turning_points,
+            # Two modes meet where curves cross.
             *self.crossing_inputs,
+            # A whole curve has the same input.
             *self.constant_input_values,
             *undecided_ends,
         )
@@ -472,14 +476,14 @@ class CertifiedCurves:
         return sorted(q for q in inputs if first < q < last)
 
     def _shortest_interval(self) -> float:
-        """Return the length (rad) below which an interval of the input is not real.
+        """Return the length (rad) up to which an interval of the input may be an error.
 
-        Modes are counted between turning points, where the input turns back. They are known
-        with an error. Two of them may be at the same input if they differ by less than
-        twice the largest error.
+        Modes are counted between turning points, where the input turns back. Turning points
+        are known with an error. Two of them may be at the same input if they differ by less
+        than twice the largest error.
         """
-        # The error of a point is the error of the variable of the input. The input is
-        # `cycle_turns` times this variable.
+        # In mechanisms with wheels the equations contain the input divided by
+        # `cycle_turns`, with the error `point.error`. The input's error is larger.
         input_errors = [
             point.error * self.cycle_turns
             for points in self.input_stationary_points
@@ -572,14 +576,11 @@ def _bound_saddle_doubt(
 ) -> float:
     """Return the distance from a saddle up to which a variable may be stationary.
 
-    Within this distance the numbers of assembly modes are not certain.
-
     Parameters
     ----------
     saddle
         A place where two curves of configurations cross or narrowly miss each other. Curves
-        that miss each other bend in the central zone of the saddle. `central_zone` has the
-        largest distance (rad) of each variable from the centre in this zone.
+        that miss each other bend in the central zone of the saddle.
     quadrants
         The arms on which the variable is not constant. The four arms of a saddle are the
         branches of curves that leave it. Each arm is in another quadrant, given by the
@@ -593,10 +594,13 @@ def _bound_saddle_doubt(
     variable is not stationary near the saddle.
     """
     distance = 0.0
-    # A level sign of 0 means that the curves are proven to cross, so they do not bend.
+    # 1. In the central zone. Curves are proven to cross if `level_sign` is 0; then they do
+    #    not bend. `is_monotonic`: the variable is proven to grow or fall along the bend.
     is_proven_crossing = saddle.level_sign == 0
     if not (is_proven_crossing or saddle.is_monotonic[variable]):
-        distance = max(distance, saddle.central_zone[variable])
+        # Largest change (rad) of the variable from the centre to the end of the zone.
+        distance = saddle.central_zone[variable]
+    # 2. On the arms outside this zone.
     for quadrant in quadrants:
         # An outward sign is the sign of the rate along the arm; 0 means: not proven.
         has_proven_rate = saddle.outward_signs[quadrant][variable] != 0

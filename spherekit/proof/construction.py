@@ -191,13 +191,14 @@ class Construction:
     def placements(self) -> dict[int, LinkPlacement]:
         """By link index: its reference link, and the degrees of its orientation.
 
-        The orientation of a link is expressed relative to a link placed before, its
-        reference. It is a trigonometric polynomial in the variables. The degrees of the
-        closure equations follow from its degrees.
+        The orientation of a link, relative to a link placed before (its reference), is a
+        trigonometric polynomial in the variables. It has one degree in each variable. The
+        degrees of the closure equations follow from these degrees.
         """
         no_degrees = np.zeros(len(self.pairs), dtype=np.intp)
         placements = {self.root: LinkPlacement(self.root, no_degrees)}
         for step in self.steps:
+            # Two pairs join the link to placed links (its parents), or one pair does.
             if step.has_two_parents:
                 placements[step.link] = _place_on_two_axes(placements, step)
             else:
@@ -380,11 +381,12 @@ def find_construction(
 ) -> Construction:
     """Return the best order of placing the links for a proof, with its equations.
 
-    Each link is joined to links placed before by one pair (joint), and rotates about its
-    axis. Or it is joined by two pairs and put on both axes, which gives an equation. The
-    equations of each order have at most `mode_bound` isolated complex solutions. The best
-    order has the most preferred pairs as variables, and among these orders the lowest
-    bound.
+    A link that one pair (joint) joins to links placed before rotates by the angle of this
+    pair, which is a variable. A link that two pairs join is put on both axes. This gives an
+    equation: the arc between the axes equals the arc of the link.
+
+    The best order has the most preferred pairs as variables. Among such orders, it has the
+    lowest bound of the number of solutions, so that a proof needs the fewest of them.
 
     Parameters
     ----------
@@ -602,15 +604,16 @@ def placing_orders(
         remaining
             The bodies that are still to be removed, and the root.
         order
-            The bodies that are already removed, with their pairs. They are placed last, so
-            the body that was removed last is at the front.
+            The bodies that are already removed, with their pairs. These bodies are placed
+            after the remaining ones, so the body that was removed last is at the front.
         """
-        # The same bodies may have been removed by the same pairs in another sequence. What
-        # can follow is then the same, so there is no new order.
+        # The same bodies may have been removed by the same pairs in another sequence. Such
+        # orders count as equal, so the search does not go on from here.
         placements = frozenset(order)
         if placements in reached_placements:
             return
         reached_placements.add(placements)
+        # The root is the body that is placed first, without any pair.
         if remaining == {root}:
             yield order
             return

@@ -171,14 +171,16 @@ class CurveSearch:
         tried_count
             Number of arcs with the nearest centres that are tried.
         """
-        # (n, tried arcs) indices of the arcs, the nearest first. The tree accepts only
-        # angles from 0 to 2 pi. With a range for `k` the second axis exists also for one
-        # arc.
-        _, arcs = self._tree.query(_within_one_turn(centres), k=range(1, tried_count + 1))
-        # Half width of each box along the sides of the box of an arc: the sum of its half
-        # widths, times the magnitudes of the components of the side. Letters: n boxes, k
-        # arcs, v variables, w sides.
-        half_widths = np.einsum("nv,nkvw->nkw", radii, np.abs(self._frames[arcs]))
+        # (n, tried arcs) indices of the arcs, the nearest first. The tree requires angles
+        # from 0 to 2 pi. `ranks` asks for the nearest arc (1), the second nearest (2), ...
+        ranks = range(1, tried_count + 1)
+        _, arcs = self._tree.query(_within_one_turn(centres), k=ranks)
+        # (n, tried arcs, variables, sides) unit vectors along the sides of the box of an
+        # arc. Half width of each box along each side: the sum of its half widths, times the
+        # magnitudes of the components of the side. Letters: n boxes, a arcs, v variables,
+        # w sides.
+        sides = self._frames[arcs]
+        half_widths = np.einsum("nv,navw->naw", radii, np.abs(sides))
         # Add bounds of rounding errors, so that no box outside counts as inside.
         reach = half_widths * ROUND_UP + COORDINATE_ROUNDING_RAD
         return np.any(self._are_inside(arcs, centres[:, None], reach), axis=1)
@@ -249,8 +251,13 @@ class CurveSearch:
     def _add_saddle_near(self, positions: Floats) -> Saddle | None:
         """Add the first saddle that is found near one of n positions, and return it.
 
-        A saddle is a place where configuration curves cross or nearly do. Only some of the
-        positions (n, v), in rad, are tried, because neighbours lead to the same saddle.
+        A saddle is a place where configuration curves cross or nearly do.
+
+        Parameters
+        ----------
+        positions
+            (n, v) values (rad) of all v variables. Neighbours lead to the same saddle, so
+            only some of the positions are tried.
 
         Returns
         -------
@@ -258,6 +265,7 @@ class CurveSearch:
         """
         step = max(1, len(positions) // SEARCHED_BOXES)
         for position in positions[::step]:
+            # `find` adds a new saddle to the end of `saddles`.
             if self.crossings.find(position):
                 return self.crossings.saddles[-1]
         return None
@@ -277,11 +285,12 @@ class CurveSearch:
         first = find_piece(
             self.equations, position, direction=None, longest=LONGEST_ARC_RAD
         )
+        # The configuration at the centre of the arc has an error, and is tested with it.
         if first is None or self._is_known(first.centre, first.centre_error):
             return
         # Follow the curve until it closes, leaves the range of the input, or ends at a
         # saddle. `self.side` says whether an input is below (-1), in (0) or above (1) the
-        # range.
+        # range. The result is None if the first arc turns out to be at a saddle.
         chain = find_chain(self.equations, first, self.side, self.crossings)
         if chain is not None:
             other_chains = self.chains
@@ -318,12 +327,12 @@ class CurveSearch:
             self._follow_parts(chain)
 
     def _follow_parts(self, old_chain: Chain) -> None:
-        """Add the parts, between saddles, of a curve that was removed.
+        """Follow a curve again after new saddles were found on it, in parts between them.
 
-        A curve is a chain of certified arcs (pieces). A saddle is a place where curves
-        cross or nearly do, and each part ends at a saddle or outside the range of the
-        input. The parts are followed from the arcs of the old chain. If an arc is then
-        neither on a known curve nor near a saddle, `has_lost_piece` is set.
+        A saddle is a place where curves cross or nearly do. The old chain, a row of arcs
+        (pieces), ran through new saddles and was removed. Curves through the centres of its
+        arcs are added, and now end at the saddles. If an arc is then neither on a known
+        curve nor near a saddle, `has_lost_piece` is set.
         """
         pieces = self._pieces_in_range(old_chain)
         for piece in pieces:
@@ -357,8 +366,8 @@ class CurveSearch:
         """Return whether two chains may have a configuration in common.
 
         A chain is a configuration curve as a row of arcs (pieces), each in a box without
-        other configurations. If chains overlap, assembly modes would be counted twice. So
-        no centre of an arc in the range of the input may be in a box of another chain.
+        other configurations. If two chains overlap, they are the same curve in the range of
+        the input. The centres of arcs of one chain are then in boxes of the other.
         """
         counts = [len(chain.pieces) for chain in self.chains]
         chain_of_piece = np.repeat(np.arange(len(counts)), counts)
@@ -366,7 +375,8 @@ class CurveSearch:
             is_other = chain_of_piece != number
             for piece in self._pieces_in_range(chain):
                 # The exact centre may differ from the computed one by this distance. So a
-                # computed centre that is outside a box by less counts as inside, too.
+                # computed centre that is outside a box by less counts as inside, too. The
+                # argument `reach` is negative for positions outside.
                 allowed_outside = piece.centre_error + COORDINATE_ROUNDING_RAD
                 is_inside = self._are_inside(is_other, piece.centre, reach=-allowed_outside)
                 if np.any(is_inside):
@@ -388,8 +398,10 @@ class CurveSearch:
         )
         uses = []
         for number, saddle in enumerate(self.crossings.saddles):
-            # A fixed order gives the same result in each run.
+            # The quadrant of an arm is the signs of the saddle's two coordinates u and v on
+            # it. A fixed order of arms gives the same result in each run.
             for quadrant in sorted(saddle.outward_signs, reverse=True):
+                # For each variable the sign of its rate along the arm, outwards.
                 signs_of_rates = saddle.outward_signs[quadrant]
                 use = ArmUse(
                     saddle=saddle,
@@ -409,11 +421,13 @@ class CurveSearch:
         must end on each arm. Only an arm that leads out of the range of the input needs
         none. No curve may pass through a saddle, since it would use two arms.
         """
+        # A curve may touch saddles at its ends, but not between them.
         if any(self._touches_saddle_inside(chain) for chain in self.chains):
             return True
         for use in self._list_arm_uses():
-            # `side` is 1 if the saddle is above the range of the input, -1 below, 0 within.
-            # A saddle within by less than `OUTSIDE_RANGE_RAD` counts as outside.
+            # The input is the last variable. `side` is 1 if the saddle is above the range
+            # of the input, -1 below, 0 within. The negative margin makes the range
+            # narrower, so a saddle just within the range counts as outside.
             saddle_input = use.saddle.centre[-1]
             side = self.side(saddle_input, -OUTSIDE_RANGE_RAD)
             lacks_chain = use.chain_ends == 0 and not use.leads_out(side)
@@ -437,11 +451,11 @@ class CurveSearch:
                 self._set_chains([*self.chains, chain])
 
     def _find_chain_outside_range(self, use: ArmUse) -> Chain | None:
-        """Return a curve of one arc for an arm that leaves the range near its saddle.
+        """Return a curve of one arc for an arm that leaves the range of the input.
 
-        An arm is one of the four branches of curves that leave a saddle. The arc is near
-        the border of the box of the saddle. The result is None if no arc is proven, if it
-        is in the range of the input, or if the arm may lead back to the range.
+        An arm is one of the four branches of curves that leave a saddle, a box where curves
+        cross or nearly do. The arc is near the border of this box. The result is None if no
+        arc is proven, if the arc is in the range, or if the arm may lead back to the range.
         """
         piece = self._find_piece_on_arm(use)
         if piece is None:
@@ -452,6 +466,7 @@ class CurveSearch:
         # value a little outside would count as within; here there is none.
         no_margin = 0.0
         side_of_range = self.side(input_variable, no_margin)
+        # Whether the arc is outside the range, and the input moves farther away along it.
         if not use.leads_out(side_of_range):
             return None
         return Chain((piece,), closed=False)
@@ -459,22 +474,26 @@ class CurveSearch:
     def _find_piece_on_arm(self, use: ArmUse) -> CertifiedArc | None:
         """Return a certified arc on an arm, near the border of the box of its saddle.
 
-        A saddle is a place where configuration curves cross or nearly do. An arm is one of
-        the four branches that leave it. Each arm is in another quadrant, named by the signs
-        of two coordinates u and v. The result is None if no arc is proven there, or if the
-        arc may be on another arm.
+        A saddle is a box, in the space of all variables, where configuration curves cross
+        or nearly do. An arm is one of the four branches that leave it. Each arm is in
+        another quadrant, named by the signs of two coordinates u and v. A certified arc is
+        proven to be alone in a small box. The result is None if no arc is proven near the
+        border, or if the arc may be on another arm.
         """
         saddle = use.saddle
+        # A configuration on the arm.
         position = correct_configuration(
             self.equations, saddle.point_near_arm(use.quadrant)
         )
         if position is None:
             return None
+        # The arc may have either direction along the curve.
         piece = find_piece(
             self.equations, position, direction=None, longest=LONGEST_ARC_RAD
         )
         if piece is None:
             return None
+        # None if the error of the centre leaves the quadrant open.
         quadrant = saddle.find_quadrant(piece.centre, piece.centre_error)
         if quadrant != use.quadrant:
             return None

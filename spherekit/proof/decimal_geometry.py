@@ -81,16 +81,16 @@ class CircleContact:
         """Return the directions from the centres of two circles to their contact point.
 
         They are unit tangents of the sphere at the centres. The contact point is on the
-        great circle through both centres. Let "forwards" on this great circle be the
-        direction in which one comes from the first centre to the contact point.
+        great circle through both centres. "Forwards" on this great circle is the direction
+        of the shorter way from the first centre to the contact point.
 
         Parameters
         ----------
         first_centre, second_centre
             (3,) unit vectors in any common axes, which are the axes of the result, too.
         """
-        # Both tangents point forwards. `centre_arc` is the arc from the first centre to the
-        # second, negative if the second centre lies backwards.
+        # Both tangents point forwards. `centre_arc` is the arc forwards from the first
+        # centre to the second; a negative arc leads backwards.
         tangent_at_first, tangent_at_second = _great_circle_tangents(
             first_centre, second_centre, self.centre_arc
         )
@@ -203,8 +203,8 @@ class DecimalGeometry:
         of the links.
         """
         geometry = self.mechanism.geometry
-        # 1. The file gives the axes in one pose, and there the angles of the pairs as
-        #    "value".
+        # 1. The file gives all axes in one pose. The key "value" of a pair is its angle in
+        #    this pose.
         if isinstance(geometry, PoseGeometry):
             axes = {
                 name: self._axis_direction(self.pair_table(name)) for name in geometry.axes
@@ -212,8 +212,8 @@ class DecimalGeometry:
             return frames_from_pose(geometry, axes, self.pair_angles("value"))
 
         # 2. The file gives for each link the arcs between its axes, and the angles between
-        #    these arcs. "zero" of a pair is the angle between its links where its variable
-        #    is zero.
+        #    these arcs. The key "zero" of a pair is the angle between its links where its
+        #    variable is zero.
         sizes = {
             link: [
                 [self.angle_ball(number) for number in table.get(key, [])]
@@ -243,7 +243,7 @@ class DecimalGeometry:
         Parameters
         ----------
         contact
-            Index of the contact among the pairs of the mechanism. It must be one of
+            Index of the contact among the pairs of the mechanism. Both its profiles must be
             circles.
         """
         pair = self.mechanism.pairs[contact]
@@ -257,8 +257,8 @@ class DecimalGeometry:
             frames = self.revolute_frames()
             circles = [self._profile_circle(table, link, frames) for link in pair.links]
 
-        # Only the ratio of the sines matters. Numbers of teeth have the same ratio,
-        # exactly.
+        # Rolling circles turn in the ratio of the sines of their radii, so only this ratio
+        # is used. Numbers of teeth have the same ratio, and are exact.
         if "teeth" in table:
             sines = [exact_ball(teeth) for teeth in table["teeth"]]
         else:

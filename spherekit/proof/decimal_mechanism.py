@@ -145,6 +145,9 @@ class DecimalMechanism(DecimalGeometry):
             return [*inputs]
         structure = self.structure
         relations = self._mesh_relations()
+        # The equations hold in the start position of the wheels, which gives the constants.
+        # A file has either a reference pose, with the pair angles in it, or the lengths at
+        # which the wheels touch if all pair angles are 0.
         if isinstance(self.mechanism.geometry, PoseGeometry):
             constants = self._constants_from_pose(relations)
         else:
@@ -461,7 +464,8 @@ def _coupler_frames(circle_contact: CircleContact) -> list[Frame]:
 
     Returns
     -------
-    Two frames (3, 3) with the rows: zero direction, side, and axis of the pair.
+    Two frames (3, 3) of balls (numbers with a bound of their error). The rows are: zero
+    direction, side (axis x zero direction), and axis of the pair.
     """
     sine, cosine = circle_contact.centre_arc.sin_cos()
     axes = (exact_balls([0.0, 0.0, 1.0]), np.array([exact_ball(0.0), sine, cosine]))

@@ -81,7 +81,7 @@ class Harmonics:
     """
 
     def __init__(self, degrees: Indices, evaluate: BallEquations) -> None:
-        """Compute the Fourier coefficients of all equations from values at equal distances.
+        """Compute the Fourier coefficients of all equations.
 
         Afterwards the equations can be evaluated fast in float64, with a bound of the
         error.
@@ -90,7 +90,7 @@ class Harmonics:
         ----------
         degrees
             (k, v) degree m of each of k equations in each of v angles. The equation is a
-            sum of waves e^(i j angle) with j = -m ... m.
+            sum of waves: products of one factor e^(i j angle) for each angle, j = -m ... m.
         evaluate
             Function that returns the values (k,) of all equations at balls (rad) of all
             angles. A ball is a number with a bound of its error.
@@ -101,7 +101,8 @@ class Harmonics:
 
         nodes = _NodeEvaluator(evaluate)
         coefficients_and_errors = [
-            # An equation with 2 m + 1 waves is determined by its values at 2 m + 1 angles.
+            # The values on a grid, with 2 m + 1 evenly spaced values of each angle,
+            # determine the coefficients of all waves.
             _interpolate(nodes.evaluate_equation(equation, node_counts))
             for equation, node_counts in enumerate((2 * degrees + 1).tolist())
         ]
@@ -111,8 +112,8 @@ class Harmonics:
     def derivatives(self, circle_points: Floats, order: int) -> list[Floats]:
         """Return values and derivatives of all k equations at n points.
 
-        An equation is a Fourier sum: each term is a coefficient, times one wave e^(i j
-        angle) of each variable. Its derivatives follow from the derivatives of the waves.
+        An equation is a Fourier sum: each term is a coefficient, times one wave of each
+        variable, such as e^(2 i angle). The derivatives follow from those of the waves.
 
         Parameters
         ----------
@@ -143,20 +144,21 @@ class Harmonics:
             coefficients_that_occur = np.squeeze(coefficients)
             # Values and derivatives of the equation at the points. `sums` has an axis for
             # each variable that occurs. The index on this axis is the order of the
-            # derivative with respect to the variable. The points are the last axis.
+            # derivative with respect to the variable. The points are the last axis. Waves
+            # above the degree m of a variable are left out in `_sum_waves`.
             sums = _sum_waves(coefficients_that_occur, waves[variables]).real
             # `_select_derivative` returns the derivative (n,) with respect to the variables
-            # with the given positions i and j in `variables`. Without positions it returns
-            # the values.
+            # with the given positions in `variables`. Without positions it returns the
+            # values.
             count = len(variables)
             results[0][:, equation] = _select_derivative(sums, count)
-            for i in range(count):
-                slope = _select_derivative(sums, count, i)
-                results[1][:, equation, variables[i]] = slope
+            for first in range(count):
+                slope = _select_derivative(sums, count, first)
+                results[1][:, equation, variables[first]] = slope
             if order > 1:
-                for i, j in product(range(count), repeat=2):
-                    curvature = _select_derivative(sums, count, i, j)
-                    results[2][:, equation, variables[i], variables[j]] = curvature
+                for first, second in product(range(count), repeat=2):
+                    curvature = _select_derivative(sums, count, first, second)
+                    results[2][:, equation, variables[first], variables[second]] = curvature
         return results
 
     def insert_given_angles(
@@ -190,10 +192,10 @@ class Harmonics:
         # of z.
         coefficients = self.coefficients[equation].transpose([*unknowns, *given_variables])
         waves = _evaluate_waves(given, self.max_degree, order=1)
+        # (2, ..., 2, powers of each unknown, n). The g axes of length 2 belong to the given
+        # angles; the index is the order of the derivative with respect to the angle.
         sums = _sum_waves(coefficients, waves)
-        # Axes of `sums`: for each given angle the order of the derivative with respect to
-        # it (0 or 1), then the powers of each unknown, then the n sets. Without given
-        # angles, the last axis still has the length 1.
+        # Without given angles, the last axis still has the length 1.
         sums = np.broadcast_to(sums, (*sums.shape[:-1], len(given)))
         values = _select_derivative(sums, given_count)  # (2 m_1 + 1, ..., n)
         slopes = np.empty((given_count, *values.shape), dtype=complex)
@@ -214,14 +216,17 @@ class _NodeEvaluator:
     """
 
     def __init__(self, evaluate: BallEquations) -> None:
-        """Store the function that evaluates all equations at balls (rad)."""
+        """Store the function that evaluates all equations.
+
+        It takes angles (rad) as balls, which are numbers with a bound of their error.
+        """
         self._evaluate = evaluate
-        # By node: values (k,) of all k equations in balls. For each variable, a node has
-        # its number, and the number of nodes in a turn.
+        # By node: values (k,) of all k equations, as balls. A node is given by two numbers
+        # for each variable: the index of its angle, and how many angles are in a turn.
         self._values_by_node: dict[tuple[tuple[int, int], ...], Array] = {}
 
     def evaluate_equation(self, equation: int, node_counts: Sequence[int]) -> Array:
-        """Return the values of one equation at all combinations of nodes (even angles).
+        """Return the values of one equation at a grid of evenly spaced angles (nodes).
 
         Parameters
         ----------
@@ -238,6 +243,7 @@ class _NodeEvaluator:
         values = np.empty(node_counts, dtype=object)
         for index in np.ndindex(*node_counts):
             node = tuple(zip(index, node_counts, strict=True))
+            # The values (k,) of all k equations at a node are computed once and stored.
             if node not in self._values_by_node:
                 angles = [2 * pi_ball() * number / count for number, count in node]
                 self._values_by_node[node] = self._evaluate(angles)
@@ -268,12 +274,12 @@ def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
     this variable. For example, [1, 0] is the first derivative with respect to the first of
     two variables.
     """
-    # The last axis is the point. At first it has the length 1, since the coefficients are
-    # the same at all points.
+    # The last axis is the point. Its length is 1 until the first sum, since the
+    # coefficients are the same at all points.
     sums: Complexes = coefficients[..., None]
-    # The sum over the last variable comes first. Each sum removes the axis of the waves of
-    # this variable, and puts an axis of orders in front of all other axes. So the result
-    # begins with the axis of the first variable.
+    # The last variable is summed first. Before its sum, the axes of `sums` are: orders of
+    # variables already summed, remaining axes, waves of variables still to sum, points. The
+    # sum turns the last axis of waves into a first axis of orders.
     for waves_of_variable in waves[::-1]:
         # A variable of a lower degree m needs only the waves -m to m, in the middle of the
         # axis.

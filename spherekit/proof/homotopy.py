@@ -249,7 +249,7 @@ def _draw_factor_roots(
     """
     factor_roots = []
     for coefficients in polynomials.coefficients:
-        # The first axis is for sets of given values. Each other axis has the powers of an
+        # The first axis numbers sets of coefficients. Each other axis has the powers of one
         # unknown, from 0 to its degree.
         roots_of_unknowns = []
         for power_count in coefficients.shape[1:]:

@@ -224,9 +224,10 @@ class _ClassifiedBoxes:
     ----------
     boxes
         (2, n, inputs) boxes: for each input how often its range was halved [0], and the
-        index of the part of the halved range [1].
+        index of the part [1]. Example: 2 and 3 is the last quarter of the range.
     kind
-        (n,) `REGULAR`, `CONTAINS_TYPE_II` or `UNDECIDED`.
+        (n,) `CONTAINS_TYPE_II` if a box contains a configuration that can move while the
+        inputs are locked. `REGULAR` if it contains none, otherwise `UNDECIDED`.
     modes
         (n,) number of assembly modes of regular boxes, else -1.
     """

@@ -148,12 +148,15 @@ def _find_contact(curves: Sequence[Curve], arc_lengths: Array) -> Array:
     arc_lengths
         (2,) first approximation (rad).
     """
-    # The arc lengths themselves are the variables.
+    # The variables of a contact are arc lengths along both curves, counted from `starts`.
+    # Here they are counted from 0.
     kinematics = _contact_kinematics(
         curves, variables=(0, 1), starts=exact_balls(np.zeros(2))
     )
     last_step_size = np.inf
     for _ in range(MAX_CONTACT_STEPS):
+        # Where the curves touch, the rotation from the second link to the first is the
+        # identity, because the axes of both links coincide in the reference pose.
         step = _newton_step_to_identity(kinematics.rotation, arc_lengths)
         arc_lengths = exact_centres(arc_lengths + step)
         step_size = np.max(np.abs(centre_floats(step)))
@@ -216,9 +219,8 @@ def _rotation_vectors(rotation: PairFunction, values: Array) -> Array:
 def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKinematics]:
     """Return functions that compute the rotation and the axis of each pair, in balls.
 
-    The result is the rotation of the second link of the pair relative to the first. A ball
-    is a number with a bound of its error. All numbers are computed from the sizes in the
-    file. The float64 geometry only tells near which point two profiles touch.
+    The rotation is that of the second link of the pair relative to the first. A ball is a
+    number with a bound of its error. All numbers are computed from the sizes in the file.
 
     Parameters
     ----------
@@ -231,6 +233,7 @@ def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKine
     # reference pose, in which the wheels touch where they start.
     has_reference_pose = isinstance(mechanism.geometry, PoseGeometry)
     kinematics = []
+    # `joint` is the pair in float64. It only tells near which point two profiles touch.
     for pair, joint in zip(mechanism.pairs, make_joints(mechanism), strict=True):
         if pair.profiles is None:
             kinematics.append(_revolute_kinematics(*frames[pair.name]))
@@ -238,6 +241,7 @@ def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKine
         curves = _profile_curves(pair.profiles, is_external=pair.contact == "external")
         # The start of a curve is the arc length at which the variable of the contact is 0.
         starts = _contact_starts(joint, curves, has_reference_pose)
+        # For each profile the index of the pair variable that is the arc length along it.
         first, second = joint.contact_profiles
         variables = (first.variable, second.variable)
         kinematics.append(_contact_kinematics(curves, variables, starts))

@@ -234,10 +234,12 @@ class EquationSystem:
         Returns
         -------
         For each set the coefficients, with error bounds, and their derivatives with respect
-        to the given angles.
+        to the given angles. For proofs, also the trigonometric degrees of the equations,
+        and bounds of their derivatives at real angles.
         """
         coefficients = []
         derivatives = []
+        # `rows` are the indices of the equations of this system.
         for equation in self.rows:
             polynomial = self.equations.harmonics.insert_given_angles(
                 equation, self.unknowns, circle_points
@@ -271,8 +273,7 @@ class EquationSystem:
         -------
         (equations,) bounds of the errors of all coefficients and derivatives.
         """
-        # Each coefficient is a sum of rounded terms. `_bound_sum_rounding` finds a bound of
-        # the terms, and so of their rounding errors, from the largest sum.
+        # Each coefficient is a sum of rounded terms.
         rounding_errors = []
         for equation_coefficients, equation_derivatives in zip(
             coefficients, derivatives, strict=True
@@ -369,9 +370,9 @@ class EquationSystem:
     def _follow_roots(self, given: Floats) -> ChartRoots:
         """Return approximate roots at some values of the given variables.
 
-        The given variables are inputs, and unknowns of other systems. The roots are known
-        at other values of them (starts), and are moved from there by one step along the
-        tangent.
+        The given variables are inputs, and unknowns of other systems. Their start values
+        are other values, at which all roots are known. The roots are moved from there by
+        one step along the tangent.
 
         Parameters
         ----------
@@ -387,15 +388,16 @@ class EquationSystem:
         values_of_starts = []
         points_of_starts = []
         for requested in given:
+            # One set of start values (given,), and all roots there as points (bound, k). A
+            # point has the complex numbers e^(i angle) of the k unknowns.
             start_values, start_points = self._choose_start(requested, solved_points)
             values_of_starts.append(start_values)
             points_of_starts.append(start_points)
-        # A point is one root: the complex numbers e^(i angle) of all unknowns. Each set has
-        # `bound` points. `set_of_point` is the index of the set of each point.
         points = np.concatenate(points_of_starts)
+        # For each point the index of its set.
         set_of_point = np.repeat(np.arange(len(given)), self.bound)
-        # An equation can also have infinite e^(i angle) as solutions. `ChartRoots` stores
-        # the inverse of large numbers, so these are finite, too.
+        # Numbers above 1 in magnitude are stored as their inverse. So roots with infinite
+        # e^(i angle) can be moved, too.
         roots = ChartRoots.from_points(points, row=set_of_point)
         return self._step_along_tangent(roots, np.array(values_of_starts), given)
 
@@ -404,7 +406,8 @@ class EquationSystem:
     ) -> ChartRoots:
         """Return roots moved linearly from one set of given values to another.
 
-        The roots solve polynomials with the given variables as parameters.
+        The roots solve polynomials with the given variables as parameters. Their
+        coordinates z are e^(i angle) of the unknown angles, or the inverse of large ones.
 
         Parameters
         ----------
@@ -416,7 +419,8 @@ class EquationSystem:
         polynomials = self.form_polynomials(cosines_and_sines(start_values))
         at_starts = evaluate_polynomials(polynomials, roots)
         # P(z, g) = 0 gives the derivatives of the roots z with respect to the given
-        # variables g: -P_z^-1 P_g. If P_z is singular, they are set to 0.
+        # variables g: -P_z^-1 P_g. If P_z is singular, `invert_matrices` returns NaN, and
+        # the derivatives are set to 0.
         rates = np.nan_to_num(-invert_matrices(at_starts.by_unknowns) @ at_starts.by_given)
         steps = wrap(given - start_values)[roots.row]
         return roots.with_points(roots.z + apply_matrices(rates, steps))
@@ -426,9 +430,10 @@ class EquationSystem:
     ) -> tuple[Floats, Complexes]:
         """Return values of the given variables at which all roots are known, and the roots.
 
-        A root is one solution of the equations, with complex numbers e^(i angle) of the k
-        unknown angles. The result has the nearest stored roots in `solved`. If none is
-        near, a homotopy computes all roots at the requested values.
+        The caller follows the roots from these values to the requested ones. A root is one
+        solution of the equations: complex numbers e^(i angle) of the k unknown angles.
+        `solved` stores values at which all roots are known. The nearest of them are used.
+        If none are near, a homotopy computes all roots at the requested values.
 
         Parameters
         ----------
@@ -450,7 +455,7 @@ class EquationSystem:
             offsets = solved_points - cosines_and_sines(requested)
             squared_distances = np.sum(offsets**2, axis=(1, 2))
             nearest = np.argmin(squared_distances)
-            # On a longer way, roots could be lost.
+            # From farther away, following the roots could fail.
             if squared_distances[nearest] < MAX_SQUARED_DISTANCE:
                 solution = self.solved[nearest]
                 return solution.given, solution.roots.points
@@ -556,23 +561,24 @@ def _bound_root_angles(
     """Return the angles of roots and their motion over boxes of the inputs.
 
     A coordinate of a root is z = e^(i s angle), with the sense s = 1, or s = -1 if the
-    inverse is stored. So the derivative of the angle with respect to an input is z' / (i s
-    z). The real part is the motion of the angle. The imaginary part changes ``|z|``, which
-    is 1 for real roots, and only these matter.
+    inverse is stored. With the derivatives z' of z, the derivatives of the angle with
+    respect to the inputs are z' / (i s z). Only real roots matter: their angles are real,
+    so imaginary parts are errors of the approximation.
 
     Parameters
     ----------
     roots
         The approximate roots. Each coordinate is e^(i angle) or its inverse.
     tubes
-        For each root the linear motion of z over the box, and how far the exact root can be
-        from it.
+        For each root the derivatives z' (`rates`) with respect to the inputs, and how far
+        the exact root can be from this linear motion over the box.
     half_widths
         (n, inputs) half widths (rad) of the box of each root.
     """
     sense = np.where(roots.inverse, -1, 1)
-    logarithm_slopes = (1j * sense * roots.z)[:, :, np.newaxis]
-    complex_rates = tubes.rates / logarithm_slopes
+    # (n, k, 1) derivatives of z with respect to its own angle.
+    slopes_of_z = (1j * sense * roots.z)[:, :, np.newaxis]
+    complex_rates = tubes.rates / slopes_of_z
     return RootAngles(
         angle=sense * np.angle(roots.z),
         rates=complex_rates.real,
@@ -585,9 +591,10 @@ def _bound_angle_deviation(
 ) -> Floats:
     """Return how far the angles of roots may be from linear motion over boxes of inputs.
 
-    A coordinate z of a root is e^(i angle) or its inverse. So the angle is, up to its sign,
-    the imaginary part of log z. Let z0 be the approximate root at the centre of the box,
-    and w = (z - z0) / z0 the relative change. Then
+    A root is a solution for k unknown angles. Its coordinate z of an angle is e^(i angle)
+    or e^(-i angle), so the angle is, up to its sign, the imaginary part of log z. Let z0 be
+    the approximate root at the centre of the box, and w = (z - z0) / z0 the relative
+    change. Then
 
         log z = log z0 + w + remainder,
         z - z0 = linear motion + deviation,   where |deviation| <= tube radius.
@@ -600,8 +607,8 @@ def _bound_angle_deviation(
     roots
         The approximate roots z0, at the centres of the boxes.
     tubes
-        For each root the linear motion of z over the box. `tube_radius` bounds how far the
-        exact root can be from this motion. `displacement` bounds ``|z - z0|`` in the box.
+        For each root the linear motion of z over the box. `tube_radius` (n,) bounds how far
+        the exact root can be from this motion. `displacement` (n, k) bounds ``|z - z0|``.
     rates
         (n, k, inputs) derivatives of the k angles with respect to the inputs, computed as
         complex numbers.
@@ -616,8 +623,8 @@ def _bound_angle_deviation(
     tube_deviation = tubes.tube_radius[:, np.newaxis] / magnitude
     relative_change = tubes.displacement / magnitude
     logarithm_remainder = _bound_logarithm_remainder(relative_change)
-    # The exact z of a real root has the magnitude 1. The amount by which z0 misses this is
-    # an error of the approximation. It is added as a further margin.
+    # A margin for the error of z0: the exact z of a real root has the magnitude 1, so the
+    # difference from 1 shows how exact z0 is.
     magnitude_error = np.abs(magnitude - 1.0)
     # These allowances are far larger than the rounding errors (relative error 1.1e-16,
     # angles below pi). The factor 1.05 covers the rounding of the first two terms.

@@ -109,9 +109,9 @@ def _choose_weights(slopes: Floats) -> Floats:
     """Return weights (n, v, k) of v weighted sums of k equations, for each of n boxes.
 
     A sum is useful if it depends mainly on one variable. So the weights are the
-    pseudo-inverse F'^T (F' F'^T)^-1 of the slopes F' (k, v): in sum number v the slope by
-    variable v dominates. Proofs are valid for any weights, so their rounding errors do not
-    matter.
+    pseudo-inverse F'^T (F' F'^T)^-1 of the slopes F' (k, v). Its product with F' is near
+    the identity: sum j depends mainly on variable j. Proofs are valid for any weights, so
+    rounding errors of the weights do not matter.
 
     Parameters
     ----------

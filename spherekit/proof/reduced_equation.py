@@ -75,11 +75,10 @@ class SurfaceDerivatives:
     """First derivatives of a surface of positions near a loss of rank, as balls.
 
     Balls are numbers with a bound of their error. F(z) = 0 are the n - 1 equations of a
-    mechanism in n variables z. Near a crossing of curves, one component of F hardly changes
-    with z: the component along a constant unit vector l. So only the other components are
-    made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v of
-    z are given, this determines z and g. These points z form a surface. It contains the
-    configurations, at g = 0.
+    mechanism in n variables z. Near a crossing of curves, the component g of F along a
+    constant unit vector l hardly changes with z. So only the other components are made
+    zero: F(z) = g l. With given values of two coordinates u and v of z, this determines z
+    and g. The points z for all u and v form a surface, with the configurations at g = 0.
 
     Attributes
     ----------
@@ -106,11 +105,10 @@ class SurfaceCurvatures:
     """Second derivatives of z and the number g with respect to u and v, as balls.
 
     Balls are numbers with a bound of their error. F(z) = 0 are the n - 1 equations of a
-    mechanism in n variables z. Near a crossing of curves, one component of F hardly changes
-    with z: the component along a constant unit vector l. So only the other components are
-    made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v of
-    z are given, this determines z and g. These points z form a surface. It contains the
-    configurations, at g = 0.
+    mechanism in n variables z. Near a crossing of curves, the component g of F along a
+    constant unit vector l hardly changes with z. So only the other components are made
+    zero: F(z) = g l. With given values of two coordinates u and v of z, this determines z
+    and g. The points z for all u and v form a surface, with the configurations at g = 0.
 
     Attributes
     ----------
@@ -119,9 +117,8 @@ class SurfaceCurvatures:
     hessian
         (2, 2) second derivatives of g.
     gradient_correction
-        (2,) change of the gradient of g on the way from a given point z beside the surface
-        to the surface, to first order. The way is a step of Newton's method with constant u
-        and v.
+        (2,) change of the gradient of g by a step of Newton's method with constant u and v.
+        The step leads from a given point z beside the surface to the surface.
     """
 
     variable_curvatures: Array
@@ -164,8 +161,9 @@ class ReducedEquation:
     def split_residual(self, position: Array) -> tuple[Ball, Array]:
         """Split the equations F at a position z: F(z) = g l + residual.
 
-        l is a constant unit vector (`left_null_vector`). The component g of F along l
-        hardly changes with z. So a step of Newton's method can remove the residual, which
+        F are the equations of a mechanism near a crossing of curves. There small changes of
+        z hardly change the component g of F along a constant unit vector l
+        (`left_null_vector`). So a step of Newton's method can make the residual zero, which
         has nearly no component along l, but not g l.
 
         Parameters
@@ -182,7 +180,8 @@ class ReducedEquation:
             (k,) balls F(z) - g l. They contain the errors of F, and what was rounded off
             from g.
         """
-        (values,) = self.equations.evaluate(position, 0)
+        # F at z, without derivatives.
+        (values,) = self.equations.evaluate(position, order=0)
         left_null_vector = exact_balls(self.left_null_vector)
         component = left_null_vector @ values
         level = exact_centres(component)
@@ -195,13 +194,15 @@ class ReducedEquation:
         """Return the first derivatives of z and g with respect to u and v.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, one component of F hardly changes with z: the component along
-        the constant unit vector l (`left_null_vector`). So only the other components are
-        made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v
-        of z are given, this determines z and g. The configurations are at g = 0.
+        crossing of curves, the component g of F along a constant unit vector l
+        (`left_null_vector`) hardly changes with z. So only the other components are made
+        zero: F(z) = g l. With given values of two coordinates u and v of z, these are n + 1
+        equations for z and g. So z and g are functions of u and v. Where g is 0, z is a
+        configuration.
 
-        The given z may satisfy F(z) = g l only approximately. The result also has a step of
-        Newton's method (`correction`) from this z to an exact one, with equal u and v.
+        u and v are the coordinates along the first two columns of `frame`. If F(z) = g l
+        has an error, the result also contains the step of Newton's method that removes this
+        error with constant u and v (`correction`).
 
         Parameters
         ----------
@@ -209,8 +210,7 @@ class ReducedEquation:
             (n,) values of z (rad), in balls (numbers with a bound of their error). The
             derivatives are valid for all values in the balls.
         residual
-            (k,) balls: the error F(z) - g l that the step is to remove. By default the
-            error is 0, and so is the step.
+            (k,) balls: the error F(z) - g l. By default the error is 0, and so is the step.
 
         Raises
         ------
@@ -231,14 +231,15 @@ class ReducedEquation:
         """Return the first and second derivatives of z and g with respect to u and v.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, one component of F hardly changes with z: the component along
-        the constant unit vector l (`left_null_vector`). So only the other components are
-        made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v
-        of z are given, this determines z and g. The configurations are at g = 0.
+        crossing of curves, the component g of F along a constant unit vector l
+        (`left_null_vector`) hardly changes with z. So only the other components are made
+        zero: F(z) = g l. With given values of two coordinates u and v of z, these are n + 1
+        equations for z and g. So z and g are functions of u and v. Where g is 0, z is a
+        configuration.
 
-        The results also have the step of Newton's method that leads to F(z) = g l with
-        constant u and v. `gradient_correction` is the change of the derivatives of g by
-        this step.
+        The given z has an error F(z) - g l. A step of Newton's method, with constant u and
+        v, removes this error. The results also say by how much the step changes z and g,
+        and the derivatives of g with respect to u and v (`gradient_correction`).
 
         Parameters
         ----------
@@ -254,18 +255,18 @@ class ReducedEquation:
             If z and g may be undetermined for some values in the balls.
         """
         _, slopes, curvatures = self.equations.evaluate(positions, 2)
-        # (n + 1, 3). Row -1 belongs to g, the other rows to z. The columns are Newton's
-        # step and the derivatives with respect to u and v. So the step is treated like a
-        # derivative in a third direction.
+        # (n + 1, 3) changes of z (rows 0 to n - 1) and g (row n) in three directions: along
+        # Newton's step (column 0), along u (column 1) and along v (column 2).
         first = self._solve_first_order(slopes, residual)
         variable_rates = first[:-1]
-        # (n + 1, 3, 3) second derivatives in pairs of these directions: 0 is Newton's step,
-        # and 1 and 2 are u and v.
+        # (n + 1, 3, 3) second derivatives in pairs of these directions.
         second = self._solve_second_order(slopes, curvatures, variable_rates)
+        second_of_z, second_of_g = second[:-1], second[-1]
         surface_curvatures = SurfaceCurvatures(
-            variable_curvatures=second[:-1, 1:, 1:],
-            hessian=second[-1, 1:, 1:],
-            gradient_correction=second[-1, 0, 1:],
+            variable_curvatures=second_of_z[:, 1:, 1:],
+            hessian=second_of_g[1:, 1:],
+            # Changes by the step (index 0) of the derivatives by u and v.
+            gradient_correction=second_of_g[0, 1:],
         )
         return _name_derivatives(first), surface_curvatures
 
@@ -273,10 +274,11 @@ class ReducedEquation:
         """Return a Newton step, and the derivatives of (z, g) with respect to u and v.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, one component of F hardly changes with z: the component along
-        the constant unit vector l (`left_null_vector`). So only the other components are
-        made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v
-        of z are given, this determines z and g. The configurations are at g = 0.
+        crossing of curves, the component g of F along a constant unit vector l
+        (`left_null_vector`) hardly changes with z. So only the other components are made
+        zero: F(z) = g l. With given values of two coordinates u and v of z, these are n + 1
+        equations for z and g. So z and g are functions of u and v. Where g is 0, z is a
+        configuration.
 
         The coordinates are u = a . z and v = b . z, with constant vectors a and b. The step
         and the derivatives (z', g') solve three sets of linear equations:
@@ -307,16 +309,18 @@ class ReducedEquation:
         """Return second derivatives of (z, g) in three directions: Newton's step, u and v.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, one component of F hardly changes with z: the component along
-        the constant unit vector l (`left_null_vector`). So only the other components are
-        made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v
-        of z are given, this determines z and g. The configurations are at g = 0.
+        crossing of curves, the component g of F along a constant unit vector l
+        (`left_null_vector`) hardly changes with z. So only the other components are made
+        zero: F(z) = g l. With given values of two coordinates u and v of z, these are n + 1
+        equations for z and g. So z and g are functions of u and v. Where g is 0, z is a
+        configuration.
 
         The first derivatives z_i of z are known in three directions i: along u, along v,
         and along a step of Newton's method, which corrects an approximate z. The second
         derivatives say, for example, how the derivative of g along u changes in the step.
-        The coordinates are u = a . z and v = b . z, with constant vectors a and b. F(z) =
-        g l, differentiated in two directions i and j, gives linear equations:
+        The coordinates are u = a . z and v = b . z, with constant vectors a and b. In all
+        directions the error F(z) - g l changes linearly: it stays 0 along u and v, and goes
+        to 0 along the step. So its second derivative in the directions i and j is 0:
 
             F' z_ij - g_ij l = -F''(z_i, z_j),   a . z_ij = 0,   b . z_ij = 0.
 
@@ -347,20 +351,22 @@ class ReducedEquation:
         """Return the matrix (n + 1, n + 1) of the linear equations for (z', g').
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, one component of F hardly changes with z: the component along
-        the constant unit vector l (`left_null_vector`). So only the other components are
-        made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v
-        of z are given, this determines z and g. The configurations are at g = 0.
+        crossing of curves, the component g of F along a constant unit vector l
+        (`left_null_vector`) hardly changes with z. So only the other components are made
+        zero: F(z) = g l. With given values of two coordinates u and v of z, these are n + 1
+        equations for z and g. So z and g are functions of u and v. Where g is 0, z is a
+        configuration.
 
-        The coordinates are u = a . z and v = b . z, with constant vectors a and b. A prime
-        at z or g is a derivative with respect to u or v, and F' are the derivatives of F
-        with respect to z. All linear equations for z' and g' have the left sides F' z' - g'
-        l, a . z' and b . z'. With F' as `slopes` (n - 1, n) their matrix is
+        The coordinates are u = a . z and v = b . z; a and b are the first two columns of
+        `frame`. z' and g' are changes of z and g in some direction. F' are the derivatives
+        of F with respect to z, `slopes` (k, n). The changes of F - g l, u and v are then
+        F' z' - g' l, a . z' and b . z'. The matrix of these equations is
 
             [F'  -l]
             [a^T  0]
             [b^T  0].
         """
+        # All elements become balls: numbers with a bound of their error.
         left_null_vector = exact_balls(self.left_null_vector)
         coordinate_rows = exact_balls(self.frame[:, :2].T)  # a and b
         return np.block(
@@ -374,21 +380,21 @@ class ReducedEquation:
         """Return the point near a position where both slopes of g(u, v) are 0.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, one component of F hardly changes with z: the component along
-        the constant unit vector l (`left_null_vector`). So only the other components are
-        made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v
-        of z are given, this determines z and g. The configurations are at g = 0.
+        crossing of curves, the component g of F along a constant unit vector l
+        (`left_null_vector`) hardly changes with z. So only the other components are made
+        zero: F(z) = g l. With given values of two coordinates u and v of z, these are n + 1
+        equations for z and g. So z and g are functions of u and v. Where g is 0, z is a
+        configuration.
 
-        So g is a function of u and v. If g is 0 at the point where its slopes are 0, and
-        has a saddle there, curves of configurations cross.
-
-        Newton's method solves F(z) = g l and grad g = 0 together. Later proofs are about
-        boxes around the point, so its error does not matter.
+        If g is 0 at the point where its slopes are 0, and has a saddle there, curves of
+        configurations cross. Newton's method solves F(z) = g l and grad g = 0 together.
+        Later proofs are about boxes around the point, so its error does not matter.
 
         Parameters
         ----------
         position
-            (n,) start values of the variables (rad), in balls.
+            (n,) start values of the variables (rad), in balls (numbers with a bound of
+            their error).
 
         Returns
         -------
@@ -409,22 +415,24 @@ class ReducedEquation:
             position = exact_centres(position + step)
             if step_size < rounding_rad:
                 break
+        # If the steps have run out, this is the last position.
         return position
 
     def _step_to_critical_point(self, position: Array) -> Array:
-        """Return the Newton step of all variables towards F(z) = g l and grad g = 0.
+        """Return the Newton step of all variables to a point where curves may cross.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, one component of F hardly changes with z: the component along
-        the constant unit vector l (`left_null_vector`). So only the other components are
-        made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v
-        of z are given, this determines z and g. The configurations are at g = 0.
+        crossing of curves, the component g of F along a constant unit vector l
+        (`left_null_vector`) hardly changes with z. So only the other components are made
+        zero: F(z) = g l. With given values of two coordinates u and v of z, these are n + 1
+        equations for z and g. So z and g are functions of u and v. Where g is 0, z is a
+        configuration.
 
-        So g is a function of u and v, with the gradient grad g. All z that satisfy F(z) =
-        g l form a surface. The step has two parts, which are added:
+        Curves g(u, v) = 0 can cross only where the gradient of g is 0. All z that satisfy
+        F(z) = g l form a surface. The step has two parts, which are added:
 
         1. To the surface: with u and v constant, z and g are corrected so that F(z) = g l.
-        2. Along the surface: u and v are changed so that grad g becomes 0. z follows.
+        2. Along the surface: u and v are changed so that the gradient becomes 0. z follows.
 
         Parameters
         ----------
@@ -437,10 +445,9 @@ class ReducedEquation:
         """
         # The residual is the error F(z) - g l at the position.
         _level, residual = self.split_residual(position)
-        # First and second derivatives of z and g with respect to u and v. They also say how
-        # part 1 changes z (`correction`) and grad g (`gradient_correction`).
+        # First and second derivatives of z and g with respect to u and v.
         first, second = self.differentiate_twice(position, residual)
-        # Part 1, and the gradient of g after it.
+        # Part 1: the change of z, and the gradient of g after this change.
         step_to_surface = first.correction
         gradient = exact_centres(first.gradient + second.gradient_correction)
         # Part 2: hessian (2, 2) times the step of u and v is -gradient.
@@ -465,13 +472,14 @@ class ReducedEquation:
         """Return g(u, v) and its slopes at the u and v of an approximate position.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, one component of F hardly changes with z: the component along
-        the constant unit vector l (`left_null_vector`). So only the other components are
-        made zero, and a component g along l remains: F(z) = g l. If two coordinates u and v
-        of z are given, this determines z and g. The configurations are at g = 0.
+        crossing of curves, the component g of F along a constant unit vector l
+        (`left_null_vector`) hardly changes with z. So only the other components are made
+        zero: F(z) = g l. With given values of two coordinates u and v of z, these are n + 1
+        equations for z and g. So z and g are functions of u and v. Where g is 0, z is a
+        configuration.
 
-        The given z and g satisfy F(z) = g l only approximately. The result encloses the
-        exact g, for the same u and v, and its slopes there.
+        The given z and g satisfy F(z) = g l only approximately. They are corrected with
+        constant u and v. The result is g, with its slopes, at the corrected z.
 
         Parameters
         ----------
@@ -481,16 +489,16 @@ class ReducedEquation:
         level
             The approximate g.
         derivatives
-            The result of `differentiate` for a box that contains the exact z, and for the
-            error F(z) - g l of the approximate z. Its `correction` and `level_correction`
-            are balls. By the mean value theorem they contain the exact z minus the
-            position, and the exact g minus the level.
+            A result of `differentiate`, for a box that contains the corrected z. Its
+            `correction` of z and `level_correction` of g are balls that contain the exact
+            corrections.
 
         Returns
         -------
         Balls that contain the exact g, and its exact derivatives (2,) with respect to u and
         v.
         """
+        # Balls that contain the exact z and g for this u and v.
         enclosed_position = position + derivatives.correction
         enclosed_level = level + derivatives.level_correction
         gradient = self.differentiate(enclosed_position).gradient
@@ -628,8 +636,9 @@ def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
     ZeroDivisionError
         If F' nearly loses more than one rank.
     """
+    # F' (n - 1, n) in float64. `harmonics` are the equations as sums of cosines and sines.
     circle_points = cosines_and_sines(position[None])
-    _values, (slopes,) = equations.harmonics.derivatives(circle_points, 1)
+    _values, (slopes,) = equations.harmonics.derivatives(circle_points, order=1)
     left_vectors, singular_values, right_vectors = np.linalg.svd(slopes)
     # All singular values but the last must be clearly different from 0.
     smallest = MIN_SECOND_SINGULAR_RATIO * singular_values[0]

@@ -143,11 +143,14 @@ def find_table_kinks(parts: Sequence[LoadComponent], until: float) -> list[Ball]
         if isinstance(table, TorqueTable):
             table_times = exact_balls(table.times)
             period = table_times[-1] - table_times[0]
-            # Number of periods, forwards and backwards, that can reach times from 0 to
-            # `until`.
-            farthest = until + np.max(np.abs(table.times))
-            period_count = int(farthest / float(period)) + 1 if table.periodic else 0
+            # A listed time can be shifted into the times from 0 to `until` by no more than
+            # this distance, forwards or backwards.
+            period_count = 0
+            if table.periodic:
+                longest_shift = until + np.max(np.abs(table.times))
+                period_count = int(longest_shift / float(period)) + 1
             for number in range(-period_count, period_count + 1):
+                # The results count as exact: their bounds of errors are dropped.
                 times.extend(exact_centres(table_times + number * period))
     # Times with equal float64 numbers are listed once.
     kinks = {float(t): t for t in times if 0.0 < float(t) < until}
@@ -222,8 +225,8 @@ class _CoordinateSeries:
 
     def evaluate(self, x: Array) -> Array:
         """Return c (rad) and p, (2, n), at times x (n,) from -1 to 1."""
-        # The numbers have bounds of their rounding errors. These are dropped, since they do
-        # not contain the missing terms of the series.
+        # The numbers have bounds of their rounding errors. The missing terms of the series
+        # are further errors without bounds, so the bounds are dropped.
         return exact_centres(_evaluate_series(self.coefficients, x).T)
 
 
@@ -502,6 +505,7 @@ class ExactSimulation:
         #    variables.
         position = 2 * (t - step.start) / step.length - 1
         c, p = step.motion.evaluate(position)
+        # The float64 solution at the times t gives the starts of Newton's method.
         closure = self._close_loops(t, c, step.coordinate)
         # Power series of all variables in the coordinate. The second coefficient is half of
         # the second derivative.
@@ -512,14 +516,16 @@ class ExactSimulation:
             power_series(values, first, half_second)
         )
 
-        # 2. The inertia B, its derivative dB with respect to the coordinate, and dc/dt.
+        # 2. Angular velocities w at unit rate of the coordinate, and the inertia B. dw and
+        #    dB are derivatives with respect to the coordinate. Then dc/dt.
         w, dw = angular_velocities(orientations, 2)
         rotations = series_coefficient(orientations, 0)
         B, dB = equivalent_inertia(self.mechanism, rotations, w, dw)
         speed = p / np.sqrt(B)
 
         # 3. The generalised force Q of the loads. Tables over time are piecewise linear; a
-        #    time in the middle of the step selects the right piece.
+        #    time in the middle of the step selects the right piece. Signs in loads, such as
+        #    that of dry friction, are constant in a step (`switch_signs`).
         time_inside = float(step.start + step.length / 2)
         moving = MovingMechanism(values=values, rates=first, w=w, rotations=rotations)
         force, _ = self._generalised_force(moving, speed, t, step.switch_signs, time_inside)
@@ -680,8 +686,9 @@ class ExactSimulation:
 
         Returns
         -------
-        Rates of all variables and links at unit rate of the coordinate, the square root of
-        the equivalent inertia, and the Newton steps that close the loops.
+        Rates of all variables and links at unit rate of the coordinate, and the Newton
+        steps that close the loops. Also sqrt(B), with the equivalent inertia B: twice the
+        kinetic energy at unit rate. The motion is computed from p = sqrt(B) times the rate.
         """
         linkage = self._linkage
         orientations, residuals = linkage.place_links(values)
@@ -959,9 +966,9 @@ class ExactSimulation:
         samples in float64. Then bisection of this interval computes the change in all
         digits.
 
-        In the first interval, `is_at_start` is True. The condition may then be negative
-        from the start: a switch that has just changed would change back at once. The caller
-        then ends the motion, since it can continue in neither case.
+        `is_at_start` is True for a sign change in the first interval. If it belongs to the
+        sign that has just changed, this sign would change back at once. The motion can then
+        continue with neither sign, and the caller ends it.
         """
         # The start itself is not examined. A condition that has just changed is nearly 0
         # there, with either sign.
@@ -981,6 +988,7 @@ class ExactSimulation:
                     low=exact_ball(interval_starts[interval]),
                     high=exact_ball(interval_ends[interval]),
                 ),
+                # Index of the sign in a load that changes, or a joint limit.
                 switch=end_condition.switch,
                 is_at_start=interval == 0,
             )
@@ -1080,7 +1088,8 @@ def _solve_free_variables(
     free. The Jacobian of the closure equations has the parts J, of the free variables, and
     J_c, of c. At unit rate of c the loops stay closed if J (rates) + J_c = 0. At constant
     c, the Newton step solves J (step) + residuals = 0. With redundant equations J has more
-    rows than columns, so its left inverse is used.
+    rows than columns, so its left inverse is used. Results have the type of balls (numbers
+    with a bound of their error).
 
     Parameters
     ----------

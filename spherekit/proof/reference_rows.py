@@ -431,9 +431,12 @@ def _vector_of_relative_motion(
     motion = _find_relative_motion(reference, pole)
     # Links at rest start to rotate about the derivative, if it is not only rounding.
     has_derivative = _has_direction(
+        # Size of the difference, relative to the derivatives of the two links.
         size=_relative_size(derivative, derivatives, pole),
         rounding=_derivative_rounding(reference),
     )
+    # A row may be neither: so slow that rounding can turn the direction of the velocity,
+    # but not certainly at rest. It gets NaN.
     has_vector = motion.moves | (motion.rests & has_derivative)
     vectors = np.where(motion.moves[:, np.newaxis], velocity, derivative)
     return _nan_unless(has_vector, vectors)
@@ -695,7 +698,7 @@ def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) ->
 def _derivative_with_link(reference: ExactRows, pair: int, direction: Array) -> Floats:
     """Return the derivative w x u (n, 3) of a direction u that is fixed in a link.
 
-    u is the direction of a pole (axis of the relative rotation of two links).
+    u is the axis about which the two links of a pair (joint) rotate relative to each other.
 
     Parameters
     ----------
@@ -703,14 +706,14 @@ def _derivative_with_link(reference: ExactRows, pair: int, direction: Array) -> 
         Reference rows with the angular velocity w of the link, in balls (numbers with a
         bound of their error).
     pair
-        Index of the pair (joint) with this direction. The first of its links is used.
+        Index of the pair. The first of its links is the link in which u is fixed.
     direction
         (n, 3) the direction u, as balls.
     """
     first_link, _second_link = reference.mechanism.ends[pair]
     angular_velocity = reference.w[:, first_link]
     # The product is computed in balls, and only the result is rounded to float64. With
-    # float64 factors, rounding would give a derivative to an axis that rests.
+    # float64 factors, the derivative of an axis at rest would not be exactly 0.
     derivative = np.cross(angular_velocity, direction)
     return centre_floats(derivative)
 

@@ -221,19 +221,25 @@ def _certify_root(
         to be real: some imaginary part exceeds the radius of the solution.
     """
     values, slopes = _evaluate(equations, x, known_angles)
-    unique = _choose_uniqueness_radius(equations, x, slopes)
-    balls_about_x = np.array([_widen_angle(angle, unique, real=False) for angle in x])
+    # Radius of the ball in which the solution is proven to be the only one.
+    unique_radius = _choose_uniqueness_radius(equations, x, slopes)
+    # The ball contains complex numbers even if x is real, so that its only solution is
+    # unique among complex solutions, too.
+    balls_about_x = np.array(
+        [_widen_angle(angle, unique_radius, real=False) for angle in x]
+    )
     _values, slopes_in_ball = _evaluate(equations, balls_about_x, known_angles)
     distance = bound_zero_distance(values, slopes_in_ball)
-    if not distance < unique:
+    if not distance < unique_radius:
         return None
-    # The margin allows a checking program slightly larger bounds. The radius must not be 0.
+    # Another program that checks the proof may find a larger distance. So the radius of the
+    # solution gets a margin. It must not be 0.
     with_margin = max(SOLUTION_MARGIN * distance, 1e-300)
-    radius = min(with_margin, unique)
+    radius = min(with_margin, unique_radius)
     is_proven_complex = any(lower_magnitude(ball.imag) > radius for ball in x)
     if not (real or is_proven_complex):
         return None
-    return CertifiedRoot(centre=tuple(x), radius=radius, unique=unique, real=real)
+    return CertifiedRoot(centre=tuple(x), radius=radius, unique=unique_radius, real=real)
 
 
 def _choose_uniqueness_radius(equations: ArcEquations, x: Array, slopes: Array) -> float:
@@ -241,12 +247,12 @@ def _choose_uniqueness_radius(equations: ArcEquations, x: Array, slopes: Array) 
 
     F are the equations, F' their derivatives with respect to the unknown angles, and Y
     approximates the inverse of F' at x. In a ball of radius r, Y F' should change by at
-    most 1/5:
+    most 1/5, because the proof of a unique solution needs small changes:
 
-        |Y (F'(z) - F'(x))| <= |Y| r (sum of all |F''|) <= 1/5.
+        |Y (F'(z) - F'(x))| <= |Y| r (sum of all |F''| of each equation) <= 1/5.
 
-    In a larger ball, the proof of a unique solution would fail. The proof itself does not
-    depend on how r was chosen.
+    F'' is taken at x, so the estimate is rough. The proof itself computes F' in the ball,
+    and is valid for any r.
 
     Parameters
     ----------
@@ -276,8 +282,10 @@ def _bound_sum_of_second_derivatives(equations: ArcEquations, x: Array) -> Float
     equations
         The equations of the mechanism.
     x
-        (k,) the unknown angles (rad), as balls of radius 0, real or complex.
+        (k,) the unknown angles (rad), real or complex: balls (numbers with a bound of their
+        error) of radius 0.
     """
+    # The unknowns are the first of the variables.
     degrees = equations.degrees[:, : equations.unknown_count]
     imaginary_sizes = [upper_magnitude(ball.imag) for ball in x]
     growth = np.exp(degrees @ imaginary_sizes)
@@ -292,22 +300,23 @@ def _widen_angle(angle: Ball, radius: float, real: bool) -> Ball:
 
 
 def bound_zero_distance(values: Array, slopes: Array) -> float:
-    """Return a bound of the distance of a zero of F from the centre of balls.
+    """Return a bound of the distance of a zero of F from the centre of a box.
 
-    If the radii of the balls exceed the bound, the balls contain exactly one zero (interval
-    Newton method, Moore). A ball is a number with a bound (radius) of its error.
+    F is a function of k variables. If the half widths of the box exceed the bound, the box
+    contains exactly one zero (interval Newton method, Moore). Values are balls: numbers
+    with a bound of their error.
 
     By the mean value theorem, a zero z and the centre x satisfy z - x = -(F')^-1 F(x),
-    where each row of F' is taken at some point in the balls. The result is the largest
-    component of (Y F')^-1 Y F(x) for all F' in the balls. Y approximates the inverse of F'
-    at the centre, so that Y F' is near the identity.
+    where each row of F' is taken at some point of the box. The result is the largest
+    component of (Y F')^-1 Y F(x) for all F' in the box. Y approximates the inverse of F' at
+    the centre, so that Y F' is near the identity.
 
     Parameters
     ----------
     values
-        (k,) values of F at the centre, in balls.
+        (k,) values F(x) at the centre, as balls.
     slopes
-        (k, k) derivatives F' everywhere in the balls.
+        (k, k) balls that contain the derivatives F' everywhere in the box.
 
     Returns
     -------

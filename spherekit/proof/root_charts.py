@@ -72,18 +72,18 @@ class Polynomials:
     ----------
     coefficients
         For each of the k equations an array (m, 2 d_1 + 1, 2 d_2 + 1, ...). The first axis
-        is the set of given values. Each further axis is the power of z of one unknown, from
-        0 to 2 d. Here d is the trigonometric degree of the equation in this unknown.
+        is the set of given values. Each further axis belongs to one unknown. An equation of
+        degree d in its angle has the powers -d to d of z. It is multiplied by z^d, so that
+        the index on the axis is the power, 0 to 2 d.
     coefficient_derivatives
         For each equation (m, given, ...): derivatives of the coefficients with respect to
         the given variables.
     error
         (k,) for each equation a bound of the errors of its coefficients.
     derivative_bound
-        (k,) for each equation a number C that bounds its derivatives at real angles. With
-        the degrees d_1, d_2, ..., the derivative with respect to angle 1 is at most C d_1,
-        the derivative with respect to the angles 1 and 2 at most C d_1 d_2, and so on
-        (Bernstein's inequality).
+        (k,) for each equation a number C. At real angles, its derivative with respect to
+        angle 1 is at most C d_1, that with respect to the angles 1 and 2 at most C d_1 d_2,
+        and so on, with the degrees d_1, d_2, ... (Bernstein's inequality).
     degrees
         (k, variables) trigonometric degrees, the unknowns first, then the given variables.
     """
@@ -195,32 +195,32 @@ class ChartRoots:
         ----------
         polynomials
             For each polynomial an array (m, ..., size_1, ..., size_k) of coefficients. The
-            first axis is the set of given values (inputs, and unknowns that were solved
-            before). Each point belongs to one of the m sets: `row` has its number, and the
-            point uses the coefficients of this set. The last k axes are the powers of the k
-            unknowns. Any axes between remain in the result, for example derivatives of the
-            coefficients with respect to the given variables.
+            first axis numbers m sets of coefficients, for different inputs. The attribute
+            `row` (n,) has for each point the index of its set. The last k axes are the
+            powers of the k unknowns. Any axes between remain in the result, for example
+            derivatives of the coefficients with respect to the inputs.
 
         Returns
         -------
         (n, polynomials, ...), where the dots are the axes that remain.
         """
-        # Without unknowns to differentiate by, `_differentiate` returns the values.
-        return np.stack([self._differentiate(P, ()) for P in polynomials], axis=1)
+        # The derivative of order 0, with respect to no unknown, is the value.
+        values = [self._differentiate(P, unknowns=()) for P in polynomials]
+        return np.stack(values, axis=1)
 
     def first_derivatives(self, polynomials: Sequence[Complexes]) -> Complexes:
         """Return the first derivatives of polynomials with respect to the stored z.
 
-        `z` (n, k) has the k unknowns e^(i angle) at each point: either the number itself,
-        or its inverse.
+        `z` (n, k) has, for each of n points and k unknowns, e^(i angle) if its magnitude is
+        at most 1, and the inverse otherwise.
 
         Parameters
         ----------
         polynomials
-            For each polynomial P an array (m, ..., size_1, ..., size_k) of coefficients,
-            for m sets of given values. Each point belongs to one of these sets: `row` has
-            its number. The last k axes are the powers of the k unknowns. Any axes between
-            remain in the result.
+            For each polynomial P an array (m, ..., size_1, ..., size_k) of coefficients.
+            The first axis numbers m sets of coefficients, for different inputs. Each point
+            uses the set with the index `row`. The last k axes are the powers of the k
+            unknowns. Any axes between remain in the result.
 
         Returns
         -------
@@ -238,16 +238,16 @@ class ChartRoots:
     def second_derivatives(self, polynomials: Sequence[Complexes]) -> Complexes:
         """Return the second derivatives of polynomials with respect to the stored z.
 
-        `z` (n, k) has the k unknowns e^(i angle) at each point: either the number itself,
-        or its inverse.
+        `z` (n, k) has, for each of n points and k unknowns, e^(i angle) if its magnitude is
+        at most 1, and the inverse otherwise.
 
         Parameters
         ----------
         polynomials
-            For each polynomial P an array (m, ..., size_1, ..., size_k) of coefficients,
-            for m sets of given values. Each point belongs to one of these sets: `row` has
-            its number. The last k axes are the powers of the k unknowns. Any axes between
-            remain in the result.
+            For each polynomial P an array (m, ..., size_1, ..., size_k) of coefficients.
+            The first axis numbers m sets of coefficients, for different inputs. Each point
+            uses the set with the index `row`. The last k axes are the powers of the k
+            unknowns. Any axes between remain in the result.
 
         Returns
         -------
@@ -270,15 +270,15 @@ class ChartRoots:
     ) -> Complexes:
         """Return the value or a derivative of one polynomial, at n points.
 
-        A coordinate e^(i angle) is stored as z or as its inverse; derivatives are with
-        respect to the stored number.
+        Each unknown e^(i angle), or its inverse, is stored as a number z of magnitude up to
+        1. Derivatives are with respect to this z.
 
         Parameters
         ----------
         coefficients
             (m, ..., size_1, ..., size_k) coefficients of the powers of the k unknowns, for
-            m sets of given values. The axes between belong to several polynomials of the
-            same form, such as derivatives of the coefficients. They remain in the result.
+            m sets of inputs. Axes between m and size_1 remain in the result: the polynomial
+            may have vectors or matrices as coefficients.
         unknowns
             Indices of the unknowns with respect to which the polynomial is differentiated.
             (0, 0) is the second derivative with respect to unknown 0; an empty tuple is the
@@ -288,8 +288,8 @@ class ChartRoots:
         -------
         (n, ...) where the dots are the axes between.
         """
-        # `row` has for each point the index of its set of given values. So the n points
-        # become the first axis.
+        # `row` has for each point the index of its set of inputs. So the n points become
+        # the first axis.
         terms = coefficients[self.row]
         # The last axis is multiplied by the powers of the last unknown and summed. Then the
         # same is done for the unknown before.
@@ -363,7 +363,8 @@ class PolynomialValues:
 
     The unknowns are numbers x = e^(i angle) of real or complex angles. A number z with a
     magnitude of at most 1 is stored: x itself, or 1 / x. In the latter case the polynomial
-    in x is multiplied by a power of z, so that P is a polynomial in z.
+    in x is multiplied by a power of z, so that P is a polynomial in z. The coefficients
+    depend on given angles: inputs, and unknowns that were solved before.
 
     Attributes
     ----------
@@ -372,8 +373,7 @@ class PolynomialValues:
     by_unknowns
         (n, k, k) derivatives P_z with respect to the stored z.
     by_given
-        (n, k, given) derivatives P_g with respect to the given variables (inputs, and
-        unknowns that were solved before).
+        (n, k, given) derivatives P_g with respect to the given angles (rad).
     """
 
     values: Complexes
@@ -463,19 +463,20 @@ class ChangeBounds:
 
     P depends on k unknowns z and on given variables g: inputs, and unknowns that were
     solved before. The bounds are valid for all z within some radius about the approximate
-    root, and for all g in a box of the inputs. `enclose_roots` uses them to prove that
-    there is exactly one root near each approximation. P_z and P_g are derivatives at the
-    approximate root and the centre of the box.
+    root z0, and for all g in a box of the inputs with the centre g0. `enclose_roots` uses
+    them to prove that there is exactly one root near each approximation. P_z and P_g are
+    the derivatives at z0 and g0.
 
     Attributes
     ----------
     value_error
         (n, k) bound of the errors of computed values of P.
     slope_change
-        (n, k, k) bound of the change of the derivatives P_z. Axes: root, equation, unknown.
+        (n, k, k) bound of the difference of the derivatives with respect to z from P_z.
+        Axes: root, equation, unknown.
     drift
-        (n, k) bound of the difference between P and its linear approximation in g, with
-        slope P_g.
+        (n, k) bound of the difference of P(z0, g) from its linear approximation
+        P(z0, g0) + P_g (g - g0).
     """
 
     value_error: Floats
@@ -616,7 +617,7 @@ class RootTubes:
 
     While the inputs q vary over a box with the centre q0, the root z(q) moves. The tube
     surrounds it: the axis of the tube is z0 + rates (q - q0), with the approximate root z0
-    at q0. ``|z|`` means the largest coordinate.
+    at q0. A distance of two points is the largest difference of any coordinate.
 
     Attributes
     ----------
@@ -624,17 +625,15 @@ class RootTubes:
         (n,) whether exactly one root is proven. All further attributes are meaningless
         where this is false.
     centre_radius
-        (n,) bound of ``|z(q0) - z0|``, the distance of root and approximation at the
-        centre.
+        (n,) bound of the distance of the root z(q0) from z0.
     uniqueness_radius
         (n,) radius about z0: for each q in the box, no other root is nearer to z0 than
         this.
     tube_radius
-        (n,) bound of ``|z(q) - z0 - rates (q - q0)|`` in the box, the distance of the root
-        from the axis.
+        (n,) bound of the distance of the root z(q) from the axis, everywhere in the box.
     displacement
-        (n, k) for each coordinate a bound of ``|z(q) - z0|`` in the box. It contains the
-        motion of the axis.
+        (n, k) for each coordinate a bound of the magnitude of z(q) - z0 in the box. It
+        contains the motion along the axis.
     rates
         (n, k, inputs) derivatives of the axis (z, complex) with respect to the inputs
         (1/rad).
@@ -772,16 +771,17 @@ def are_distinct(roots: ChartRoots, radius: Floats, is_good: Bools, count: int) 
     """Return a mask of the rows with good roots that are proven to differ from each other.
 
     A row is one set of values of the given variables (inputs, and unknowns that were solved
-    before). The gap of two roots is a distance that is finite at infinity
-    (`ChartRoots.pairwise_gaps`). Two roots differ if the gap of their approximations is
-    larger than any change of the gap within the errors of both roots.
+    before). A root has coordinates z: e^(i angle) of each unknown angle, or the inverse of
+    large ones. The gap of two roots (`ChartRoots.pairwise_gaps`) is a distance that is
+    finite even if a root is at infinity. Two roots differ if the gap of their
+    approximations is larger than any change of the gap within the errors of both roots.
 
     Parameters
     ----------
     roots
         The n approximate roots of m rows, row after row, with n = m `count`.
     radius
-        (n,) bound of the error of each approximation in its coordinates z.
+        (n,) bound of the error of each approximation, valid for all its coordinates z.
     is_good
         (n,) whether a root is usable, for example proven.
     count
@@ -812,8 +812,8 @@ def _bound_gap_change(radius: Floats, other_radius: Floats) -> Floats:
         |y - z|,     if both are stored in the same way: it changes by at most r + s,
         |y z - 1|,   if one is stored inverted: it changes by at most r + s + r s.
 
-    The factor 1.5 only makes tests stricter. `ROUND_UP` covers the rounding of the bound,
-    and 1e-14 the rounding of a gap.
+    The larger bound is taken for both. `ROUND_UP` covers its rounding, and 1e-14 the
+    rounding of a gap. The factor 1.5 is a margin, which the bound does not need.
 
     Parameters
     ----------

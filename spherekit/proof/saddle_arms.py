@@ -56,14 +56,14 @@ class ArmErrors:
     Arms are the four branches that leave it. The curves are the zeros of a function g(u, v)
     of two coordinates (`SaddleDerivatives`).
 
-    If g is exactly the quadratic form Q / 2, with Q = (u, v) g'' (u, v)^T, the arms are the
-    straight lines with Q = 0. The gradient of g on them is g'' (u, v)^T. Real arms differ a
-    little in both. m is the larger of |u| and |v| at a point.
+    Let Q = (u, v) g'' (u, v)^T be the quadratic form of the second derivatives g''. If g is
+    exactly Q / 2, the arms are the straight lines with Q = 0, and the gradient of g is g''
+    (u, v)^T. In fact Q is not exactly 0 on the arms, and the gradient differs a little.
 
     Attributes
     ----------
     relative_form_error
-        Bound of |Q| / m^2 at all points of the arms.
+        Bound of |Q| / m^2 at all points of the arms, where m is the larger of |u| and |v|.
     relative_gradient_error
         Bound of the error of both components of the gradient, divided by m.
     centre_error
@@ -80,15 +80,16 @@ class ArcErrors:
     """How much arcs that pass a saddle differ from curves of a quadratic function.
 
     A saddle is a place where two configuration curves cross or narrowly miss each other. In
-    two coordinates u and v they are the curves g = 0 of a function g(u, v). Q = (u, v) g''
-    (u, v)^T is the quadratic form of the second derivatives. If g is a quadratic function,
-    g = level + Q / 2 with a constant level. Then Q = -2 level on the arcs, and the gradient
-    of g is g'' (u, v)^T. m is the larger of |u| and |v| at a point.
+    two coordinates u and v the arcs are zeros of a function g(u, v), and the slopes of g
+    are 0 at the saddle, u = v = 0. Let Q = (u, v) g'' (u, v)^T be the quadratic form of the
+    second derivatives. If g is a quadratic function, g = level + Q / 2 with a constant
+    level. Then Q = -2 level on the arcs, and the gradient of g is g'' (u, v)^T.
 
     Attributes
     ----------
     relative_form_error
-        Bound of |Q + 2 level| at all points of the arcs, divided by m^2.
+        Bound of |Q + 2 level| / m^2 at all points of the arcs, where m is the larger of |u|
+        and |v|.
     relative_gradient_error
         Bound of the error of both components of the gradient, divided by m.
     """
@@ -166,8 +167,8 @@ class DirectionRates:
     is perpendicular to a curve, so the tangent is (-g_v, g_u). Rates are derivatives of the
     variables of the mechanism along the tangent.
 
-    The gradient is computed at one point of the direction, with u = 1 or u = -1. g counts
-    as a quadratic form there, so its gradient is proportional to the distance from the
+    The gradient is computed at one point of the direction, (1, slope) or (-1, -slope). g
+    counts as a quadratic form, so its gradient is proportional to the distance from the
     saddle. Therefore all points in the direction have the same signs.
 
     Attributes
@@ -186,8 +187,8 @@ class DirectionRates:
     def opposite(self) -> "DirectionRates":
         """Return the gradient and the signs of rates in the opposite direction (-u, -v).
 
-        The gradient of a quadratic form g(u, v) has the opposite sign there. So have the
-        rates of all variables along the branch of the curve.
+        The gradient of a quadratic form g(u, v) is opposite there. So are the tangent
+        (-g_v, g_u) and the rates of all variables along it.
         """
         return DirectionRates(-self.g_u, -self.g_v, -self.signs)
 
@@ -242,8 +243,8 @@ def _bound_arm_slopes(hessian: Array, relative_form_error: float) -> ArmSlopes:
     Parameters
     ----------
     hessian
-        (2, 2) the matrix of Q, ((a, b), (b, -d)), in balls (numbers with a bound of their
-        error).
+        (2, 2) second derivatives of g, the function with the curves as zeros. They are the
+        matrix of Q, ((a, b), (b, -d)), in balls (numbers with a bound of their error).
     relative_form_error
         Largest |Q(u, v)| / m^2 on the arms, where m is the larger of |u| and |v|.
 
@@ -252,8 +253,9 @@ def _bound_arm_slopes(hessian: Array, relative_form_error: float) -> ArmSlopes:
     ZeroDivisionError
         If there may not be two real directions with Q = 0.
     """
-    # An error E m^2 of Q acts like an error E of a where |u| is larger, and like an error E
-    # of d where |v| is larger. So a and d are widened by E.
+    # On an arm Q = e m^2 with |e| <= E. Where |u| is larger, m^2 = u^2, and Q with a - e
+    # for a is exactly 0. Where |v| is larger, Q with d + e for d is exactly 0. So the balls
+    # of a and d are widened by E, to contain these coefficients.
     a = widen(hessian[0, 0], relative_form_error)
     d = widen(-hessian[1, 1], relative_form_error)
     b = hessian[0, 1]
@@ -277,12 +279,13 @@ def _bound_arm_slopes(hessian: Array, relative_form_error: float) -> ArmSlopes:
 def _evaluate_direction(
     derivatives: SaddleDerivatives, slope: float, relative_gradient_error: float
 ) -> DirectionRates:
-    """Return the gradient of g and the signs of all rates in the direction (1, slope).
+    """Return the gradient of g and the signs of all rates at points v = slope u, u > 0.
 
     The configurations near a saddle are the curves g(u, v) = 0 in two coordinates, with u =
-    v = 0 at the saddle. The signs say which variables grow and which fall along the tangent
-    (-g_v, g_u). The gradient is computed at u = 1, v = slope. At other points in this
-    direction it is proportional, so the signs are the same.
+    v = 0 at the saddle. A curve that passes through such a point has the tangent (-g_v,
+    g_u) there. The signs say which variables grow and which fall along this tangent. The
+    gradient is computed at u = 1. At other points it is proportional to u, so the signs are
+    the same.
 
     Parameters
     ----------
@@ -306,8 +309,9 @@ def _enclose_gradient(
 ) -> list[Ball]:
     """Return g_u and g_v at a point (u, v), as balls: numbers with a bound of their error.
 
-    The gradient of g, a function with the configuration curves as zeros, is g'' (u, v)^T up
-    to an error.
+    g is a function with configuration curves as zeros. Its gradient is 0 at the saddle
+    u = v = 0, where curves cross or nearly do. So it is g'' (u, v)^T up to an error. g_u
+    and g_v are its components, the derivatives with respect to u and v.
 
     Parameters
     ----------
@@ -340,10 +344,9 @@ def _prove_rate_signs(
     tangent of the arm. Its two possible directions are opposite; here the one with growing
     v is meant.
 
-    Seen from the saddle, all points of the arm are in directions between two slope bounds.
-    g is nearly a quadratic form, so each rate is a linear function of u and v. In a
-    direction between the bounds, a rate is a sum of its values at both bounds, with
-    positive factors. So a sign that is equal at both bounds is valid on the whole arm.
+    The slope v / u on the arm is between two bounds. g is nearly a quadratic form, so each
+    rate is a linear function of u and v. If a rate has the same sign in the directions of
+    both bounds, it has this sign on the whole arm.
 
     Parameters
     ----------
@@ -359,13 +362,14 @@ def _prove_rate_signs(
     -------
     (variables,) the signs, 0 if not proven.
     """
-    # `flat` and `steep` are the two slope bounds.
+    # `flat` and `steep` are the slope bounds of smaller and of larger magnitude. The rates
+    # are evaluated at u = 1. The tangent of the arm is (-g_v, g_u).
     sector = SectorRates(
         first=_evaluate_direction(derivatives, slope_bounds.flat, relative_gradient_error),
         last=_evaluate_direction(derivatives, slope_bounds.steep, relative_gradient_error),
     )
-    # The signs belong to the tangent (-g_v, g_u). If v is not proven to grow along this
-    # tangent, no sign is known.
+    # As g_u is positive for u > 0, v grows along this tangent. If this is not proven, no
+    # sign is known.
     if not sector.is_towards_larger_v:
         return np.zeros_like(sector.signs)
     return sector.signs
@@ -375,8 +379,8 @@ def _bound_changes(derivatives: SaddleDerivatives, slope_bounds: SlopeBounds) ->
     """Return bounds of the changes of all variables from a saddle to points on an arm.
 
     An arm is a branch of configuration curves that leaves a saddle (where curves cross or
-    nearly do), at u = v = 0. The changes are linear in u and v. They are bounded at points
-    with max(|u|, |v|) = 1, and are proportional elsewhere.
+    nearly do), at u = v = 0. A change is a derivative, somewhere near the saddle, times
+    (u, v). It is bounded for max(|u|, |v|) = 1, and is proportional elsewhere.
 
     Parameters
     ----------
@@ -389,8 +393,10 @@ def _bound_changes(derivatives: SaddleDerivatives, slope_bounds: SlopeBounds) ->
     -------
     (variables,) bounds (rad) of the changes, divided by the larger of |u| and |v|.
     """
+    # The points of the arm at which any linear function of u and v is largest.
     points = _list_extreme_points(slope_bounds)
-    # (variables, points) = (variables, 2) times (2, points).
+    # (variables, points) = (variables, 2) times (2, points). The derivatives are balls
+    # (numbers with a bound of their error) that contain all values near the saddle.
     changes = derivatives.variable_rates @ exact_balls(points).T
     return np.array([max(map(upper_magnitude, row)) for row in changes])
 
@@ -398,10 +404,11 @@ def _bound_changes(derivatives: SaddleDerivatives, slope_bounds: SlopeBounds) ->
 def _list_extreme_points(slope_bounds: SlopeBounds) -> list[Floats]:
     """Return the points at which linear functions of u and v are largest on an arm.
 
-    An arm is a curve with bounds of its slope v / u, both of the same sign. Its points with
-    max(|u|, |v|) = 1 are on the border of a square. A linear function is largest there at
-    an end of this piece, or at a corner of the square. The points (2,) have u > 0. For arms
-    with u < 0 the magnitudes at the opposite points are the same.
+    An arm is a curve on which the slope v / u is between two bounds of the same sign. Its
+    points are scaled to max(|u|, |v|) = 1, the border of a square. Between both slopes this
+    border is a straight line, or two lines that meet at a corner. A linear function is
+    largest at an end of a line. The points (2,) have u > 0; the opposite points have the
+    same magnitudes.
     """
     low, high = sorted((slope_bounds.flat, slope_bounds.steep))
     slopes = [low, high]
@@ -413,12 +420,13 @@ def _list_extreme_points(slope_bounds: SlopeBounds) -> list[Floats]:
 
 
 def bound_arm_rates(derivatives: SaddleDerivatives, errors: ArmErrors) -> ArmRates:
-    """Return the signs of all rates on the four arms, and the changes of the variables.
+    """Return, for the four arms of a saddle, which variables grow, and how far they change.
 
     A saddle is a place where two configuration curves, zeros of g(u, v), cross or nearly
     do. The arms are the four branches that leave it, one in each quadrant of the
-    coordinates u and v. Rates are derivatives of the variables of the mechanism along an
-    arm.
+    coordinates u and v. The result has, for each arm, the signs of the derivatives (rates)
+    of all variables along the arm, away from the saddle (`outward_signs`). It also has the
+    largest change (rad) of each variable on the arm (`reach`).
 
     Parameters
     ----------
@@ -426,10 +434,7 @@ def bound_arm_rates(derivatives: SaddleDerivatives, errors: ArmErrors) -> ArmRat
         Derivatives of the variables and of g in a rectangle about the saddle.
     errors
         How much the arms differ from straight lines through the point u = v = 0, on which
-        the quadratic form Q = (u, v) g'' (u, v)^T is 0. Let m be the larger of |u| and |v|.
-        `relative_form_error` bounds |Q| / m^2 on the arms. `relative_gradient_error` bounds
-        the error of the gradient g'' (u, v)^T, divided by m. `centre_error` bounds the
-        distance (rad) of the exact saddle from u = v = 0.
+        the quadratic form Q = (u, v) g'' (u, v)^T is 0.
 
     Raises
     ------
@@ -471,12 +476,13 @@ def find_monotonic_variables(
     2 up to errors. Q is a quadratic form, positive on the u axis and negative on the v
     axis. If the level is not 0, the curves do not cross. Then two of the four arms
     (branches) are joined by an arc that passes the saddle. The other two are joined by an
-    arc on the opposite side, with opposite signs of rates.
+    arc on the opposite side, at the points (-u, -v). Rates have opposite signs there, so
+    one arc is examined for both.
 
     The rate of a variable is its derivative along the tangent of the curve. A rate of one
-    sign excludes a stationary point only if the tangent does not reverse along the arc. So
-    its sense must be known, too: an arc about the v axis runs towards larger u everywhere,
-    or an arc about the u axis towards larger v.
+    sign excludes a stationary point only if the tangent keeps its sense along the arc. On
+    an arc about the v axis it must point towards larger u everywhere, on an arc about the u
+    axis towards larger v.
 
     Parameters
     ----------
@@ -496,6 +502,7 @@ def find_monotonic_variables(
     ZeroDivisionError
         If the slopes of the arms cannot be bounded.
     """
+    # How much the arcs differ from curves of a quadratic function g.
     errors = _bound_arc_errors(derivatives.hessian, level, gradient_at_saddle)
     arm_slopes = _bound_arm_slopes(derivatives.hessian, errors.relative_form_error)
     if level > 0:
@@ -523,12 +530,12 @@ def _bound_arc_errors(hessian: Array, level: Ball, gradient_at_saddle: float) ->
     small gradient there, with components of at most s. Let m be the larger of |u| and |v|.
 
     - The gradient adds at most s |u| + s |v| <= 2 s m to g. So Q, which has the factor
-      1 / 2 in g, differs from -2 level by at most 4 s m. Q grows with m^2, so the result
-      has this error divided by m^2: 4 s / m.
-    - The derivatives of g with respect to u and v have an error of at most s. They grow
-      with m, so the result has this error divided by m: s / m.
+      1 / 2 in g, differs from -2 level by at most 4 s m. `relative_form_error` is this
+      error divided by m^2, 4 s / m.
+    - The derivatives of g with respect to u and v have an error of at most s.
+      `relative_gradient_error` is this error divided by m, s / m.
 
-    Both results are largest at the point of the arcs with the least m.
+    Both are largest at the point of the arcs with the least m.
 
     Parameters
     ----------
@@ -550,11 +557,12 @@ def _bound_arc_errors(hessian: Array, level: Ball, gradient_at_saddle: float) ->
 
 
 def _bound_distance_from_saddle(hessian: Array, level: Ball) -> float:
-    """Return a lower bound of the larger of |u| and |v|, m, on arcs that pass a saddle.
+    """Return a lower bound of m, the larger of |u| and |v|, on arcs that pass a saddle.
 
-    On the arcs level + Q(u, v) / 2 is 0 up to errors, so |Q| is about 2 |level|. Also, |Q|
-    is at most m^2 times the sum of the magnitudes of the elements of g''. This gives m^2 >
-    |level| / sum; the factor 2 is left out to allow for the errors.
+    The arcs are zeros of a function g(u, v) = level + Q(u, v) / 2 up to errors, with the
+    quadratic form Q of the second derivatives g''. So |Q| is about 2 |level| on the arcs.
+    Also, |Q| is at most m^2 times the sum of the magnitudes of the elements of g''. This
+    gives m^2 > |level| / sum; the factor 2 is left out to allow for the errors.
 
     Parameters
     ----------
@@ -573,10 +581,10 @@ def _evaluate_sector_about_v_axis(
     """Return the signs of rates in the directions about the positive v axis.
 
     An arc of a configuration curve g(u, v) = 0 passes a saddle on the side v > 0. It joins
-    two arms (branches) of the saddle: one with u > 0 and a positive slope v / u, and one
-    with u < 0 and a negative slope. Of the two bounds of a slope, the flat one is farther
-    from the v axis. So the arc is between both flat bounds. Rates are derivatives of the
-    variables along the curve.
+    two arms (branches) of the saddle: one with a slope v / u > 0 and one with a slope < 0.
+    Each slope has two bounds. The flat bounds, of smaller magnitude, enclose the whole arc.
+    Rates are derivatives of the variables along the curve. They are nearly linear functions
+    of u and v, so a sign that is equal in both border directions is valid between them.
 
     Parameters
     ----------
@@ -604,10 +612,10 @@ def _evaluate_sector_about_u_axis(
     """Return the signs of rates in the directions about the positive u axis.
 
     An arc of a configuration curve g(u, v) = 0 passes a saddle on the side u > 0. It joins
-    two arms (branches) of the saddle: one above the u axis, with a positive slope v / u,
-    and one below, with a negative slope. Of the two bounds of a slope, the steep one is
-    farther from the u axis. So the arc is between both steep bounds. Rates are derivatives
-    of the variables along the curve.
+    two arms (branches) of the saddle: one with a slope v / u > 0 and one with a slope < 0.
+    Each slope has two bounds. The steep bounds, of larger magnitude, enclose the whole arc.
+    Rates are derivatives of the variables along the curve. They are nearly linear functions
+    of u and v, so a sign that is equal in both border directions is valid between them.
 
     Parameters
     ----------
@@ -618,7 +626,7 @@ def _evaluate_sector_about_u_axis(
     relative_gradient_error
         Bound of the error of g_u and g_v, divided by the larger of |u| and |v|.
     """
-    # A direction (1, slope) has u > 0.
+    # The border directions (1, slope) have u > 0.
     above_u_axis = _evaluate_direction(
         derivatives, arm_slopes.positive.steep, relative_gradient_error
     )

@@ -156,10 +156,10 @@ class Saddle(OrientedBox):
 
         A saddle is a place where two configuration curves cross or narrowly miss each
         other. Four branches of the curves, its arms, leave it. The quadrant of an arm is
-        the signs of the coordinates u and v in the box of the saddle. Near the centre,
-        curves that miss each other bend from one quadrant to another. So quadrants are
-        certain only for larger ``|v|``, above the part `INNER_HEIGHT_RATIO` of the half
-        height of the box.
+        the signs of the coordinates u and v in the box of the saddle. Curves that miss each
+        other bend from one quadrant to another, but only where ``|v|`` is below the part
+        `INNER_HEIGHT_RATIO` of the half height of the box. A saddle is proven to have one
+        arm in each quadrant at larger ``|v|``.
 
         Parameters
         ----------
@@ -173,6 +173,7 @@ class Saddle(OrientedBox):
         u, v = self.coordinates(position)[:2]
         inner_height = INNER_HEIGHT_RATIO * self.limits[1]
         is_outside_centre = abs(v) - error > inner_height + COORDINATE_ROUNDING_RAD
+        # The sign of v is then certain. That of u needs a test of its own.
         has_sign_of_u = abs(u) > error + COORDINATE_ROUNDING_RAD
         if not (is_outside_centre and has_sign_of_u and self.contains(position, error)):
             return None
@@ -187,9 +188,10 @@ def find_saddle(
 ) -> Saddle | None:
     """Return the saddle near a position, None if none is proven.
 
-    A saddle is a place where configuration curves cross or narrowly miss each other. The
-    curves are the zeros of a function g(u, v) with a saddle point. They cross if the level,
-    the value of g at the saddle point, is 0.
+    A saddle is a place where configuration curves cross or narrowly miss each other, in a
+    box that is proven to contain it. All equations but one determine the variables there
+    as functions of two coordinates u and v. The last equation is g(u, v) = 0, where g has a
+    saddle point. The curves cross if the value of g at this point is 0.
 
     Boxes about the saddle are tried, from large to small. The first one is used in which a
     saddle is proven and that is good enough (`_is_good_enough`).
@@ -205,7 +207,7 @@ def find_saddle(
         in which the derivatives of the equations lose a rank.
     is_allowed
         Function that returns whether a box may be used, because boxes of saddles must not
-        overlap.
+        overlap. A saddle is itself an oriented box.
     """
     # Balls are numbers with error bounds. Dividing by a ball that contains 0 raises
     # `ZeroDivisionError`. If this happens in `reduce_at_saddle`, no saddle is found.
@@ -390,12 +392,11 @@ def _make_saddle(
         Upper bound (rad) of the distance between the curves where they miss each other, 0
         if they cross.
     central_zone
-        (variables,) size of the zone in which curves that miss each other bend from one arm
-        to another: the largest difference (rad) of each variable from its value at the
-        centre.
+        (variables,) largest difference (rad) of each variable from its value at the centre,
+        in the zone in which curves that miss each other bend from one arm to another.
     arm_rates
         Signs of the rates of all variables along the arms, away from the saddle
-        (`outward_signs`), and how far the arms extend (`reach`).
+        (`outward_signs`), and the largest change (rad) of each variable on them (`reach`).
     is_monotonic
         (variables,) whether it is proven that a variable is not stationary in the central
         zone. A variable is stationary where its rate along the curve is 0.
@@ -483,10 +484,10 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
 
 @dataclass(frozen=True)
 class _CentreMagnitudes:
-    """Upper bounds of the magnitudes of g(u, v) and its slopes at a centre.
+    """Upper bounds of the magnitudes of g(u, v) and its slopes at the centre u = v = 0.
 
-    The configurations near a saddle, where curves cross or nearly do, are the zeros of g in
-    a rectangle of the coordinates u and v.
+    It is the centre of a rectangle of the coordinates u and v near a saddle, where curves
+    of configurations cross or nearly do. The configurations are the zeros of g.
 
     Attributes
     ----------
@@ -517,15 +518,14 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
     For each v beyond h, g is negative at u = 0, positive at both sides and convex in u. So
     it has exactly one zero with u > 0 and one with u < 0. These are the four arms.
 
-    Between -h and h the zeros may be joined in any way. Only there may curves cross, or
-    bend from one arm to another. This happens about the saddle point of g. So the last test
-    is that the saddle point is between -h and h.
+    Between -h and h the curves may cross, or bend from one arm to another. The last test is
+    that the saddle point of g is between -h and h.
 
     Parameters
     ----------
     limits
-        (variables,) half lengths (rad) of the box about the saddle. The first two belong to
-        the rectangle along u and v.
+        (variables,) half lengths (rad) of the box about the saddle. The first two are the
+        rectangle. The other variables are functions of u and v, so g does not contain them.
     value, gradient
         g and its slopes (2,) at the centre, as balls (numbers with a bound of their error).
     hessian
@@ -568,7 +568,8 @@ def _is_positive_on_sides(
         derivative with respect to u is positive.
     """
     rise = _bound_rise_to_sides(u_limit, v_limit, centre, hessian)
-    # 1e-12 allows for the rounding of a few float64 products.
+    # The rise is of the size of u_limit^2. 1e-12 of this size is far above the rounding
+    # errors of a few float64 products.
     return bool(rise - centre.value > 1e-12 * u_limit * u_limit)
 
 
@@ -601,17 +602,18 @@ def _has_saddle_point_within(
 ) -> bool:
     """Return whether the saddle point of g(u, v) has ``|v|`` below the inner height h.
 
-    Configuration curves are the zeros of g, which is convex in u and concave in v. For each
-    v, let b(v) be the least value of g along u, the bottom of a valley. b is concave, and
-    highest at the saddle point. So the saddle point is within h if b(0) exceeds b(h) and
-    b(-h). Both are compared with g(0, 0):
+    Configuration curves are the zeros of g in a rectangle. g is convex in u and concave in
+    v. For each v, let b(v) be the least value of g along u in the rectangle, the bottom of
+    a valley. As the least of concave functions of v, b is concave. It is highest at the
+    saddle point. So the saddle point is within h if b(0) exceeds b(h) and b(-h). These
+    values are compared with g(0, 0):
 
     - b(0) is lower by at most the valley depth u_limit ``|g_u(0, 0)|``, because g is convex
       in u.
     - b(h) and b(-h) are lower by at least the descent of g from the centre to v = h or -h.
 
-    So it is enough that the descent exceeds the valley depth. The test even requires twice
-    the depth.
+    So it is enough that the descent exceeds the valley depth. As a margin, the test
+    requires twice the depth.
 
     Parameters
     ----------
@@ -648,8 +650,8 @@ def _bound_rise_to_sides(
     centre
         Bounds of the magnitudes of the slopes g_u and g_v at the centre.
     hessian
-        (2, 2) balls (numbers with error bounds) of the second derivatives; the second
-        derivative with respect to u is positive.
+        (2, 2) balls (numbers with error bounds) that contain the second derivatives in the
+        whole rectangle; that with respect to u is positive.
     """
     # g_uu is positive, so its least magnitude is its least value.
     least_uu = lower_magnitude(hessian[0, 0])
@@ -666,10 +668,10 @@ def _bound_rise_to_sides(
 
 
 def _bound_descent_along_v(height: float, slope_v: float, hessian: Array) -> float:
-    """Return a lower bound of g at the centre less g at u = 0, v = +-height.
+    """Return a lower bound of g(0, 0) - g(0, v) at v = height and at v = -height.
 
     g(u, v) is a function with configuration curves as zeros, concave in v. The bound is
-    Taylor's formula of second order along v.
+    Taylor's formula of second order along v, with the least curvature on the way.
 
     Parameters
     ----------
@@ -678,8 +680,8 @@ def _bound_descent_along_v(height: float, slope_v: float, hessian: Array) -> flo
     slope_v
         Upper bound of the magnitude of the slope of g by v at the centre.
     hessian
-        (2, 2) balls (numbers with error bounds) of the second derivatives; the second
-        derivative with respect to v is negative.
+        (2, 2) balls (numbers with error bounds) that contain the second derivatives in a
+        whole rectangle about the centre; that with respect to v is negative.
     """
     least_vv = lower_magnitude(hessian[1, 1])
     return float(0.5 * least_vv * height**2 - slope_v * height)

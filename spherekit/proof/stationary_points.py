@@ -273,8 +273,8 @@ class _Stretch:
 
     An arc is a part of the curve, in an oriented box that is proven to contain no other
     part. The search is for points of the curve at which a variable is stationary. If a
-    stretch gives no answer, it is cut in two at the centre of a new arc. The second part is
-    a stretch of the new arc.
+    stretch gives no answer, it is cut in two at the centre of a new arc. The first part
+    keeps its arc and ends at this centre. The second part begins there, with the new arc.
 
     Attributes
     ----------
@@ -304,11 +304,11 @@ class _Stretch:
 
     @property
     def reach(self) -> float:
-        """Upper bound (rad) of the coordinate s in the stretch.
+        """Upper bound (rad) of the coordinate along the tangent, anywhere in the stretch.
 
-        A stretch is a part of a configuration curve from the centre of an arc to `end`. s
-        is the coordinate along the tangent of the arc, 0 at its centre. The bound includes
-        the error of the end and rounding.
+        A stretch is a part of a configuration curve from the centre of an arc to `end`. The
+        coordinate along the tangent of the arc grows from 0 at its centre to its largest
+        value at the end. The bound includes the error of the end and rounding.
         """
         coordinate = self.piece.coordinates(self.end)[0]
         return float(coordinate + self.end_error + COORDINATE_ROUNDING_RAD)
@@ -454,9 +454,9 @@ def _examine_stretch(
 def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
     """Return a part of a curve as undecided, with a bound of a variable's change in it.
 
-    A stretch is a part of a curve of configurations, from the centre of a certified arc to
-    an end. It is undecided if the proof does not show whether the variable is stationary in
-    it. The bound tells how large the resulting uncertainty is.
+    A stretch is a part of a curve of configurations. It is undecided if the proof does not
+    show whether the variable is stationary in it. If it is, its value there differs from
+    that at the start by no more than the bound.
 
     Parameters
     ----------
@@ -467,8 +467,8 @@ def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
 
     Returns
     -------
-    The start of the stretch, with the bound (rad) as its error. It is the smaller of two
-    bounds.
+    The position of the start, with the bound of the change (rad) as `error`. The bound is
+    the smaller of two bounds.
     """
     change_in_box = _bound_change_by_box(stretch, variable)
     change_along_curve = _bound_change_by_rate(stretch, variable)
@@ -486,10 +486,13 @@ def _bound_change_by_box(stretch: _Stretch, variable: int) -> float:
     sides of the box are along the tangent of the curve at the start and along its normals,
     the columns of the frame of the arc.
     """
+    # The arc of the curve that contains the stretch.
     arc = stretch.piece
-    largest_coordinate = min(stretch.reach, arc.half_length)  # along the tangent
-    distance = arc.largest_normal_coordinate(largest_coordinate)  # along each normal
-    normal_count = len(stretch.end) - 1
+    # Along the tangent: the coordinate of the end, with its error. Then along each normal.
+    largest_coordinate = min(stretch.reach, arc.half_length)
+    distance = arc.largest_normal_coordinate(largest_coordinate)
+    # There are as many directions as variables, and all but the tangent are normals.
+    normal_count = len(arc.frame) - 1
     half_lengths = [largest_coordinate, *[distance] * normal_count]
     # Rows of the frame are variables, and columns are directions.
     components = np.abs(arc.frame[variable])
@@ -535,17 +538,18 @@ def _find_middle_piece(
     -------
     The arc. None if none is proven between the start and the end.
     """
-    piece = stretch.piece
-    # Coordinates along the tangent of the arc of the stretch, 0 at its start.
-    end_coordinate = piece.coordinates(stretch.end)[0]
+    start_arc = stretch.piece
+    # The first coordinate in the box of an arc is along its tangent, 0 at its centre.
+    end_coordinate = start_arc.coordinates(stretch.end)[0]
     # Largest half length of the new arc. About twice the length of the stretch is ample.
     longest = max(2.0 * end_coordinate, SHORTEST_STRETCH_RAD)
-    middle = find_piece_ahead(equations, piece, stretch.position(ratio), longest)
+    middle = find_piece_ahead(equations, start_arc, stretch.position(ratio), longest)
     if middle is None:
         return None
-    is_before_end = piece.coordinates(middle.centre)[0] < end_coordinate
+    is_before_end = start_arc.coordinates(middle.centre)[0] < end_coordinate
     end_is_ahead = middle.coordinates(stretch.end)[0] > 0.0
-    if is_before_end and end_is_ahead and _has_same_sense(middle, piece):
+    # Both parts of the stretch must be followed in the same sense.
+    if is_before_end and end_is_ahead and _has_same_sense(middle, start_arc):
         return middle
     return None
 
@@ -584,10 +588,10 @@ def _enclose_zero(
 def _bound_differences_from_middle(stretch: _Stretch) -> Floats:
     """Return how much each variable in a stretch of a curve differs from the middle point.
 
-    A stretch is a part of a curve of configurations. It starts at the centre of a certified
-    arc, and has a computed end. The middle point is on the straight line from start to end,
-    half way. The columns of the arc's frame are unit vectors: the tangent at the start,
-    then the normals.
+    A stretch is a part of a curve of configurations. It starts at the centre of an arc
+    (`piece`), and has a computed end. The middle point is on the straight line from start
+    to end, half way. The columns of the frame of the arc are unit vectors: the tangent at
+    the start, then the normals.
 
     Returns
     -------
@@ -600,6 +604,7 @@ def _bound_differences_from_middle(stretch: _Stretch) -> Floats:
     # The difference of a variable is a sum over the columns of the frame: each distance
     # along a column, times the component of the column for this variable.
     differences = np.abs(stretch.piece.frame) @ distances
+    # Far above the rounding errors of angles of a few radians.
     rounding_allowance = 1e-12
     return differences + rounding_allowance
 
@@ -654,16 +659,20 @@ def _approximate_zero(
     The zero, as a fraction of the way from the start of the stretch to its end.
     """
 
-    def rising_rate(ratios: Floats, _function_numbers: Indices) -> Floats:
-        """Return the rate (1,) at a fraction (1,) of the way, positive at the end."""
+    def signed_rate(ratios: Floats, _function_numbers: Indices) -> Floats:
+        """Return the rate (1,) at a fraction (1,) of the way, times its sign at the end.
+
+        `end_sign` makes the result positive at the end and negative at the start.
+        """
         rate = _approximate_rate_at_ratio(equations, stretch, variable, ratios[0])
         return np.array([end_sign * rate])
 
     # The search takes several functions and fractions. Here there is one of each. It also
-    # takes the values at both ends, of which only the signs matter.
+    # takes the values at both ends, of which only the signs matter. The tolerance is the
+    # rounding of float64, so the zero is as accurate as possible.
     one = np.ones(1)
     zero_ratios, _ = find_bracketed_zeros(
-        rising_rate,
+        signed_rate,
         low=0.0 * one,
         high=one,
         values_at_low=-one,
@@ -696,7 +705,9 @@ def _approximate_rate_at_ratio(
     """
     configuration = correct_configuration(equations, stretch.position(ratio))
     if configuration is None:
+        # The start of a stretch is the centre of an arc (piece) of the curve.
         configuration = stretch.piece.centre
+    # The tangent of the arc says in which sense the curve is followed.
     return _approximate_rate(
         equations, configuration, variable, direction=stretch.piece.tangent
     )
@@ -726,8 +737,9 @@ def _approximate_rate(
     The component of the unit tangent for this variable, without error bounds. It is 0 if
     the curve has no unique tangent there.
     """
+    # Derivatives (k, v) of the k equations, which are sums of cosines and sines.
     circle_points = cosines_and_sines(configuration[None])
-    _values, (slopes,) = equations.harmonics.derivatives(circle_points, 1)
+    _values, (slopes,) = equations.harmonics.derivatives(circle_points, order=1)
     tangent_frame = find_frame(slopes, direction)
     if tangent_frame is None:
         return 0.0
@@ -787,7 +799,8 @@ def _shorten_to_zero(
         arc_before = _find_arc_with_sign(
             equations, stretch, variable, zero_ratio - offset, rate_sign=-end_sign
         )
-        # The end of a stretch must be in the box of the arc at which it begins.
+        # A stretch begins at the centre of its `piece`, an arc in a box, and must end in
+        # this box. An arc with a box that does not reach the end cannot be used.
         if arc_before is not None and arc_before.contains(
             shortened.end, shortened.end_error
         ):

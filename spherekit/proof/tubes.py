@@ -336,20 +336,21 @@ def find_piece(
 
 @dataclass(frozen=True)
 class ArcBounds:
-    """Bounds for one arc of configurations, or for arcs in many boxes about one centre.
+    """Bounds for an arc of configurations in a box.
 
     An arc is z = z0 + t s + N y(s), with the tangent t and the k normals N of the
     configuration curve at the centre z0. Its box has ``|s|`` up to a half length and each
     ``|y_i|`` up to a radius. F' are the derivatives of the equations, and Y is
     approximately the inverse of F'N at the centre (`TubeTest`).
 
-    All bounds are arrays with one element for each box; the shape is () for one box.
+    Boxes of several sizes may be tried about the same centre. Each bound is an array with
+    one element for each box; the shape is () for one box.
 
     Attributes
     ----------
     normal_coordinate
-        Largest ``|y_i|`` (rad) of the arc, over all i. The length of y is at most sqrt(k)
-        times this.
+        Bound (rad) of all ``|y_i|`` on the arc. If it is below the radius, the arc stays in
+        the box. The length of y is at most sqrt(k) times this.
     contraction
         Largest row sum of ``|Y F'N - I|`` in the box, with the identity matrix I. If it is
         below 1, there is at most one arc.
@@ -408,9 +409,10 @@ class TubeTest:
     ) -> None:
         """Compute all quantities at the centre from which bounds follow.
 
-        F = 0 are the equations of a mechanism, and the centre is a point of a configuration
-        curve. The columns of the frame are the tangent and the normals of the curve. Y is
-        approximately the inverse of the derivatives of F along the normals.
+        F = 0 are the k equations of a mechanism in v variables, and the centre is a point
+        of a configuration curve. The columns of the frame are the tangent and the normals
+        of the curve. Y is approximately the inverse of the derivatives of F along the
+        normals.
 
         Parameters
         ----------
@@ -424,22 +426,20 @@ class TubeTest:
         values, slopes, curvatures = derivatives
         frame = tangent_frame.frame
         inverse = tangent_frame.inverse
-        # An equation contains cosines and sines of multiples of the angles. Let d_i be the
-        # highest multiple of variable i, its degree. With a constant C, the third
-        # derivative with respect to the variables i, j and l is at most C d_i d_j d_l.
-        # Third derivatives bound the remainder of Taylor's formula.
-        #
-        # The derivative along a column t of the frame is the sum of t_i times the
-        # derivative with respect to variable i. So d = |t_1| d_1 + |t_2| d_2 + ... is the
-        # degree along the column: with it, the same bound holds for derivatives along
-        # columns.
-        self.third_bound = equations.derivative_bound  # C
+        # (k,) constants C. An equation contains cosines and sines of multiples of the
+        # angles. The degree d_i is the highest multiple of variable i. The third derivative
+        # with respect to the variables i, j and l is at most C d_i d_j d_l.
+        self.third_bound = equations.derivative_bound
+        # (k, v) degrees along the columns of the frame. A derivative along a column t is
+        # the sum of t_i times the derivative with respect to variable i. So the same bound
+        # holds with the degree |t_1| d_1 + |t_2| d_2 + ... `ROUND_UP`, slightly above 1,
+        # covers rounding.
         self.degrees = equations.degrees @ np.abs(frame) * ROUND_UP
         # Numbers E that bound the errors of the computed derivatives: E for F, E d_i for
         # F', and E d_i d_j for F''.
         self.derivative_error = _bound_derivative_error(equations)
         self.inverse_size = np.abs(inverse)
-        # Y F'' along the frame.
+        # (k, v, v) Y F'' along the frame.
         self.second_derivatives = np.tensordot(inverse, frame.T @ curvatures @ frame, 1)
         # Largest element of |Y F|, including errors.
         residual_error = self.inverse_size @ self.derivative_error
@@ -454,10 +454,10 @@ class TubeTest:
     def bound_slope_change(self, reach: Floats) -> Floats:
         """Return bounds of |Y F' - (0, I)| at all points within a reach of the centre.
 
-        F' (k, v) are the derivatives of the equations along the columns of the frame: along
-        the tangent first, then along the normals. Y is approximately the inverse of the
-        columns of the normals. So Y F' is near (0, I): a column of zeros, then the identity
-        matrix. Small bounds prove that there is one arc.
+        F' (k, v) are the derivatives of the k equations along v directions: the tangent of
+        a configuration curve at the centre, then its normals (the frame). Y is
+        approximately the inverse of the columns of the normals. So Y F' is near (0, I): a
+        column of zeros, then the identity matrix.
 
         Taylor's formula about the centre is F' = F'(0) + F''(0) x + remainder, with
         coordinates x along the frame.
@@ -473,9 +473,11 @@ class TubeTest:
         """
         # 1. |Y F'(0) - (0, I)| is `_slope_error`.
         # 2. |Y F''(0) x|: for each equation the row |x| times the matrix |Y F''(0)| (v, v).
+        #    `second_derivatives` (k, v, v) are Y F''(0).
         reach_rows = reach[..., None, None, :]
         linear_change = (reach_rows @ np.abs(self.second_derivatives))[..., 0, :]
-        # 3. |Y| times the remainder and the errors of the computed derivatives.
+        # 3. |Y| (`inverse_size`) times the remainder and the errors of the computed
+        #    derivatives.
         remainder = self._bound_taylor_remainder(reach)
         remainder_change = self.inverse_size @ remainder
         return (self._slope_error + linear_change + remainder_change) * ROUND_UP
@@ -483,11 +485,12 @@ class TubeTest:
     def _bound_taylor_remainder(self, reach: Floats) -> Floats:
         """Return bounds of the error of Taylor's formula F' = F'(0) + F''(0) x.
 
-        F' and F'' are derivatives of the equations along a frame, with coordinates x. Let
-        d_i be the degree of an equation along coordinate i, and S the sum of all d_j times
-        the largest ``|x_j|``. Third derivatives are at most C d_i d_j d_l. Errors of
-        computed derivatives are at most E d_i or E d_i d_j. Three bounds are added for
-        coordinate i:
+        F' and F'' are derivatives of the equations along a frame, with coordinates x: the
+        tangent and the normals of the configuration curve at x = 0. An equation is a
+        trigonometric polynomial, with the degree d_i along coordinate i. So its third
+        derivatives are at most C d_i d_j d_l with a constant C (Bernstein's inequality).
+        Errors of computed derivatives are at most E d_i or E d_i d_j. Let S be the sum of
+        all d_j times the largest ``|x_j|``. Three bounds are added for coordinate i:
 
         - of the remainder                        d_i C S^2 / 2,
         - of the error of the computed F'(0)      d_i E,
@@ -511,14 +514,14 @@ class TubeTest:
     def bound_arc(self, half_length: Floats | float, radius: Floats | float) -> ArcBounds:
         """Return bounds of the arc for |s| <= half_length, if it stays within the radius.
 
-        The arc has coordinates s along its tangent and y(s) along its normals. The caller
-        tests whether it stays within the radius. It does if the returned ``|y_i|`` is less
-        than the radius, and the contraction less than 1.
+        The arc has a coordinate s along its tangent and k coordinates y(s) along its
+        normals. The bounds assume that each ``|y_i|`` is at most the radius. This is proven
+        if the bound of ``|y_i|`` is less than the radius, and the contraction less than 1.
 
-        With F' the derivatives of the equations and Y the approximate inverse at the
-        centre, Y F' is (e, I + E): a small column e of derivatives with respect to s, and a
-        matrix near the identity I of derivatives with respect to y. Along the arc F' (1,
-        y') = 0, so (I + E) y' = -e. Three bounds follow:
+        F' are the derivatives of the k equations, and Y is an approximate inverse. Y F' is
+        (e, I + E): a small column e of derivatives with respect to s, and a matrix near the
+        identity I of derivatives with respect to y. Along the arc F' (1, y') = 0, so
+        (I + E) y' = -e. Three bounds follow:
 
         1. The contraction is the largest row sum of ``|E|`` in the box.
         2. The slope ``|y'|`` is at most ``|e|`` / (1 - contraction).
@@ -536,9 +539,8 @@ class TubeTest:
         reach_of_box = _largest_coordinates(half_length, radius, normal_count)
         reach_at_centre = _largest_coordinates(0.0, radius, normal_count)
         reaches = np.stack(np.broadcast_arrays(reach_of_box, reach_at_centre))
-        # (..., k, v) each: bounds of Y F' - (0, I). The first column bounds |e|, the
-        # remaining columns |E|. The bounds are polynomials in the largest coordinates, with
-        # positive coefficients.
+        # (..., k, 1 + k) each: bounds of the magnitudes of Y F' - (0, I) = (e, E). Column 0
+        # bounds |e|, the remaining columns |E|.
         change_in_box, change_at_centre = self.bound_slope_change(reaches)
 
         # 1. Contraction. `ROUND_UP` is slightly above 1 and covers the rounding of the
@@ -546,17 +548,16 @@ class TubeTest:
         row_sums = change_in_box[..., 1:].sum(axis=-1)
         contraction = row_sums.max(axis=-1) * ROUND_UP
 
-        # 2. Slopes in the box and at s = 0. The contraction of the box is valid for both.
-        #    If it exceeds 1, the slopes become huge, but not negative.
+        # 2. Slopes in the box and at s = 0, which is in the box, so that its contraction is
+        #    valid there, too. If it exceeds 1, the slopes become huge, but not negative.
         margin = np.maximum(1.0 - contraction, 1e-300)
         slope_in_box = change_in_box[..., 0].max(axis=-1) / margin * ROUND_UP
         slope_at_centre = change_at_centre[..., 0].max(axis=-1) / margin * ROUND_UP
 
         # 3. Largest |y_i|. At s = 0 it is at most the residual |Y F| at the centre, divided
-        #    by 1 - contraction. From there the slope is integrated along s. Its bound is
-        #    a convex function of |s|: each |e_i| has a polynomial with positive
-        #    coefficients as its bound, and the largest of convex functions is convex. So
-        #    the mean slope is at most the mean of the bounds at s = 0 and at the end.
+        #    by 1 - contraction. From there the slope is integrated along s. Its bound is a
+        #    convex function of |s|, since it is a polynomial with positive coefficients for
+        #    each |e_i|. So the mean slope is at most the mean of the bounds at both ends.
         largest_at_centre = self._residual / margin
         mean_slope = 0.5 * slope_in_box + 0.5 * slope_at_centre
         largest = (largest_at_centre + half_length * mean_slope) * ROUND_UP
