@@ -231,20 +231,14 @@ class _AspectNodes(ArrayRows):
     is_regular
         (n,) whether the configuration has no singularity of a type that divides aspects.
     determinant_two
-        (n,) determinant of a matrix with g columns, one for each of g independent motions
-        of the mechanism. A column has the rates of the g inputs. The determinant vanishes
-        at type II, and its sign separates aspects. If equations of the loops depend on each
-        other, the sign has no meaning, and the value is 0.
+        (n,) a determinant that is zero at type II. Its sign tells aspects apart. In
+        mechanisms where the sign has no meaning, the value is 0.
     determinant_one
-        (n,) determinant of the matrix M, whose columns are the rates of the output in the
-        same motions. It vanishes at type I. M may not be square, or equations of the loops
-        may depend on each other. Then the value is the determinant of M^T M, which is never
-        negative. It is 0 if there is no output.
+        (n,) a determinant that is zero at type I. Its sign tells aspects apart, except in
+        mechanisms where it is never negative. The value is 0 if there is no output.
     slope_one
-        (n, g) derivatives of `determinant_one` with respect to the g inputs. They show
-        whether the determinant vanishes between two configurations. They are 0 if type
-        I does not divide aspects. Type II needs no slopes: paths between configurations
-        are followed in steps that cannot pass type II.
+        (n, g) derivatives of `determinant_one` with respect to the g inputs. They are 0 if
+        type I does not divide aspects.
     """
 
     values: Floats
@@ -319,7 +313,8 @@ class _AspectGraph:
             The condition that the output rests, for singularities of type I (inputs can
             move while the output rests). None if the mechanism has no output.
         divides_by_type_one
-            Whether singularities of type I divide aspects. Those of type II always do.
+            Whether singularities of type I divide aspects. Those of type II (the output can
+            move while the inputs rest) always do.
         time_limit
             Time after which no more configurations are connected.
         """
@@ -331,9 +326,8 @@ class _AspectGraph:
         self.periods = variable_periods(solver.closure)
         self.output = output
         self.divides_by_type_one = divides_by_type_one
-        # A determinant of the rates of the output is zero at singularities of type I. This
-        # attribute says whether the determinant changes its sign there. `_make_nodes` sets
-        # the attribute.
+        # Each node has a determinant that is zero at type I. In some mechanisms its sign
+        # tells aspects apart. In these, `_make_nodes` sets this attribute to True.
         self.has_sign_of_type_one = False
         self.nodes = self._make_nodes(
             np.zeros((0, len(self.periods))), np.zeros(0, dtype=np.intp)
@@ -625,8 +619,7 @@ class _AspectGraph:
         pairs = np.stack([starts[arrived], ends], axis=1)
         is_connected = np.all(self.nodes.is_regular[pairs], axis=1)
         if self.divides_by_type_one:
-            # Derivatives with respect to the inputs times these changes are slopes
-            # along the path.
+            # (paths, inputs) how far each input moves on each path.
             input_changes = (end_nodes.values - values)[arrived][:, self.driven]
             is_connected &= self._keeps_sign_of_type_one(pairs, input_changes)
         self.connections.append(pairs[is_connected])
@@ -668,17 +661,11 @@ class _AspectGraph:
         An aspect is a part of the configurations that is connected without a singularity.
         Aspects are the connected components of the graph, and the largest one has number 0.
 
-        Two determinants of a configuration tell aspects apart by their signs. The rates of
-        the inputs in independent motions of the mechanism are a matrix. Its determinant is
-        zero at type II, where the output can move while the inputs rest. The
-        corresponding determinant of the rates of the output is zero at type I, where
-        inputs can move while the output rests.
-
         Parameters
         ----------
         free_of
-            The types of singularity ("I", "II") that divide aspects, for the result. Each
-            aspect is free of them.
+            The types of singularity ("I", "II") that divide aspects. The result only states
+            them, because the graph was already built with these types.
         """
         # Indices of the regular configurations among all, rising.
         regular_numbers = np.flatnonzero(self.nodes.is_regular)
@@ -689,11 +676,14 @@ class _AspectGraph:
         # (n,) number of the aspect of each configuration.
         label = _number_by_size(label_components(len(regular_numbers), edges))
         sizes = np.bincount(label)
-        # Some mechanisms have another determinant for type I that is never negative, for
-        # example if the matrix is not square. Its sign tells nothing, so the sign
-        # counts as zero.
+        # Determinants tell aspects apart by their signs. One is zero at type II, where the
+        # output can move while the inputs rest. The other one is zero at type I, where
+        # inputs can move while the output rests.
+        determinant_two = nodes.determinant_two
         determinant_one = nodes.determinant_one
         if not self.has_sign_of_type_one:
+            # The determinant is never negative in this mechanism, so its sign tells
+            # nothing. Zeros have the sign 0.
             determinant_one = np.zeros_like(determinant_one)
         return Aspects(
             input_grid=self.input_grid,
@@ -705,7 +695,7 @@ class _AspectGraph:
             sizes=sizes,
             # For each aspect, the sign of a determinant in all its configurations. It is 0
             # if they have no common sign.
-            sign_two=_common_signs(nodes.determinant_two, label, sizes),
+            sign_two=_common_signs(determinant_two, label, sizes),
             sign_one=_common_signs(determinant_one, label, sizes),
             # For each aspect, the largest number of its configurations at one sample.
             modes=_most_modes_at_a_sample(label, nodes.sample, len(sizes)),

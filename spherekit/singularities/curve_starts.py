@@ -180,8 +180,7 @@ class LocusPointSearch:
         """Yield singular configurations on the curves of slices, some curves at a time.
 
         A slice is the set of configurations in which all inputs but one are locked at
-        certain values. The result of each batch decides whether the search goes on, also
-        within a time limit.
+        certain values. The search ends early if the time limit is reached.
 
         Parameters
         ----------
@@ -224,10 +223,8 @@ class LocusPointSearch:
         - Every configuration of the mechanism is singular (`is_everywhere`), so there are
           no curves or surfaces.
         - The search used slices: curves of configurations with all inputs but one locked. A
-          curve or surface that crosses no slice is missed. It is so small that it lies
-          within a box between neighbouring slices. An example of the result as text is
-          "complete to a box of 10 deg: but for curves within a box of 10 by 10 deg between
-          slices".
+          curve or surface that crosses no slice is missed. Such a curve or surface is so
+          small that it lies between neighbouring slices.
         - The search used random starts (`section` is None). Nothing is then known of what
           it missed.
 
@@ -242,29 +239,57 @@ class LocusPointSearch:
                 "are singular of this type"
             )
             return Completeness(Guarantee.SAMPLED, reason)
-        # A note says what was left out because of the time limit. It can be empty.
-        notes = [self.time_limit.note]
-        if self.section is None:  # random starts
-            starts_without_result = self._rounds_without_result * CURVE_STARTS_PER_ROUND
-            reason = (
-                f"{self._random_starts} random starts in the ranges of the inputs led to "
-                f"{self._singular_points} singular configurations; the last "
-                f"{starts_without_result} starts led to no new {item}"
-            )
-        else:
-            notes = [self.section.note, *notes]
+        if self.section is None:
+            return self._completeness_of_random_starts(item)
+        # Notes say what was left out because of a time limit. They can be empty.
+        notes = [self.section.note, self.time_limit.note]
+        if any(notes):
             reason = f"{self._searched_slice_curves} curves on slices were searched"
-            # If there is no note, all slices were searched.
-            if not any(notes):
-                gaps = self.section.gaps
-                sides = " by ".join(f"{np.degrees(gap):.3g}" for gap in gaps)
-                reason = f"but for {item}s within a box of {sides} deg between slices"
-                sentence = (
-                    f"complete, except perhaps for {item}s that are so small that they lie "
-                    f"within a box of {sides} deg of the inputs"
-                )
-                return Completeness(Guarantee.TO_BOX, reason, max(gaps), sentence)
-        return Completeness(Guarantee.SAMPLED, "; ".join(filter(None, [reason, *notes])))
+            return Completeness(Guarantee.SAMPLED, _join_reasons([reason, *notes]))
+        return _completeness_between_slices(item, self.section.gaps)
+
+    def _completeness_of_random_starts(self, item: str) -> Completeness:
+        """Return how many random starts were used, and how many led to nothing new.
+
+        Parameters
+        ----------
+        item
+            The kind of result, in the singular: ``"curve"`` or ``"surface"``.
+        """
+        starts_without_result = self._rounds_without_result * CURVE_STARTS_PER_ROUND
+        reason = (
+            f"{self._random_starts} random starts in the ranges of the inputs led to "
+            f"{self._singular_points} singular configurations; the last "
+            f"{starts_without_result} starts led to no new {item}"
+        )
+        # The note says what was left out because of the time limit. It can be empty.
+        reasons = [reason, self.time_limit.note]
+        return Completeness(Guarantee.SAMPLED, _join_reasons(reasons))
+
+
+def _completeness_between_slices(item: str, gaps: Sequence[float]) -> Completeness:
+    """Return that a complete search of all slices can only have missed small results.
+
+    Parameters
+    ----------
+    item
+        The kind of result, in the singular: ``"curve"`` or ``"surface"``.
+    gaps
+        For each input, the distance between neighbouring slices (rad).
+    """
+    sides = " by ".join(f"{np.degrees(gap):.3g}" for gap in gaps)
+    # The short form follows the words "complete to a box of 10 deg:".
+    short_form = f"but for {item}s within a box of {sides} deg between slices"
+    sentence = (
+        f"complete, except perhaps for {item}s that are so small that they lie "
+        f"within a box of {sides} deg of the inputs"
+    )
+    return Completeness(Guarantee.TO_BOX, short_form, max(gaps), sentence)
+
+
+def _join_reasons(reasons: Sequence[str]) -> str:
+    """Return reasons as one text, without the empty ones."""
+    return "; ".join(reason for reason in reasons if reason)
 
 
 def ranges_of(mechanism: Mechanism) -> list[tuple[float, float]]:
@@ -280,10 +305,10 @@ def closed_configurations(
     In a closed configuration, all loops of links are closed. The start values of the inputs
     are distributed uniformly over their ranges and are not changed by Newton's method.
 
-    The variable of a rolling contact is the length along which two wheels have rolled. With
-    it, each wheel has a certain position at given inputs. If gear ratios state all these
-    lengths for given inputs, the lengths get these values, and are not changed either. With
-    other values, the wheels would be put together in another way than in the mechanism.
+    The variable of a rolling contact is the length along which two wheels have rolled.
+    Often the gear ratios determine these lengths from the inputs. Newton's method then
+    starts with these lengths and does not change them either. With other lengths, the
+    wheels would be put together in another way than in the mechanism.
 
     Parameters
     ----------
@@ -306,7 +331,7 @@ def closed_configurations(
     start[:, fixed_variables] = random.uniform(
         range_starts, range_stops, (count, len(fixed_variables))
     )
-    # How far the wheels have rolled at given inputs. None without rolling contacts.
+    # The rolled lengths as functions of the inputs. None without rolling contacts.
     gear_phases = solver.gear_phases
     if gear_phases is not None and gear_phases.all_known:
         rolled_lengths = gear_phases.rolled_lengths(start[:, fixed_variables])
@@ -334,10 +359,8 @@ def points_from(
 ) -> LocusPoints:
     """Return the singular configurations that Newton's method reaches from given ones.
 
-    Newton's method changes a configuration until it is singular. All inputs but one are
-    locked during these changes, so that the locked inputs stay in their ranges. The
-    free input differs from configuration to configuration. In turn with these, some
-    configurations have all inputs free.
+    Newton's method changes a configuration until it is singular. In most configurations,
+    all inputs but one are locked meanwhile, so that these inputs stay in their ranges.
 
     Parameters
     ----------
@@ -356,9 +379,9 @@ def points_from(
     # the output (type I) rest. A regular configuration has none, so Newton's method starts
     # with the rates at which the inputs, or the output, move least.
     motions = locus.measure(locus.tangent_space(values)).motion
-    # (n, inputs - 1, V) matrices whose products with the variables are the locked inputs.
+    # (n, inputs - 1, V) the product of a matrix and the variables of a configuration has
+    # the values of its locked inputs. Newton's method does not change these values.
     conditions = _locked_input_conditions(len(values), values.shape[1], driven)
-    # The locked inputs keep the values that they have now.
     locked_values = np.matvec(conditions, values)
     points = locus.correct(
         values, motions, conditions, locked_values, max_steps=RANDOM_LOCUS_NEWTON_STEPS
@@ -369,12 +392,12 @@ def points_from(
 def _locked_input_conditions(
     row_count: int, variable_count: int, driven: Sequence[int]
 ) -> Floats:
-    """Return the linear conditions that lock all inputs but one, in turn.
+    """Return linear conditions that lock all inputs but one in each configuration.
 
-    Newton's method takes configurations to singular ones under these conditions. With
+    Newton's method changes configurations into singular ones under these conditions. With
     two inputs, configuration 0 has the second input locked, configuration 1 the first
     input, and configuration 2 no input. Configuration 3 begins again with the second
-    input.
+    input. One of these choices may succeed where the others find nothing.
 
     Parameters
     ----------
@@ -387,11 +410,16 @@ def _locked_input_conditions(
 
     Returns
     -------
-    (n, inputs - 1, V) matrices. Their products with the variables are the locked inputs.
+    (n, inputs - 1, V) one matrix for each configuration. The product of a matrix and the
+    values of the V variables has the values of the locked inputs.
     """
+    # (inputs, V) the product of each row and the variables is the value of one input.
     input_rows = np.eye(variable_count)[list(driven)]
-    choices = [np.delete(input_rows, free, 0) for free in range(len(input_rows))]
-    # Equations 0 = 0 lock no input. They do no harm, because each step is the shortest one
-    # that satisfies all equations.
+    choices = []
+    for free_input in range(len(input_rows)):
+        choices.append(np.delete(input_rows, free_input, 0))
+    # The last choice locks no input. Its equations 0 = 0 do no harm, because each step of
+    # Newton's method is the shortest one that satisfies all equations.
     choices.append(np.zeros_like(input_rows[1:]))
-    return np.array(choices)[np.arange(row_count) % len(choices)]
+    choice_of_row = np.arange(row_count) % len(choices)
+    return np.array(choices)[choice_of_row]

@@ -108,22 +108,23 @@ class _LocusNodes(CurvePoints):
 def _equations_with_tangent(points: LocusPoints, tangents: Floats) -> Floats:
     """Return the linearised equations of points on a curve, with the tangent as last row.
 
-    The curve is one of singular configurations. Its equations leave one freedom, the change
-    along the curve. The last row is the component of a change along the tangent. With this
-    row the matrix is regular except where curves cross.
+    The points are singular configurations. Each has a singular motion: rates that close the
+    loops while the inputs, or the output, rest. The unknowns of the equations are first the
+    change of the configuration, then the change of its singular motion.
 
-    The unknowns are coordinates of a change of the configuration, and of a change of its
-    singular motion (rates with which the inputs, or the output, rest).
+    The equations leave one freedom, the change along the curve. The product of the last row
+    and a change is the part of the change along the tangent. With this row the matrix is
+    regular except where curves cross.
 
     Parameters
     ----------
     points
         n points with their linearised equations.
     tangents
-        (n, V) tangents of the curve in the V variables.
+        (n, V) tangents of the curve: changes of the V variables of the configuration.
     """
-    # The tangents are vectors of the V variables. This basis converts them to a row for
-    # the coordinates.
+    # The change of the configuration is unknown as coordinates in this basis. The tangent
+    # is converted to such coordinates. It has zeros for the change of the motion.
     configuration_basis = points.bases.configuration
     tangent_rows = tangents[:, None]
     return append_conditions(points.equations, tangent_rows, configuration_basis)
@@ -278,15 +279,16 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         """Return the starts of curves, moved by whole periods, to test closed curves.
 
         A curve of singular configurations closes if it returns to its start, up to whole
-        periods of the angles. Each point also has a singular motion: rates that close the
-        loops while the inputs, or the output, rest. At the start this motion must be the
-        same, up to its arbitrary sign. The start gets the sign of the last node. If the
-        motions differ, the start becomes NaN, and the curve does not close.
+        periods of the angles. Each configuration has a singular motion: rates that close
+        the loops while the inputs, or the output, rest. The motions at the start and at the
+        last node must be the same, up to their arbitrary signs. If the motions differ, the
+        start becomes NaN, and the curve does not close.
 
         Parameters
         ----------
         starts, nodes
-            First and last nodes (computed points) of k curves.
+            First and last nodes (computed configurations) of k curves. Their singular
+            motions are in the attribute `points`.
         values
             (k, V) variables of the starts, moved by whole periods (rad).
         """
@@ -295,7 +297,8 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         cosine = np.vecdot(start_motions, nodes.points.motions)
         # Two unit vectors are the same, up to the sign, if their cosine is near 1 or -1.
         has_same_motion = np.abs(cosine) >= SAME_LAP_COSINE
-        # The sign of the cosine makes the motion of the start like that of the last node.
+        # The motion at the start is multiplied by this sign. Its sense is then that of the
+        # motion at the last node.
         sense = np.sign(cosine)
         # NaN marks starts at which the curve does not close.
         sense[~has_same_motion] = np.nan
@@ -305,10 +308,10 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
             starts.points,
             values=moved_values,
             motions=sense[:, None] * start_motions,
-            # (k, V, 1) derivatives along the only tangent.
+            # (k, V, 1) derivatives of the motions along the curves.
             motion_derivatives=sense[:, None, None] * starts.points.motion_derivatives,
         )
-        # A node and its point both have the variables.
+        # The variables are stored twice: here and in `points`.
         return replace(starts, values=moved_values, points=points)
 
     def select_steps(

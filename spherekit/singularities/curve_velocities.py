@@ -262,10 +262,9 @@ class LinkMotion:
         along_axis = axis.direction * np.vecdot(axis.direction, dw)[:, None]
         across_axis = dw - along_axis
         turning_rate = np.linalg.norm(across_axis / speed[:, None], axis=1)
-        # Near a zero of w, its direction is only rounding, and the quotient is huge without
-        # a meaning. This is seen from the error of the axis, which is about 1 rad there and
-        # small elsewhere. So the inverse of the error is a limit: it is about 1 near the
-        # zero, and so large elsewhere that it has no effect.
+        # Near a zero of w, the direction of w is only rounding, and the rate is huge but
+        # means nothing. The error of the axis is about 1 rad there, and cuts the rate to
+        # about 1. Elsewhere the error is small, and the limit is too large to have effect.
         limit = 1.0 / np.clip(axis.error, EPS, 1.0)
         return np.minimum(turning_rate, limit)
 
@@ -467,16 +466,16 @@ class CurveMotion:
             return np.zeros((len(s), 3))
         # |w| and |dw|, where dw is the derivative of w with respect to arc length.
         speed, growth = self.links_at(s).speeds(pole)
-        # The distance from a simple zero of w is about speed / growth. Near a zero, the
-        # direction of w is inaccurate, but the direction of dw is not.
+        # The distance (rad) from a zero of w is about speed / growth. At distances up to
+        # `NEAR_REST_RAD`, the direction of w is inaccurate, but the direction of dw is not.
         is_near_rest = speed <= NEAR_REST_RAD * growth
         direction = np.where(
             is_near_rest[:, None],
             self._direction_by_derivative(s, pole, rest_points),
             self._direction_by_velocity(s, pole, rest_points),
         )
-        # The direction is NaN where w is exactly zero, and dw is zero or unknown as well.
-        # With the vector zero, the rate along the axis is zero there, as it should be.
+        # The direction can be NaN where w is exactly zero. Callers multiply w by the
+        # direction. With the vector zero, they obtain the rate 0 and not NaN.
         return np.nan_to_num(direction)
 
     @np.errstate(invalid="ignore", divide="ignore")
@@ -581,16 +580,18 @@ class CurveMotion:
         if curve.closed:
             # The start of a closed curve is also its end. A zero there counts once.
             zeros = zeros.merge_seam(curve.length)
-        # The minimum of the length of the whole vector is more accurate than the zero of
-        # one component. At a double zero, the component touches zero and keeps its sign.
-        s = self._refine_zeros(zeros.places, zeros.double, pole)
+        # Where the component touches zero and keeps its sign, the zero is double.
+        is_double = zeros.double
+        # All other zeros are moved to the nearest minimum of the length of the whole
+        # vector. This minimum is more accurate, because all components contribute.
+        s = self._refine_zeros(zeros.places, is_double, pole)
         # Bounds of the errors of the arc lengths s.
-        errors = self._bound_zero_errors(s, zeros.double, pole)
+        errors = self._bound_zero_errors(s, is_double, pole)
         # The links rest where the whole vector vanishes. At other zeros only the component
         # along `PROJECTION` vanishes.
         vanishes = self.links_at(s).rests(pole)
         is_rest = vanishes & self._is_apart_from_crossings(s, errors)
-        return RestPoints(s[is_rest], zeros.double[is_rest], errors[is_rest])
+        return RestPoints(s[is_rest], is_double[is_rest], errors[is_rest])
 
     def _bound_zero_errors(self, s: Floats, is_double: Bools, pole: Pole) -> Floats:
         """Return bounds (k,) of the errors of zeros of a relative angular velocity (rad).
@@ -622,26 +623,28 @@ class CurveMotion:
         return np.minimum(errors, length)
 
     def _curvature_at_double_zeros(self, s: Floats, pole: Pole) -> Floats:
-        """Return the second derivative c (k,) of a relative angular velocity at its zeros.
+        """Return the size c (k,) of the second derivative of a velocity at double zeros.
 
-        Only the size of the derivative is returned. At a double zero the velocity touches
-        zero like a parabola. Its slope has the size c x at a small distance x to either
-        side. At a thousandth of the length of the curve, the velocity is still nearly a
-        parabola, and the slope is above rounding.
+        The velocity is the relative angular velocity of two links, as a vector. At a double
+        zero it touches zero like a parabola. Its first derivative has the size c x at a
+        small distance x to either side. At a thousandth of the length of the curve, the
+        velocity is still nearly a parabola, and the derivative is above rounding.
 
         Parameters
         ----------
-        s, pole
-            (k,) arc lengths of the double zeros (rad), and the two links.
+        s
+            (k,) arc lengths of the double zeros (rad).
+        pole
+            The two links.
         """
         distance = 1e-3 * self.curve.length
         # The point aside is on the side of the middle of the curve, so it is on the curve.
         is_in_second_half = s > 0.5 * self.curve.length
         s_aside = s + np.where(is_in_second_half, -distance, distance)
-        # The length of the derivative of the velocity, which is never negative.
-        _, slope_aside = self.links_at(s_aside).speeds(pole)
+        # The sizes of the velocity and of its first derivative.
+        _, derivative_size = self.links_at(s_aside).speeds(pole)
         # The caller divides by the result, so it must not be zero.
-        return np.maximum(slope_aside / distance, EPS)
+        return np.maximum(derivative_size / distance, EPS)
 
     def _is_apart_from_crossings(self, s: Floats, errors: Floats) -> Bools:
         """Return whether zeros of a velocity can be distinguished from crossings of curves.
@@ -697,5 +700,6 @@ class CurveMotion:
             if not self.curve.closed:
                 # An open curve has no points beyond its ends. A zero at an end stays there.
                 s = np.clip(s, 0.0, self.curve.length)
-        # After its end, a closed curve continues with the next lap.
+        # A zero of a closed curve that was moved before its start is put back to the start.
+        # Beyond the end a closed curve continues with the next lap, so nothing is changed.
         return np.maximum(s, 0.0)

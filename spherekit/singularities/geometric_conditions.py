@@ -97,16 +97,17 @@ class ParallelAxes:
 
 @dataclass(frozen=True)
 class CoincidentPlanes:
-    """The condition that two planes coincide, each through three axes of `SixPoles`.
+    """The condition that two planes coincide, each through three pole axes of links.
 
     The pole axis of two links is the axis about which they rotate relative to each other.
-    By the theorem of Aronhold and Kennedy, the three pole axes of three links are in one
-    plane. The condition means that a mechanism is singular.
+    Four links, such as i, r, o and s, have six pole axes. By the theorem of Aronhold and
+    Kennedy, the three pole axes of three of these links are in one plane. If the condition
+    is fulfilled, the mechanism is singular.
 
     Attributes
     ----------
     first, second
-        Names of the three axes in each plane.
+        Names of the three axes in each plane, such as "os" for the axis of links o and s.
     """
 
     first: tuple[str, ...]
@@ -115,13 +116,18 @@ class CoincidentPlanes:
     def sine(self, poles: SixPoles) -> Floats:
         """Return how far (n,) the two planes are from coinciding, as the sine of an angle.
 
-        In general this is the angle between the planes. Parallel axes determine no plane.
-        If the axes of one plane are parallel, the angles between all six axes and the plane
-        nearest to them are taken, and the largest sine is returned. The result is NaN if an
+        In general this is the angle between the planes. If the three axes of a plane are
+        parallel, they determine no plane. The angles of all six axes to the plane nearest
+        to them are then taken, and the largest sine is returned. The result is NaN if an
         axis is unknown.
+
+        Parameters
+        ----------
+        poles
+            The six pole axes at n configurations.
         """
         # For each plane its normal, and the largest sine between two of its axes. This sine
-        # vanishes if the axes are parallel.
+        # vanishes if all its axes are parallel.
         first_normal, first_largest_sine = poles.plane(self.first)
         second_normal, second_largest_sine = poles.plane(self.second)
         smaller_sine = np.minimum(first_largest_sine, second_largest_sine)
@@ -224,10 +230,10 @@ def find_conditions(
     """Return the geometric conditions that are fulfilled at each of n configurations.
 
     The relation c y' = d q' connects the rate y' of the output and the rate q' of the
-    input. Its coefficients c and d follow from the pole axes of four links: input link
-    i, its reference r, output link o, its reference s. A condition says that some of
-    these axes are parallel, or that planes through them coincide. Then c (type II), d
-    (type I) or both (type III) vanish.
+    input. Its coefficients c and d follow from pole axes (axes of relative rotation of two
+    links). A condition says that some of these axes are parallel, or that planes through
+    them coincide. Then c (type II), d (type I) or both (type III) vanish. The sine of a
+    condition is that of the angle between these axes or planes.
 
     Parameters
     ----------
@@ -238,18 +244,18 @@ def find_conditions(
     kind
         Type of the singularity: ``I``, ``II`` or ``III``.
     tolerances
-        (n,) largest sine at which a condition is fulfilled.
+        (n,) a condition is certainly fulfilled if its sine is at most this.
 
     Returns
     -------
-    For each configuration the certain conditions, then the uncertain ones. Both have the
-    order of the table `FOUR_LINKS`: parallel axes, then coincident planes, and last all
-    axes in one plane. A condition is uncertain if its sine is between the tolerance and
-    `UNDECIDED_FACTOR` times the tolerance.
+    For each configuration the certain conditions, then the uncertain ones. A condition is
+    uncertain if its sine is between the tolerance and `UNDECIDED_FACTOR` times the
+    tolerance.
     """
     conditions_by_row: list[list[FulfilledCondition]] = [[] for _ in tolerances]
     for label, conditions in _possible_conditions(relation, kind).items():
-        # All conditions of a label have to be fulfilled, so the largest sine counts.
+        # A label, such as "III.4", can name two conditions that have to be fulfilled
+        # together. So the largest of their sines counts.
         sines = [condition.sine(relation.poles) for condition in conditions]
         largest_sines = np.max(sines, axis=0).tolist()
         words = " and ".join(
@@ -263,11 +269,12 @@ def find_conditions(
                 conditions_by_row[row].append(
                     FulfilledCondition(label, words, sine, is_certain)
                 )
-    # False is sorted before True, so that certain conditions come first.
-    return [
-        tuple(sorted(conditions, key=lambda condition: not condition.certain))
-        for conditions in conditions_by_row
-    ]
+    sorted_conditions = []
+    for row_conditions in conditions_by_row:
+        certain = [condition for condition in row_conditions if condition.certain]
+        uncertain = [condition for condition in row_conditions if not condition.certain]
+        sorted_conditions.append((*certain, *uncertain))
+    return sorted_conditions
 
 
 def _possible_conditions(
@@ -275,9 +282,10 @@ def _possible_conditions(
 ) -> Mapping[str, tuple[Condition, ...]]:
     """Return the geometric conditions under which a singularity has a certain type.
 
-    In the relation c y' = d q', y' is the rate of the output and q' the rate of the
-    input. Type I means d = 0, type II c = 0, and type III both. Conditions say that
-    axes of relative rotation are parallel, or that planes through them coincide.
+    The input and the output are rotations of one link relative to another. The relation
+    c y' = d q' connects the rate y' of the output and the rate q' of the input. Type I
+    means d = 0, type II c = 0, and type III both. Conditions say that axes of relative
+    rotation are parallel, or that planes through them coincide.
 
     Parameters
     ----------
@@ -286,14 +294,15 @@ def _possible_conditions(
 
     Returns
     -------
-    Conditions by their label. All conditions of a label have to be fulfilled. If input and
-    output have only two different links, c and d never vanish, and there are no conditions.
+    Conditions by a label, such as "III.4". All conditions of a label have to be fulfilled.
     """
+    # Input and output together have four links. Some of these may be the same link.
     link_count = len(relation.links.different)
     if link_count == 4:
         return FOUR_LINKS[relation.form, kind]
     if link_count == 3:
         return _condition_of_three_links(relation, kind)
+    # With two links, input and output are the same rotation. c and d never vanish.
     return {}
 
 
@@ -302,34 +311,35 @@ def _condition_of_three_links(
 ) -> dict[str, tuple[Condition, ...]]:
     """Return the condition of a type of singularity for a relation of three links.
 
-    The input is the rotation of link i relative to r, about the axis u_q. The output is the
-    rotation of link o relative to s (`relation.form` "i") or to r ("ii"), about the axis
-    u_y. Here two of the links i, r, o and s are the same. Each two of the three different
-    links have a pole axis (axis of relative rotation). The three axes are in one plane:
-    u_q, u_y and a third one, p.
+    The input is the rotation of one of the links relative to another, and so is the output.
+    Each two of the three links have a pole axis (axis of relative rotation): the axis of
+    the input, the axis of the output, and a third one.
 
-    In the relation c y' = d q' of the rates, c is proportional to the sine of the angle
-    between u_y and p, and d to the sine of the angle between u_q and p. So type I (d =
-    0) means that u_q and p are parallel, type II (c = 0) that u_y and p are parallel,
-    and type III that all three are parallel.
+    Type I means that the axis of the input and the third axis are parallel. Type II means
+    that the axis of the output and the third axis are parallel. Type III means that all
+    three are parallel. This follows from the formulas for c and d in `ThirdAxis`.
 
     Parameters
     ----------
     relation
-        The relation c y' = d q' of the links.
+        The relation c y' = d q' between the rates of output and input.
     kind
         The type: I, II or III.
 
     Returns
     -------
-    The condition, by the label of the condition: the type, with a number if R. Di
-    Gregorio's lecture on singularities of spherical mechanisms has one.
+    The condition, by its label. A label such as "II.3" has the type and a number. In some
+    cases the label is only the type.
     """
-    # The name of a pole axis consists of the names of its two links: "ir" for links i
-    # and r, "os" for o and s. "or_" has an underscore, because "or" is a word of
-    # Python.
+    # The name of a pole axis has the letters of two links. i is the input link and r its
+    # reference link, o the output link and s its reference link.
     input_axis = "ir"
-    output_axis = "os" if relation.form == "i" else "or_"
+    if relation.form == "i":
+        output_axis = "os"
+    else:
+        # In form "ii", r is the reference link of the output, too. The underscore follows
+        # because "or" is a word of Python.
+        output_axis = "or_"
     third = find_third_axis(relation.form, relation.links)
     parallel_axes_by_kind = {
         "I": (input_axis, third.name),
@@ -356,7 +366,7 @@ class RelationAt:
         The coefficients. They follow from the directions of pole axes (axes of relative
         rotation of two links) alone.
     residual
-        Difference c y' - d q' at the rates on the curve, relative to the size of the rates.
+        Size of the difference c y' - d q', relative to the size of the rates y' and q'.
     type
         The type of the singularity according to the coefficients: I (d = 0), II (c = 0),
         III (both), or None.
@@ -518,14 +528,14 @@ def _explain_disagreement(
 def _explain_vanishing_coefficients(resting_links: Sequence[str]) -> str:
     """Return why both coefficients of an input-output relation vanish, as a phrase.
 
-    The coefficients are triple products of the pole axes (axes of relative rotation) of
-    four links. They vanish if the axes are in one plane. If links rest relative to each
-    other, these are named as the cause instead.
+    The coefficients follow from the six pole axes (axes of relative rotation) of any two of
+    four links. They vanish if all six axes are in one plane. If some of the links rest
+    relative to each other, the phrase names these links as the cause instead.
 
     Parameters
     ----------
     resting_links
-        Names of links that rest relative to each other, such as ``3 and 4``.
+        Pairs of links that rest relative to each other. ``3 and 4`` is one such pair.
     """
     if resting_links:
         return f"links {', '.join(resting_links)} stand still relative to each other"

@@ -61,8 +61,7 @@ class FourLinks:
     """Indices of the four links whose relative rotations are an input and an output.
 
     The input is the rotation of link i relative to r, the output the rotation of link o
-    relative to s. i and r are different links, and so are o and s. Apart from that, two
-    of the four may be the same link.
+    relative to s. Input and output may share one link or both links.
 
     Attributes
     ----------
@@ -82,7 +81,7 @@ class FourLinks:
         """The links of input and output (i, r, o, s), each listed once.
 
         i is the input link, r its reference link, o the output link, s its reference link.
-        They are two, three or four links, because input and output may share links.
+        These are two, three or four links, because input and output may share links.
         """
         return tuple(dict.fromkeys((self.i, self.r, self.o, self.s)))
 
@@ -99,6 +98,7 @@ class FourLinks:
         links. The pole of the output comes first, then the pole of the input.
         """
         poles: list[Pole] = []
+        # The names "os" (axis of the output), "ir" (axis of the input), and four others.
         for axis in LINKS_OF_AXIS:
             first, second = self.ends(axis)
             if first != second and pole_of(first, second) not in poles:
@@ -108,13 +108,13 @@ class FourLinks:
 
 @dataclass(frozen=True)
 class SixPoles:
-    """Unit vectors (n, 3) along the pole axes of four links, in common axes.
+    """Unit vectors (n, 3) along the six pole axes of four links, in common axes.
 
     The pole axis of two links is the axis about which they rotate relative to each other.
     The links are i, r (input and its reference), o, s (output and its reference). The field
-    `os` is the axis of links o and s, and so on. The vector is the same for both orders of
-    the two links, but the rate has opposite signs: the angular velocity of a relative to b
-    is w_ab u_ab = -w_ba u_ab. A vector is NaN if both of its links are the same link.
+    `os` is the axis of links o and s, and so on. `or_` and `is_` have an underscore,
+    because "or" and "is" are words of Python. A vector is NaN if both of its links are the
+    same link.
     """
 
     os: Floats
@@ -129,32 +129,34 @@ class SixPoles:
         return np.stack([getattr(self, axis) for axis in axes], axis=1)
 
     def plane(self, axes: Sequence[str]) -> tuple[Floats, Floats]:
-        """Return the plane through three axes of relative rotation of links.
+        """Return the plane through the three pole axes of three links.
 
-        The two axes with the largest angle between them determine the plane most
-        accurately.
+        A pole axis is the axis about which two links rotate relative to each other. The
+        three pole axes of three links are always in one plane. The two axes with the
+        largest sine between them determine the plane most accurately.
 
         Parameters
         ----------
         axes
-            Names of three fields of this object. An example of a name is "os".
+            Names of three fields of this object, such as "os" for the axis of links o and
+            s.
 
         Returns
         -------
         normals
             (n, 3) unit normals, NaN if the axes lie on one line.
         sine
-            (n,) sine of the largest angle between two of the axes.
+            (n,) the largest sine of the angle between two of the axes.
         """
-        vectors = self.stacked(axes)
+        vectors = self.stacked(axes)  # (n, 3 axes, 3)
         # The vector products of each axis with the next one.
         products = cross(vectors, np.roll(vectors, -1, axis=1))
         sines = np.linalg.norm(products, axis=-1)
         rows = np.arange(len(vectors))
-        widest = np.argmax(np.nan_to_num(sines), axis=1)
-        sine = sines[rows, widest]
+        best_product = np.argmax(np.nan_to_num(sines), axis=1)
+        sine = sines[rows, best_product]
         divisor = np.where(sine > 0.0, sine, np.nan)[:, None]
-        return products[rows, widest] / divisor, sine
+        return products[rows, best_product] / divisor, sine
 
 
 def make_six_poles(links: FourLinks, pole_axis: Callable[[Pole], Floats]) -> SixPoles:
@@ -187,30 +189,27 @@ def make_six_poles(links: FourLinks, pole_axis: Callable[[Pole], Floats]) -> Six
 class Relation:
     """The relation c y' = d q' between the rates of output and input, at n configurations.
 
-    Two links rotate relative to each other about their pole axis. Around any closed chain
-    of links, the relative angular velocities add up to zero. The relation remains if all
-    rates but y' and q' are eliminated from these equations. Its coefficients c and d follow
-    from the pole axes of four links i, r, o and s alone, see `make_relation`. The relation
-    has two forms:
+    The coefficients c and d follow from the pole axes of four links i, r, o and s alone.
+    The pole axis of two links is the axis about which they rotate relative to each other.
+    The relation has two forms:
 
     - Form "i": q' is the rate of i relative to r (input), y' the rate of o relative to
-      s (output).
+      s (output). Some of the four links may be the same link.
     - Form "ii": q' is the same, but y' is the rate of o relative to r. Here s is an
-      auxiliary link. It only serves to eliminate the other rates, by its pole axes.
+      auxiliary link, whose pole axes are used to compute c and d.
 
     Attributes
     ----------
     form
         "i" or "ii".
     links, poles
-        The four links, and the pole axes of any two of them, from which c and d are
-        computed.
+        The four links, and the six pole axes of any two of these links.
     output
         The links whose relative rate is y': (o, s) in form i, (o, r) in form ii.
     c, d
-        (n,) coefficients, at most 1 in size. With four different links, both are triple
-        products of axes, and are 0 where all axes are in one plane. With three different
-        links, both are NaN where all axes are on one line.
+        (n,) coefficients, at most 1 in size. If the four links are different, both are 0
+        where all axes are in one plane. If only three links are different, both are NaN
+        where all axes are on one line, because these axes have no common plane.
     """
 
     form: Form
@@ -282,17 +281,13 @@ def find_third_axis(form: Form, links: FourLinks) -> ThirdAxis:
     Parameters
     ----------
     form
-        The output is the rotation of link o relative to link s in form "i", and relative to
-        r in form "ii".
+        Which of the links rotate relative to each other. The input is the rotation of i
+        relative to r. The output is the rotation of o relative to s in form "i", and
+        relative to r in form "ii".
     links
-        The indices of the links. The input is the rotation of i relative to r. In form i,
-        two of the four links are the same.
-
-    Returns
-    -------
-    The third axis, with its part in the relation of the rates.
+        The indices of the links i, r, o and s.
     """
-    # In form ii, output and input have the common link r.
+    # In form "ii", input and output share the link r. In form "i", they share any link.
     if form == "ii":
         return _third_axis_seen_from_input_reference(links)
     return _third_axis_of_shared_link(links)
@@ -315,13 +310,12 @@ def _third_axis_of_shared_link(links: FourLinks) -> ThirdAxis:
     to r. With a shared link there are three links, and a third relative rotation. It is
     the sum or the difference of output and input.
 
-    The axis serves for a relation c y' = d q' between the rates of output and input. In the
-    formula of d, the sign is -1 for a sum (`SIGN_OF_D_FOR_SUM`) and 1 for a difference.
-
-    A condition for a singularity is later printed with a label. For two of the cases the
-    label has an end, ".2" or ".3", as in R. Di Gregorio's lecture on the subject.
+    The result also has a sign for the relation c y' = d q' between the rates of output and
+    input. `ThirdAxis` derives this sign. The end of a label, such as ".2", is the number of
+    the case in R. Di Gregorio's lecture on singularities. Two cases have no number.
     """
-    # The axis "or_", for example, belongs to the rotation of link o relative to link r.
+    # The name of an axis has the letters of its two links. "or_" and "is_" have an
+    # underscore, because "or" and "is" are words of Python.
     if links.i == links.s:
         # The output is o relative to i, the input is i relative to r. The sum is o relative
         # to r.

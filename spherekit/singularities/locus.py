@@ -145,15 +145,18 @@ class SingularityMeasure:
     def _constrained_rate_derivatives(self) -> Floats:
         """Return the derivatives (n, g, m, k) of `constrained_rates` along g changes.
 
-        The changes of the configuration keep the loops closed. `constrained_rates` are the
-        m rates E x in each of k independent motions x.
+        `constrained_rates` (n, m, k) are products E x. Each of the k columns x is a motion:
+        rates of all variables that close the loops. E x are the m rates that have to be
+        zero at a singularity: those of the inputs or of the output. The g changes of the
+        configuration are independent and keep the loops closed.
 
-        Two things change with the configuration: the matrix E, and the motions, which are
-        corrected so that they still close the loops.
+        Two things change with the configuration: the matrix E, and the motions x, which are
+        corrected so that these rates still close the loops.
         """
         changes = self.space.closed_changes
-        basis = self.motion_space.basis[:, None]
+        basis = self.motion_space.basis[:, None]  # (n, 1, variables, k) the motions x
         constraint_matrix = self.constraint.equations(self.space.linearisation)  # E
+        # (n, g, variables, k)
         motion_changes = self.motion_space.rate_corrections(changes) @ basis
         from_constraint = self.constraint.equation_derivatives(changes) @ basis
         from_motions = constraint_matrix[:, None] @ motion_changes
@@ -170,12 +173,13 @@ class LocusBases(ArrayRows):
     Attributes
     ----------
     configuration
-        (n, V, g) for each of the g degrees of freedom, a change of the V pair variables
-        that keeps the loops closed. The changes are orthonormal.
+        (n, V, g) orthonormal columns: g independent changes of the V pair variables that
+        keep the loops closed. Changes of the configuration are combinations of these.
     motion
-        (n, V, k) k sets of rates that close the loops, orthonormal. x and its changes are
-        combinations of them. Usually they are equal to `configuration`. They differ if x is
-        sought only in the part of the mechanism that moves the output.
+        (n, V, k) orthonormal columns: k independent sets of rates that close the loops. x
+        and the changes of x are combinations of these. Usually the array is equal to
+        `configuration`. If only a part of the mechanism moves the output, the columns are
+        rates of this part only.
     """
 
     configuration: Floats
@@ -322,16 +326,17 @@ class _LinearisedLocus:
 class _ClosingStep:
     """Newton's step that closes slightly open loops at n configurations, and its effects.
 
-    A singular configuration has a motion x: rates that close the loops with E x = 0. E x
-    are the rates of the inputs or of the output. The step changes the configuration, and so
-    x and E x.
+    Newton's method looks for singular configurations. These have a motion x: rates that
+    close the loops while the inputs, or the output, rest. The rates of the inputs, or of
+    the output, are E x with a matrix E. The step changes the configuration, and so x and
+    E x.
 
     Attributes
     ----------
     value_changes
         (n, V) changes of the V pair variables (rad).
     motion_changes
-        (n, V) changes of the motion x, so that it closes the loops after the step.
+        (n, V) changes of the motion x, so that x still closes the loops after the step.
     constrained_rate_changes
         (n, m) changes of the m rates E x.
     """
@@ -420,16 +425,16 @@ class SingularityLocus:
         A singular motion is a set of rates that close the loops while the inputs or the
         output rest. Usually all rates that close the loops are returned. If only a part of
         the mechanism moves the output (`part`), the variables outside of the part rest.
-        Motions of these are no singularities of this output.
+        Motions of these variables are no singularities of this output.
 
         Parameters
         ----------
         space
             All rates that close the loops of the mechanism.
         reference_basis
-            (n, V, k) basis of the result at neighbouring configurations. The new basis is
-            rotated to be as near as possible to this one, so that the basis changes
-            continuously.
+            (n, V, k) k independent sets of rates of the V variables: the result at
+            neighbouring configurations. A new basis for a part is rotated to be as near as
+            possible to this one, so that it changes continuously.
         """
         if self.part is None:
             return space
@@ -751,17 +756,14 @@ class SingularityLocus:
     def _find_tangents(self, linearised: _LinearisedLocus) -> _LocusTangents:
         """Return the tangents of the locus at n points, and how regular the locus is there.
 
-        The locus is the set of singular configurations. Each has a singular motion: unit
-        rates that close the loops while the inputs or the output rest. A tangent is a
-        change of the configuration and of the singular motion that satisfies all linearised
-        equations. The tangents are the null space of the matrix of these equations, with
-        g - 1 dimensions for g degrees of freedom.
+        The locus is the set of singular configurations. Each has a singular motion: rates
+        that close the loops while the inputs or the output rest. The rates are scaled to a
+        vector of length 1. A tangent is a change of the configuration, together with a
+        change of the singular motion, that satisfies all linearised equations of the locus.
 
-        For example, a mechanism with two inputs can change its configuration in two
-        independent ways (g = 2). Its motion is a combination of the same two ways. The
-        coordinates of both changes are four unknowns. There are three equations: both
-        inputs rest, and the motion has length 1. So the null space has one dimension, and
-        the locus is a curve.
+        The tangents are the null space of the matrix of these equations. With two inputs it
+        has one dimension, and the locus is a curve. With g degrees of freedom it has g - 1
+        dimensions.
         """
         # Each independent equation takes one dimension from the unknowns. What remains is
         # the dimension of the locus.
@@ -774,14 +776,15 @@ class SingularityLocus:
         null_space = np.swapaxes(svd.right[:, rank:], 1, 2)
         configuration_columns = linearised.configuration_coordinates(null_space)
         motion_columns = linearised.motion_changes(null_space)
-        # Combinations of these columns are the tangents. They are chosen so that the
-        # changes of the configuration are orthonormal.
+        # The tangents are combinations of these columns. In the combinations, the changes
+        # of the configuration are orthonormal.
         orthonormalisation = _orthonormalise(configuration_columns)
         configuration_tangents = orthonormalisation.orthonormal
         motion_tangents = orthonormalisation.combine(motion_columns)
         # 0 at irregular points, where the tangents are not determined; at most 1.
         condition = _measure_regularity(svd, rank, orthonormalisation)
         return _LocusTangents(
+            # The columns of the basis are changes of the variables, one per coordinate.
             values=linearised.space.basis @ configuration_tangents,
             motion_derivatives=motion_tangents,
             reciprocal_condition=np.where(svd.is_finite, condition, 0.0),
@@ -794,15 +797,15 @@ def _motion_slopes(
     """Return how motions must change with the configuration to keep the loops closed.
 
     A motion is a set of rates of the V pair variables that close the loops. If the
-    configuration changes, other rates close the loops.
+    configuration changes, the rates must change, too.
 
     Parameters
     ----------
     space
         Tangent space of n configurations: g independent changes that keep all loops closed.
     motion_space
-        Tangent space of the motions: the same space, or the tangent space of a part of
-        the mechanism. Only the loops of this part are then closed by the motions.
+        Tangent space of which the motions are combinations: the same space, or the tangent
+        space of a part of the mechanism.
     motions
         (n, V) rates of the variables.
 
@@ -814,7 +817,7 @@ def _motion_slopes(
     # product with a motion is the change of this motion.
     correction_matrices = motion_space.rate_corrections(space.closed_changes)
     # The products of these matrices and the motions. The letters are: n configuration,
-    # g change, v rate after the change, w rate of the motion.
+    # g change, v variable whose rate changes, w variable of the motion.
     return np.einsum("ngvw,nw->nvg", correction_matrices, motions)
 
 
@@ -880,17 +883,15 @@ def _measure_regularity(
 ) -> Floats:
     """Return how regular n points of a locus are: 0 at irregular points, at most 1.
 
-    The locus is the set of singular configurations. Its unknowns are a configuration and a
-    singular motion. A point is irregular in two cases, and for each case a number tells
-    how near it is:
+    The locus is the set of singular configurations. Each has a singular motion: rates that
+    close the loops while the inputs or the output rest. A unit tangent of the locus is a
+    change of the configuration, together with a change of this motion. Two numbers from 0
+    to 1 are multiplied:
 
-    - An equation of the locus depends on the others. Then the ratio of the smallest to the
-      greatest singular value of the equations is 0. It is at most 1.
-    - A tangent of the locus does not change the configuration, but only the motion. Then
-      the smallest size of a change of the configuration is 0. It is at most 1, because it
-      is a part of a unit vector.
-
-    The result is the product of both numbers, so it is 0 in both cases.
+    - The ratio of the smallest to the greatest singular value of the equations. It is 0 if
+      an equation depends on the others.
+    - The smallest size that the change of the configuration has in a unit tangent. It is 0
+      if a tangent changes only the motion.
 
     Parameters
     ----------

@@ -111,9 +111,9 @@ def _near_misses_on_curve(
     """Return where an output comes near one type of singularity on one curve.
 
     The curve consists of configurations of the mechanism. The distance from the type is an
-    angle, which is zero at a singularity. Along the curve, local minima of its sine are
-    near misses if they are between two limits. Below the lower limit the sine is zero up to
-    rounding, so the configuration is singular itself.
+    angle, which is zero at a singularity. Near misses are local minima of the sine of this
+    angle between two limits. Below the lower limit the sine is zero up to rounding, so the
+    configuration is singular itself.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def _near_misses_on_curve(
     near
         Largest angle of a near miss (rad).
     """
-    # The distance from the type as a function of the arc length.
+    # The distance from the type (rad) as a function of the arc length.
     angle = partial(sampled.angle, kind, number, output=output)
     limits = _sine_limits(sampled, kind, number, angle, near)
     # Arc lengths of the minima up to the upper limit, and the sines there.
@@ -137,12 +137,14 @@ def _near_misses_on_curve(
         # The configuration, with one row.
         values = sampled.curves[number].at(s).values
         if kind is Type.II and _has_only_distant_dyads(sampled, values, output, near):
-            # The measure of the distance is only small because the links have short arcs.
+            # The output is placed by pairs of links (dyads). None of these is nearly
+            # stretched or folded, so type II is far. The distance is only small because the
+            # links have short arcs.
             continue
         (distance,) = sampled.angle(kind, number, s[None], output)
         # The tangent of the angle of type I is the velocity coefficient.
         (slope_angle,) = sampled.angle(Type.I, number, s[None], output)
-        # The configuration can occur at several inputs, after whole periods.
+        # The configuration occurs again after each period of the input.
         for q, modes in _inputs_and_modes(sampled, number, float(s), values[0]):
             misses.append(
                 NearMiss(
@@ -186,14 +188,16 @@ def _sine_limits(
 ) -> _SineLimits:
     """Return the limits between which a minimum of a distance counts as a near miss.
 
-    The distance is the angle of an output from a type of singularity, and the limits are
-    sines. At the lower limit the configuration is singular itself. Some mechanisms have
-    small distances everywhere, which the limits take into account:
+    The distance is an angle that is zero at a singularity, and the limits are sines. At the
+    lower limit the configuration is singular itself. Some mechanisms have small distances
+    everywhere, which the limits take into account:
 
-    - Type I: the output of a gear reducer is slow throughout. If the velocity coefficient
-      is below 1 on the whole curve, the upper limit is multiplied by its largest value.
-    - Type II: the transmission measure is small if all arcs between the axes of links are
-      small. Both limits are multiplied by the largest sine of such an arc.
+    - Type I: the tangent of the angle is the velocity coefficient (rate of the output over
+      rate of the input). In a gear reducer, for example, it is small throughout. If it is
+      below 1 on the whole curve, the upper limit is multiplied by its largest value.
+    - Type II: the sine of the angle says how firmly the locked input holds the output. It
+      is small if all arcs between the axes of links are small. Both limits are multiplied
+      by the largest sine of such an arc.
 
     Parameters
     ----------
@@ -208,7 +212,6 @@ def _sine_limits(
     """
     largest_sine = np.sin(near)
     if kind is Type.I:
-        # The tangent of the angle is the velocity coefficient.
         greatest_angle = np.nanmax(angle(sampled.curves[number].s), initial=0.0)
         greatest_coefficient = np.tan(greatest_angle)
         largest_sine *= min(1.0, greatest_coefficient)
@@ -296,16 +299,17 @@ def _inputs_and_modes(
     sampled
         The singularities on all curves of configurations, and the range of the input.
     curve, s
-        Index of the curve, and arc length on the curve (rad).
+        Index of the curve with the configuration, and its arc length on the curve (rad).
+        This place determines the assembly modes.
     values
-        (variables,) the configuration (rad).
+        (variables,) the variables of the configuration (rad), which include the input.
 
     Returns
     -------
     Each input (rad), with the numbers of the assembly modes.
     """
-    # In a range of whole periods both ends are the same configuration. An input within
-    # `margin` of the upper end is moved to the lower end, so that it is not listed twice.
+    # If the range has whole periods, the mechanism has the same configuration at both
+    # ends. An input nearer to the upper end than `margin` is given as the lower end.
     occurrences = sampled.find_occurrences(
         [(curve, s)], values, margin=EQUAL_EXTREMUM_INPUT_RAD
     )
@@ -476,8 +480,8 @@ def _is_at_range_limit(
 ) -> Bools:
     """Return a mask (k,) of ends of pieces that are at the limits of the input range.
 
-    A piece is a part of a curve of configurations, in one assembly mode. A range of whole
-    periods has no limits, because configurations repeat.
+    A piece is a part of a curve of configurations, in one assembly mode. If the range is a
+    whole number of periods, no end is at a limit, because configurations repeat.
 
     Parameters
     ----------
@@ -487,6 +491,7 @@ def _is_at_range_limit(
         k ends of pieces of the curve.
     """
     low, high = sampled.range
+    # The count is 0 if the range is not a whole number of periods, for example 1.5.
     if sampled.count_periods_in_range(number) > 0:
         return np.zeros(len(ends.s), dtype=bool)
     is_at_low = np.abs(ends.q - low) < RANGE_END_TOLERANCE_RAD
@@ -497,8 +502,15 @@ def _is_at_range_limit(
 def _is_at_curve_end(curve: ArcCurve, ends: _PieceEnds) -> Bools:
     """Return a mask (k,) of ends of pieces (sections of a curve) that end the curve itself.
 
-    A closed curve has no ends. An end at a crossing with other curves is no true end,
-    because the motion can go on there.
+    A closed curve has no ends. An end at a crossing with other curves is left out, because
+    the motion can go on there. Such an end has the status `AT_SINGULARITY`.
+
+    Parameters
+    ----------
+    curve
+        The curve. `curve.ends` are the statuses of its start and its end.
+    ends
+        k ends of pieces. `ends.s` are their arc lengths.
     """
     is_at_end = np.zeros(len(ends.s), dtype=bool)
     if curve.closed:
@@ -528,8 +540,8 @@ def _find_piece_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
     # Arc lengths along the curve (rad), one for each piece.
     starts = np.array([piece.start for piece in pieces], dtype=float)
     stops = np.array([piece.stop for piece in pieces], dtype=float)
-    # A point inside the piece is chosen close to each end. Callers compare both: an angle
-    # that is smaller at the end than at this point has a minimum at the end.
+    # A point inside the piece is chosen close to each end. Callers compute the distance
+    # from a singularity at both. If it is not larger at the end, the end is a minimum.
     inward_distances = INWARD_PART * (stops - starts)
     # One row (start, stop) for each piece, then all rows one after another.
     end_s = np.column_stack([starts, stops]).ravel()

@@ -59,8 +59,8 @@ class Occurrence(NamedTuple):
         Numbers of the assembly modes (ways to assemble the mechanism) that have the
         configuration at this input.
     is_inside
-        Whether the input is in the range of the rows. With a simulation: whether the
-        simulation passes the configuration.
+        Whether the input is in its range. In a simulation, the motion must also pass the
+        configuration.
     """
 
     q: float
@@ -237,16 +237,18 @@ class SampledSingularities:
             curve_numbers[rows[is_on_curve]] = number
             s[rows[is_on_curve]] = positions[is_on_curve]
 
-        # (curves, n) whether a piece of the curve has the assembly mode of the row.
-        has_mode = [
-            np.isin(assembly_mode, self.modes_of(item.pieces))
-            for item in self.configurations.curves
-        ]
-        # First each row is searched on the curves of its assembly mode, then on all others.
-        for number, is_own_mode in enumerate(has_mode):
-            search_curve(number, is_own_mode)
-        for number, is_own_mode in enumerate(has_mode):
-            search_curve(number, ~is_own_mode)
+        # For each curve, whether each row (n,) has an assembly mode of the curve.
+        has_mode_of_curve = []
+        # The order is that of `self.curves`.
+        for item in self.configurations.curves:
+            modes_of_curve = self.modes_of(item.pieces)
+            has_mode_of_curve.append(np.isin(assembly_mode, modes_of_curve))
+        # Each row is searched on the curves of its assembly mode. A row that is not found
+        # there is searched on all other curves.
+        for number, has_mode in enumerate(has_mode_of_curve):
+            search_curve(number, has_mode)
+        for number, has_mode in enumerate(has_mode_of_curve):
+            search_curve(number, ~has_mode)
         return curve_numbers, s
 
     def _distances_to_crossings(self, values: Floats) -> "_CrossingDistances":
@@ -313,13 +315,12 @@ class SampledSingularities:
             In a range of whole periods, both ends are the same. An input nearer to the
             upper end than this (rad) is moved to the lower end.
         """
-        # All curves through the configuration have the same input there. The first one is
-        # taken to find further inputs after whole periods.
+        # Further inputs follow from the period of the first curve.
         first_curve, _ = places[0]
         inputs = self._find_inputs(first_curve, values[self._driven], margin)
         if not self._has_rows_on(first_curve):
-            # The simulation never is on this curve, so its periods do not matter. One input
-            # is enough to report whether the configuration is inside.
+            # A simulation is never on this curve, so whole periods of the input do not
+            # matter, and one input is enough.
             inputs = inputs[:1]
         # True without a simulation. A simulation may pass any of the curves there.
         passes_configuration = self._passes_any(places)
@@ -354,8 +355,9 @@ class SampledSingularities:
     def _find_inputs(self, curve: int, q: float, margin: float) -> list[float]:
         """Return all inputs in the range that have the same configuration as an input q.
 
-        They differ from q by whole periods of the input. If none is in the range, the
-        nearest one outside is returned.
+        These inputs differ from q by whole periods. If none of them is in the range, the
+        nearest one outside is returned. If the range is a whole number of periods, its
+        lower and its upper end have the same configuration, and only one end is returned.
 
         Parameters
         ----------
@@ -363,11 +365,12 @@ class SampledSingularities:
             Index of a curve through the configuration, and the input (rad) there. The
             curve determines the period.
         margin
-            If the range consists of whole periods, its two ends are the same configuration.
-            Inputs nearer to its upper end than this (rad) are then set to its lower end.
+            If the range is a whole number of periods, an input nearer to its upper end than
+            this (rad) is set to its lower end.
         """
         low, high = self.range
         inputs, _ = turns_in_range(np.array([q]), low, high, self._period(curve))
+        # The count is 0 if the range is not a whole number of periods.
         has_whole_periods = self.count_periods_in_range(curve) > 0
         if has_whole_periods:
             is_at_upper_end = high - inputs < margin
@@ -434,12 +437,13 @@ class SampledSingularities:
     def _is_same_input(self, curve: int, periods_between: int) -> bool:
         """Return whether two inputs that differ by some periods count as the same input.
 
-        At both inputs the mechanism has the same configuration.
+        A period is the growth of the input after which configurations repeat. So the
+        mechanism has the same configuration at both inputs.
 
         Parameters
         ----------
         curve
-            Index of the curve, which has the period.
+            Index of the curve with this configuration. Other curves can have other periods.
         periods_between
             Number of periods between the inputs, of either sign.
         """
@@ -449,10 +453,10 @@ class SampledSingularities:
             return True
         periods_in_range = self.count_periods_in_range(curve)
         if periods_in_range == 0:
-            # The range is not a whole number of periods.
+            # The range of the input is not a whole number of periods.
             return periods_between == 0
-        # The range is a whole number of periods. Both its ends count as the same input, and
-        # `periods_in_range` periods are between them.
+        # The range is a whole number of periods. Its lower and its upper end count as the
+        # same input, and `periods_in_range` periods are between them.
         return periods_between % periods_in_range == 0
 
     def _has_rows_on(self, curve: int) -> bool:
@@ -644,30 +648,31 @@ class SampledSingularities:
     ) -> dict[tuple[int, Form], dict[str, Floats]]:
         """Return how near points of one curve are to singularities, for each output.
 
-        The curve consists of configurations of the mechanism. The columns are those that
-        `measures` returns.
+        The curve consists of configurations of the mechanism. An output has one or two
+        relations c y' = d q', where q' is the rate of the input. In form "i", y' is the
+        rate of the output. In form "ii", y' is the rate of the output link relative to the
+        reference link of the input.
 
         Parameters
         ----------
         number, s
-            Index of the curve, and arc lengths (m,) on it (rad).
+            Index of the curve, and arc lengths (m,) on the curve (rad).
 
         Returns
         -------
-        The columns (m,) by name. There is a set of them for each output and each form of
-        its relation c y' = d q', in which y' is a rate of the output and q' the rate of
-        the input.
+        Columns (m,) by name, for each output and each form of its relation.
         """
         curve_measures: dict[tuple[int, Form], dict[str, Floats]] = {}
+        # For each output the angle (m,) between the planes of the two links that place it.
         angles = self.transmission_angles(self.curves[number].at(s).values)
-        for output, transmission in enumerate(angles):
+        for output, transmission_angle in enumerate(angles):
             curve_relations = self.report.evaluate_relations(number, s, output)
             distances_and_margins = self._distances_and_margins(number, s, output)
             for relation in curve_relations.relations:
                 curve_measures[output, relation.form] = {
                     "input_rate": curve_relations.input_rate,
                     "output_rate": curve_relations.output_rate,
-                    "transmission": transmission,
+                    "transmission": transmission_angle,
                     **distances_and_margins,
                     "c": relation.c,
                     "d": relation.d,
@@ -728,8 +733,8 @@ class SampledSingularities:
         """Return the least distance from type II of the dyads that place an output.
 
         A dyad is two links in series. If a dyad is stretched or folded, this is a
-        singularity of type II, and the distance is 0. The distance is an angle that follows
-        from the transmission angle, the acute angle between the planes of both links.
+        singularity of type II, and the distance is 0. The distance is the transmission
+        angle, the acute angle between the planes of both links.
 
         Parameters
         ----------
@@ -746,10 +751,10 @@ class SampledSingularities:
         solver = self.position_analysis.solver
         # An output is the relative motion of two links.
         links = frozenset(self.report.outputs[output])
-        # The groups that place these links relative to each other, with a locked input.
+        # The groups of links that place these two links if the input is locked.
         groups = placing_groups(solver.mechanism, solver.assembly, links)
         if not groups:
-            # The input itself joins both links, so no dyad can be near type II.
+            # The locked input itself joins both links, so no dyad places the output.
             return nans(len(values))
         # The minimum begins with the largest possible distance.
         least = np.full(len(values), MAX_TYPE_II_DISTANCE_RAD)
@@ -767,10 +772,10 @@ class SampledSingularities:
     def largest_arc_sine(self) -> float:
         """The largest sine of an arc between two axes of a link.
 
-        It is the scale of the transmission measure (a measure of the distance from type
-        II). If all arcs are small, the mechanism is nearly planar, and the measure is
-        proportional to this sine. It is 1 for mechanisms with contacts, where the profiles
-        also have a size.
+        It is the scale of the transmission measure, which says how far a configuration is
+        from a singularity of type II. If all arcs are small, the mechanism is nearly
+        planar, and the measure is proportional to this sine. For mechanisms with contacts
+        the scale is 1, because not only the arcs but also the profiles have a size.
         """
         mechanism = self.position_analysis.solver.mechanism
         if mechanism.has_contacts:
@@ -909,18 +914,20 @@ class SampledSingularities:
         links = self.report.outputs[output]
         arc_lengths: list[float] = []
         inputs: list[float] = []
+        # Index of the input among the variables of a configuration.
+        input_variable = self._driven
         for point in self.report.points:
             if point.curve == number and point.output == links and point.type == kind:
                 arc_lengths.append(point.s)
-                inputs.append(point.values[self._driven])
-        for end, values in self.crossing_ends(number):
-            arc_lengths.append(end)
-            inputs.append(values[self._driven])
+                inputs.append(point.values[input_variable])
+        for crossing_s, crossing_values in self.crossing_ends(number):
+            arc_lengths.append(crossing_s)
+            inputs.append(crossing_values[input_variable])
         s = np.array(arc_lengths, dtype=float)
         q = np.array(inputs, dtype=float)
         if curve.closed:
             # In a lap the arc length grows by the length of the curve, the input by `rise`.
-            rise = curve.rise[self._driven]
+            rise = curve.rise[input_variable]
             s = np.concatenate([s - curve.length, s, s + curve.length])
             q = np.concatenate([q - rise, q, q + rise])
         order = np.argsort(s)

@@ -49,10 +49,10 @@ class RowType(IntEnum):
     there is no configuration.
 
     The rates of all variables satisfy linear equations, which keep the loops closed. Where
-    surfaces of configurations cross, these equations lose rank. They then also have
-    solutions that are no motions, so type I cannot be told from them. Such a configuration
-    counts as type II if a solution moves the output while the inputs rest. Otherwise it
-    counts as SELF_MOTION.
+    surfaces of configurations cross, these equations lose rank, and some solutions are no
+    motions. A solution in which the output rests then does not prove type I. Such a
+    configuration counts as type II if a solution moves the output while the inputs rest.
+    Otherwise it counts as SELF_MOTION.
     """
 
     REGULAR = 0
@@ -78,10 +78,11 @@ ROW_TYPE_LABELS = {
 
 @dataclass(frozen=True)
 class SingleInputMotions:
-    """The g motions of n configurations in which one input moves and the others are locked.
+    """The motions of n configurations in which one input moves and the others are locked.
 
-    In each motion, the rates of all pair variables are a vector of length 1. A motion is
-    not unique if the links can move in several ways while the other inputs are locked.
+    There are g inputs, and one such motion for each input. In each motion, the rates of all
+    pair variables are a vector of length 1. A motion is not unique if the links can move in
+    several ways while the other inputs are locked.
 
     Attributes
     ----------
@@ -91,7 +92,7 @@ class SingleInputMotions:
         (n, g) size of the output's angular velocity; NaN if the motion is not unique.
     output_direction
         (n, g, 3) unit vectors along the output's angular velocity, in ground axes; NaN if
-        the output rests.
+        the output rests. The vectors mean nothing if the motion is not unique.
     """
 
     input_rate: Floats
@@ -111,14 +112,14 @@ class SingularityMeasures:
     type_one_sine
         (n,) measure from 0 to 1, zero at type I. The rates of inputs and output in a motion
         are scaled to a vector of length 1. The measure is the smallest size that the rates
-        of the output can have in this vector. Motions in which the output rests in every
-        configuration are not counted.
+        of the output can have in this vector. Motions that never move the output, in any
+        configuration, are not counted.
     type_two_transmission
-        (n,) transmission measure from 0 to 1, zero at type II. It says how firmly locked
-        inputs fix the output.
+        (n,) measure from 0 to 1 of how firmly locked inputs fix the output, zero at type
+        II. `Transmission` defines this measure.
     locked_singular_value
         (n,) smallest singular value of the closure equations with locked inputs, zero if
-        any link can move. `type_two_transmission` is zero only if the output link can move.
+        any link can move.
     reciprocal_condition
         (n,) smallest singular value of the closure Jacobian divided by the largest one.
     has_self_motion
@@ -145,8 +146,9 @@ class RowClassification:
     type
         (n,) `RowType` of each configuration.
     group
-        (n,) for configurations of type I, II or III: 1 if at least one motion of a single
-        input is singular, 2 if none is. 0 for other types.
+        (n,) 0 if the configuration is not of type I, II or III. Otherwise, for each input a
+        mechanism is considered in which only this input is free. The group is 1 if at least
+        one of these mechanisms is singular, and 2 if none is.
     """
 
     single_input_motions: SingleInputMotions
@@ -242,9 +244,8 @@ class _InputCoefficients:
         (n, 3) angular velocity vector of the output per unit rate of the input. It is (d /
         c) u where c is not zero.
     c, d
-        (n,) coefficients of the relation. Unlike w, they are finite at singularities. They
-        are triple products of the axes about which the input link, the output link and
-        their reference links turn relative to each other (`make_relation`).
+        (n,) coefficients of the relation. Unlike w, they are finite at singularities.
+        `make_relation` states their formulas.
     u
         (n, 3) unit vector along the axis about which the output turns.
     """
@@ -403,8 +404,8 @@ def _pole_axis(
     """Return the axis about which two links turn relative to each other (their pole axis).
 
     Pole axes are constructed from each other by great circles, in the order of a plan. At
-    singularities this may yield no axis. The direction of the relative angular velocity is
-    then used, in the motion in which one input moves alone.
+    singularities the plan may yield no axis. The axis is then found from a motion in which
+    one input moves and the others are locked: it is along the relative angular velocity.
 
     Parameters
     ----------
@@ -413,19 +414,17 @@ def _pole_axis(
     planned_axes
         (n, 3) axis of each pole by the plan, NaN where the plan yields none.
     input_pole, input_axis
-        Pole of the input's two links, and its axis (n, 3). The axis belongs to an R
-        pair, and is also known at singularities.
+        Pole of the two links of the input that moves, and its axis (n, 3).
     angular_velocities
-        (n, bodies, 3) angular velocities of all links in this motion.
+        (n, bodies, 3) angular velocities of all links in the motion.
 
     Returns
     -------
-    (n, 3) unit vectors in ground axes; NaN where the links rest and the plan yields no
-    axis. Their sense is arbitrary, except the sense of the axis of the input. The
-    vectors serve to compute the relation c y' = d q' between the rates of output and
-    input. This relation is valid with any sense of the axes.
+    (n, 3) unit vectors in ground axes, of arbitrary sense. NaN where the links rest and the
+    plan yields no axis.
     """
     if pole == input_pole:
+        # The axis of the input's R pair is known even if the input rests.
         direction = input_axis
     else:
         first, second = pole
@@ -479,11 +478,11 @@ def _find_single_input_motions(
 ) -> SingleInputMotions:
     """Return the rates of inputs and output if one input moves and the others are locked.
 
-    Let the g columns of N be independent rates that close the loops, and N_a the rows of
-    the g inputs in N. Input i moves alone if the columns are combined with the coefficients
-    in column i of the inverse of N_a. Instead of the inverse, the adjugate (inverse times
-    det N_a) is used, as it is also finite at singularities. The input then has the rate det
-    N_a.
+    Each of the g columns of a matrix N is a motion: rates of all variables that close the
+    loops. N_a are the rows of the g inputs in N. The motion of input i is a combination of
+    the columns. The coefficients are column i of the inverse of N_a. The adjugate (inverse
+    times det N_a) is used instead, because it is also finite at singularities. Input i then
+    has the rate det N_a.
 
     The output can be the orientation of a link, or only a direction of the link. In the
     second case, rotations of the link about this direction do not count as its rate.
@@ -503,7 +502,8 @@ def _find_single_input_motions(
     # that are divided by the size are then NaN, too.
     unique_sizes = _discard_ambiguous_motions(sizes)
 
-    # The rate of the input in its motion. It has no sign if the sense of N is arbitrary.
+    # The rate of the input in its motion, det N_a. It is without sign if the signs of the
+    # columns of N are arbitrary.
     input_determinant = _determinant_with_sense(input_rates, space)
     # The components of the angular velocity that are zero if the output rests: two for a
     # direction, three for an orientation. First in the g columns of N, then in the motions.
@@ -514,7 +514,8 @@ def _find_single_input_motions(
     # (n, g, 3) the whole angular velocity of the output link in these motions.
     angular_velocity = output.angular_velocity(space, space.basis @ coefficients_by_input)
     speed = np.linalg.norm(angular_velocity, axis=2, keepdims=True)
-    # If the speed is only rounding, the link has no direction of rotation.
+    # A speed that is a very small part of all rates may be rounding. The link then counts
+    # as resting, and has no direction of rotation.
     is_turning = speed > SINGULAR_TRANSMISSION * sizes[..., None]
     known_speed = np.where(is_turning, speed, np.nan)
     # Division by the sizes scales all rates in a motion to a vector of length 1.
@@ -587,18 +588,17 @@ def _measure_singularities(
     # (n, 3) the direction in each configuration, or None.
     output_directions = transmission.output_directions(space.linearisation.rotations)
     type_two_transmission = transmission.measure(vectors, output_directions)
-    # How firmly locked inputs fix all links. The number is the smallest singular value of
-    # the loop equations. It is zero if any link can move while the inputs are locked.
+    # How firmly locked inputs fix all links, zero if any link can move.
     locked_singular_value, _ = input_authority(space.tree, input_variables, vectors)
 
-    # How much the output has to move if the inputs move, zero if the output can rest. The
-    # columns of `space.basis` are independent motions. From them follows which rates of
+    # The columns of `space.basis` are independent motions. From them follows which rates of
     # inputs and output can occur together.
     occurring_rates = _find_occurring_rates(
         input_rates=space.basis[:, input_variables],
         output_rates=output.equations(space.linearisation) @ space.basis,
     )
-    type_one_sine = _smallest_output_part(occurring_rates)
+    # How much the output has to move if the inputs move, zero if the output can rest.
+    type_one_sine = _smallest_output_size(occurring_rates)
     # Without a configuration, the transmission is NaN, and so is the measure of type I.
     return SingularityMeasures(
         type_one_sine=np.where(np.isfinite(type_two_transmission), type_one_sine, np.nan),
@@ -614,13 +614,12 @@ def _decide_types(measures: SingularityMeasures) -> SmallIntegers:
 
     At type I inputs can move while the output rests. At type II the output can move while
     the inputs rest. Type III is both. In a self-motion other links move while inputs and
-    output rest. A measure is zero at its type. For a regular configuration, all measures
-    are above `SINGULAR_TRANSMISSION`.
+    output rest. A measure below `SINGULAR_TRANSMISSION` counts as zero.
 
-    Where the linear equations that keep the loops closed lose rank, they also have
-    solutions that are no motions. So type I cannot be told from them. Such a configuration
-    counts as type II if a solution moves the output while the inputs rest. Otherwise it
-    counts as a self-motion.
+    Linear equations keep the loops closed. Where these equations lose rank, some of their
+    solutions are no motions. A solution in which the output rests then proves nothing, so
+    type I is not considered. The configuration counts as type II if a solution moves the
+    output while the inputs rest, and otherwise as a self-motion.
     """
     loses_rank = measures.reciprocal_condition < SINGULAR_TRANSMISSION
     is_type_one = (measures.type_one_sine < SINGULAR_TRANSMISSION) & ~loses_rank
@@ -658,9 +657,11 @@ def _decide_groups(
     single_input_motions
         The motions of these mechanisms.
     """
+    # In each motion, all rates together are a vector of length 1. A rate below this
+    # tolerance counts as zero.
     tolerance = ALONE_SINGULAR_FACTOR * SINGULAR_TRANSMISSION
     # (n, inputs) a mechanism is regular if its input and its output move. If its motion is
-    # not unique, its rates are NaN. The comparisons are false then, so it is not regular.
+    # not unique, its rates are NaN. The comparisons are then False, so it is not regular.
     is_input_moving = np.abs(single_input_motions.input_rate) > tolerance
     is_output_moving = np.abs(single_input_motions.output_rate) > tolerance
     is_regular_alone = is_input_moving & is_output_moving
@@ -726,24 +727,28 @@ def _find_occurring_rates(input_rates: Floats, output_rates: Floats) -> _Occurri
     )
 
 
-def _smallest_output_part(occurring_rates: _OccurringRates) -> Floats:
-    """Return the measure (n,) of type I, zero if inputs can move while the output rests.
+def _smallest_output_size(occurring_rates: _OccurringRates) -> Floats:
+    """Return the smallest size (n,) of the output's rates in a motion.
 
-    The rates of inputs and output in a motion are scaled to a vector of length 1. The
-    measure is the smallest size that the m rates of the output can have in this vector.
+    The rates of inputs and output in a motion are scaled to a vector of length 1. The size
+    is that of the m rates of the output in this vector. It is zero in a singularity of type
+    I, where inputs can move while the output rests.
 
     If there are more independent motions than the m rates of the output, the output rests
     in some motions in every configuration. These motions say nothing and are not counted.
     """
+    output_part = occurring_rates.output_part  # (n, m, motions)
     # The motions form an orthonormal basis. The singular values of the output's part are
     # therefore its extreme sizes, the largest one first.
-    sizes = np.linalg.svd(occurring_rates.output_part, compute_uv=False)
-    output_rate_count = occurring_rates.output_part.shape[1]
-    # One size for each independent motion, but at most one for each rate of the output.
+    sizes = np.linalg.svd(output_part, compute_uv=False)
+    output_rate_count = output_part.shape[1]
+    # One size for each independent motion (there are `rank`), but at most one for each rate
+    # of the output.
     size_count = np.minimum(occurring_rates.rank, output_rate_count)
-    # If nothing moves, no size counts, and the measure is 1.
+    # If nothing moves, the result is 1, the largest possible size.
     smallest_size = np.ones(len(sizes))
     (moving_rows,) = np.nonzero(size_count > 0)
+    # The last size that is counted is the smallest one.
     last_column = size_count[moving_rows] - 1
     smallest_size[moving_rows] = sizes[moving_rows, last_column]
     return smallest_size
@@ -846,7 +851,8 @@ def _possible_causes(
 
     If input i moves with the rate q_i' while the others are locked, the output turns about
     the axis u_i with the angular velocity w_i, and c_i w_i = d_i q_i'. A cause is a
-    quantity that vanishes at a singularity. The lists of causes are, in this order:
+    quantity that vanishes at a singularity. There are three lists. A cause of a later list
+    is reported only if no cause of the earlier lists applies:
 
     1. a coefficient c_i or d_i is zero, all axes coincide, three are in one plane, or an
        axis is along the output direction;
@@ -865,11 +871,6 @@ def _possible_causes(
         (n, 3) the direction on the output link that is the output. The direction rests if
         the link turns about it. None if the orientation of the link is the output. All
         vectors are in ground axes.
-
-    Returns
-    -------
-    Lists of causes. At a configuration, only the first list with a cause that applies is
-    reported.
     """
     c_causes = [_SingularityCause(f"c_{name}=0", c[:, i]) for i, name in enumerate(inputs)]
     d_causes = [_SingularityCause(f"d_{name}=0", d[:, i]) for i, name in enumerate(inputs)]
@@ -923,16 +924,17 @@ def _causes_of_two_axes(inputs: Sequence[str], u: Floats) -> list[_SingularityCa
 def _causes_along_direction(
     inputs: Sequence[str], u: Floats, direction: Floats
 ) -> list[_SingularityCause]:
-    """Return, for each input, the cause that it turns the output about the direction.
+    """Return, for each input, the cause that its axis is along the output direction.
 
-    The output is a direction on a link. The direction then rests while the input moves.
-    A cause is a quantity that vanishes at a singularity, here the sine of an angle.
+    The output is a direction on a link. Each input alone turns the link about an axis. If
+    this axis is along the direction, the direction rests while the input moves. A cause is
+    a quantity that vanishes at a singularity. Here this is the sine of the angle between
+    the axis and the direction.
 
     Parameters
     ----------
     inputs, u
-        Names of the g inputs, and the axes (n, g, 3) about which each one alone turns the
-        output link.
+        Names of the g inputs, and their axes (n, g, 3).
     direction
         (n, 3) the output direction.
     """
@@ -946,27 +948,27 @@ def _causes_along_direction(
 def _causes_coplanar_with_direction(
     inputs: Sequence[str], u: Floats, direction: Floats
 ) -> list[_SingularityCause]:
-    """Return, for any two inputs, the cause that both turn the output about the direction.
+    """Return, for any two inputs, the cause that the direction is coplanar with their axes.
 
-    The output is a direction on a link. The direction then rests while the two inputs
-    move. This is possible if the direction is in the plane of the axes of both inputs.
-    A cause is a quantity that vanishes at a singularity, here a triple product.
+    The output is a direction on a link. Each input alone turns the link about an axis. If
+    the direction is in the plane of two axes, a motion of these two inputs together can
+    turn the link about the direction. The direction then rests. A cause is a quantity that
+    vanishes at a singularity, here a triple product.
 
     Parameters
     ----------
     inputs, u
-        Names of the g inputs, and the axes (n, g, 3) about which each one alone turns the
-        output link.
+        Names of the g inputs, and their axes (n, g, 3).
     direction
         (n, 3) the output direction.
     """
+    # (n, pairs of inputs) triple products of the axes of two inputs and the direction.
     volumes = np.matvec(_cross_products(u), direction)
-    return [
-        _SingularityCause(
-            f"u_{a} and u_{b} coplanar with the direction", volumes[:, number]
-        )
-        for number, (a, b) in enumerate(combinations(inputs, 2))
-    ]
+    causes = []
+    for pair_number, (first, second) in enumerate(combinations(inputs, 2)):
+        phrase = f"u_{first} and u_{second} coplanar with the direction"
+        causes.append(_SingularityCause(phrase, volumes[:, pair_number]))
+    return causes
 
 
 def _cross_products(axes: Floats) -> Floats:

@@ -79,9 +79,10 @@ NO_ZERO = np.array([[np.nan], [np.nan], [np.inf]])
 class CurveRelations:
     """Rates and input-output relations at n points of a curve of configurations.
 
-    A relation is an equation c y' = d q', where q' is the rate of the input and y' a rate
-    of the output link. c and d are triple products of pole axes, the axes about which links
-    turn relative to each other (Di Gregorio 2012).
+    The input is the rotation of a link relative to its reference link, and so is the
+    output. A relation is an equation c y' = d q', where q' is the rate of the input and y'
+    a rate of the output link. c and d follow from the axes about which links turn relative
+    to each other, the pole axes.
 
     Attributes
     ----------
@@ -90,8 +91,8 @@ class CurveRelations:
     relations
         One or two relations. In the first one (form "i"), y' is the rate of the output. In
         the second one (form "ii"), y' is the rate of the output link relative to the
-        reference link of the input. Form "ii" does not exist if the output link is a link
-        of the input. c and d are NaN at points with an unknown pole axis.
+        reference link of the input. Form "ii" does not exist if the output link is one of
+        the two links of the input. c and d are NaN at points with an unknown pole axis.
     """
 
     input_rate: Floats
@@ -140,9 +141,9 @@ class SingleFreedomSingularities:
     ) -> None:
         """Prepare velocities along curves, and choose the links of all relations.
 
-        A relation is an equation c y' = d q' between the rates of an output and of the
-        input. Its coefficients follow from the axes about which four links turn relative to
-        each other.
+        A relation is an equation c y' = d q' between the rate y' of an output and the rate
+        q' of the input. c and d follow from the axes about which some links turn relative
+        to each other. `_choose_links` explains which links these are.
 
         Parameters
         ----------
@@ -240,25 +241,27 @@ class SingleFreedomSingularities:
         return links_by_form
 
     def _choose_auxiliary_link(self, links: FourLinks) -> int | None:
-        """Return the auxiliary link of the second relation of an output and the input.
+        """Return the auxiliary link of a relation between an output and the input.
 
-        The relation is an equation c y' = d q'. q' is the rate of the input link, and
-        y' the rate of the output link, both relative to the reference link of the
-        input. The coefficients are computed with the help of any further link, the
-        auxiliary link.
+        The relation is an equation c y' = d q'. q' is the rate of the input link i, and y'
+        the rate of the output link o. Each is the rate relative to the link r. The
+        coefficients c and d are computed with the help of any further link, the auxiliary
+        link.
 
         Both coefficients contain the sine of the angle between two axes: those about which
-        the output link and the input link turn relative to the auxiliary link. The relation
-        is most accurate if this sine is large. Therefore the link with the greatest sum of
-        these sines at the computed points of all curves is chosen. The result is None if
-        there is no further link.
+        links o and i turn relative to the auxiliary link. The relation is most accurate if
+        this sine is large. Therefore the link with the greatest sum of these sines at the
+        computed points of all curves is chosen. The result is None if there is no further
+        link.
 
         Parameters
         ----------
         links
-            The input link i, the output link o, and their reference links r and s.
+            The input link i, its reference link r, the output link o, and its reference
+            link s.
         """
         link_count = len(self.position_analysis.mechanism.links)
+        # Any link that is none of i, r, o and s.
         candidates = [link for link in range(link_count) if link not in links.different]
         if not candidates:
             return None
@@ -318,9 +321,10 @@ class SingleFreedomSingularities:
     def _compute_relations(self, output: int, axes: dict[Pole, Floats]) -> list[Relation]:
         """Return the one or two equations between the rates of an output and of the input.
 
-        Each is a relation c y' = d q', where q' is the rate of the input. c and d are
-        computed from pole axes alone, the axes about which links turn relative to each
-        other. `_choose_links` explains the two relations and their links.
+        Each equation is a relation c y' = d q', where q' is the rate of the input. In form
+        "i", y' is the rate of the output. In form "ii", y' is the rate of the output link
+        relative to the reference link of the input. c and d are computed from pole axes
+        alone, the axes about which links turn relative to each other.
 
         Parameters
         ----------
@@ -492,11 +496,10 @@ class SingleFreedomSingularities:
     def notes(self) -> list[str]:
         """Texts about relations that say nothing about the rates on a whole curve.
 
-        From a relation c y' = d q' follows the ratio y' / q' of the rates of output and
-        input, unless c and d are zero or unknown. If c and d are zero or unknown on a
-        whole curve of configurations, the links of the relation are badly chosen. The
-        types of singularities then follow from the rates alone. Curves on which the
-        input or the output rests are left out.
+        A relation c y' = d q' connects the rate y' of an output and the rate q' of the
+        input. On some curves of configurations, c and d are zero or unknown everywhere. The
+        types of singularities then follow from the rates alone, which a note says. Curves
+        on which the input or the output rests get no note.
         """
         link_names = self.position_analysis.mechanism.links
         notes: list[str] = []
@@ -505,12 +508,15 @@ class SingleFreedomSingularities:
             for number, curve_motion in enumerate(self.curve_motions):
                 if (number, output_links) in resting:
                     continue
-                axes = curve_motion.pole_axes(curve_motion.curve.s, self.poles(output))
-                notes += [
-                    _explain_vanishing_relation(relation, number, link_names)
-                    for relation in self._compute_relations(output, axes.directions)
-                    if _vanishes_on_curve(relation)
-                ]
+                # Arc lengths of the computed points of the curve.
+                s = curve_motion.curve.s
+                # The axes of relative rotation of links, from which c and d follow.
+                axes = curve_motion.pole_axes(s, self.poles(output))
+                for relation in self._compute_relations(output, axes.directions):
+                    if _vanishes_on_curve(relation):
+                        notes.append(
+                            _explain_vanishing_relation(relation, number, link_names)
+                        )
         return notes
 
     @cached_property
@@ -581,11 +587,10 @@ class SingleFreedomSingularities:
 
         Several curves of configurations meet at a crossing, and each is another motion of
         the mechanism. The mechanism may follow any of these curves. So the configuration
-        does not determine the motion, and it is of type III (c = d = 0).
+        does not determine the motion, and the crossing is of type III (c = d = 0).
 
-        The motion along a single curve does determine all pole axes. With them, c and d of
-        this curve may differ from zero. A note then says that they apply to this curve
-        only.
+        The motion along a single curve determines all pole axes. So c and d of this motion
+        may differ from zero. A note then says that c and d apply to this curve only.
 
         Parameters
         ----------
@@ -596,8 +601,8 @@ class SingleFreedomSingularities:
 
         Returns
         -------
-        The one or two relations on the first curve, then those on the second one, and so
-        on. Nothing if the crossing was not located.
+        The relations on the first curve, then those on the second one, and so on. An output
+        has one or two relations. Nothing if the crossing was not located.
         """
         if crossing is None:
             return ()
@@ -610,12 +615,12 @@ class SingleFreedomSingularities:
             # The second derivatives along the curves are not known.
             bends=None,
         )
-        # `_check_types` compares c and d with the type of each of the motions. All
-        # motions have the type III of the configuration.
+        # `_check_types` computes the relations. A relation gets a note if its c and d do
+        # not agree with the given type. Here this is the type of the crossing.
         types = [Type.III] * curve_count
         relations_by_curve = self._check_types(output, link_motion, types)
         relations = list(chain.from_iterable(relations_by_curve))
-        # If the output is the input itself, c and d are constants and need no note.
+        # If the output is the input itself, c and d are constants on every curve.
         is_input = {*self.outputs[output]} == {*self.input}
         if is_input:
             return tuple(relations)
@@ -681,19 +686,16 @@ def _explain_vanishing_relation(
 ) -> str:
     """Return a note for users why a relation does not determine rates on a whole curve.
 
-    A relation is an equation c y' = d q', where q' is the rate of the input. It has two
-    forms. In form "i", y' is the rate of the output. In form "ii", y' is the rate of the
-    output link relative to the reference link of the input.
-
-    c and d are products of pole axes, about which links turn relative to each other.
-    With four links, the coefficients are zero if all axes are in one plane. With three
-    links, they are unknown if all axes are on one line. The relation then says nothing,
-    and the types of singularities follow from computed rates.
+    A relation c y' = d q' connects the rate q' of the input and a rate y' of the output
+    link. The coefficients follow from the axes about which links turn relative to each
+    other. With four links, c and d are zero if all axes are in one plane. With three links,
+    c and d are unknown if all axes are on one line, because a plane through the axes is
+    needed to compute them. The types of singularities then follow from computed rates.
 
     Parameters
     ----------
     relation
-        The relation, in one of the forms.
+        The relation, with its form "i" or "ii".
     curve
         Index of the curve.
     link_names
@@ -838,22 +840,20 @@ def explain_doubts(
 ) -> list[str]:
     """Return, for each singularity, why the type is uncertain, or an empty text.
 
-    Singularities are points of a curve of configurations. Two questions may be open:
+    Singularities are points of a curve of configurations at which the input, the output, or
+    both rest. The errors of these points can leave a question open:
 
-    - A self-motion is a point at which input and output both rest. If its error is large,
-      they may rest at two different points near each other instead.
-    - Two points at which only the input or only the output rests may be one point at which
-      both rest. This is open if their distance is less than `UNDECIDED_GAP_FACTOR` times
-      the sum of their errors.
+    - One point counts as a self-motion, at which input and output both rest. The input and
+      the output may rest at two different points near each other instead.
+    - Two neighbouring points count as different, one where the input rests and one where
+      the output rests. They may be the same point.
 
     Parameters
     ----------
     rests
-        The n points at which the input, the output, or both do not move: arc lengths `s`
-        and their errors (rad). If both do not move, two arc lengths were computed, one for
-        the input and one for the output. `distances` (rad) are the differences of these.
+        The n points and their errors.
     types
-        Their types.
+        The types of the points.
     is_input
         Whether the output is the input itself, so that both rest together without doubt.
     """
@@ -984,8 +984,8 @@ def _explain_crossing_doubts(crossing: Crossing | None) -> str:
             f"{crossing.miss:.3g} rad, so two curves may pass each other instead"
         )
     # To first order, the equations allow `freedoms` independent motions at the crossing.
-    # The terms of second order decide which of them continue along curves. `resolved` says
-    # whether they do.
+    # The terms of second order should tell which of these motions continue along curves.
+    # `resolved` is False if this remains open.
     if not crossing.resolved:
         notes.append(
             f"terms of second order do not tell how many curves there are among the "

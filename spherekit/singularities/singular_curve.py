@@ -115,15 +115,15 @@ class SingularCurve:
         # Newton's method starts from values between those of the two nodes.
         start_values = self.chords.predict(chord_numbers, parts)
         start_motions = self._interpolate_motions(chord_numbers, parts)
-        # The projection of each point onto its chord is prescribed by the equation
-        # direction . values = component (rad).
+        # The projection of each point onto its chord is prescribed: its V variables satisfy
+        # the equation direction . variables = component (rad).
         directions = self.chords.directions[chord_numbers]  # unit vectors (n, V)
         lengths = self.chords.chord_lengths[chord_numbers]
         components_of_nodes = np.vecdot(directions, self.nodes.values[chord_numbers])
         components = components_of_nodes + parts * lengths
-        # Each point also gets a basis of the rates that close its loops. Callers compare
-        # signs of determinants in this basis. So the basis is aligned with the basis of
-        # the first node of the chord, and no sign changes by chance.
+        # At each point, all rates that close the loops are combinations of some basis
+        # vectors. Callers compare signs of determinants in this basis. So the basis is
+        # aligned with that of the first node of the chord, and no sign changes by chance.
         first_node_bases = self.nodes.bases.rows(chord_numbers)
         points = self.locus.correct(
             values=start_values,
@@ -256,7 +256,9 @@ class SingularCurve:
         # motions are sought.
         whole_mechanism_moves = self.locus.motion_dimension == self.locus.degrees_of_freedom
         if whole_mechanism_moves:
-            # The determinant is zero where tangent and singular motion are parallel.
+            # The mechanism has two degrees of freedom. So the tangent and the singular
+            # motion have two coordinates each. The determinant of these coordinates is zero
+            # where the tangent and the motion are parallel.
             return self.zeros(cusp_determinants)
         no_points = self.nodes.rows(slice(0))
         return no_points

@@ -92,18 +92,20 @@ class CurveSeen:
         """Return points of the curve, `parts` for each chord between two successive nodes.
 
         Nodes are the computed points of the curve. With more points the drawn curve is
-        smooth. For a curve in closed form, the points that it has are returned.
+        smooth. The end of the last chord is one more point. For a curve in closed form, the
+        points that it has are returned.
         """
         if self.traced is None:
             return self.points
         report, curve = self.traced
         chord_count = len(curve.nodes) - 1
         chord_numbers, part_numbers = np.divmod(np.arange(parts * chord_count), parts)
-        # The chords have points at their starts and within, so the end of the last chord is
-        # added.
+        # The first point of each chord is its start, so the end of the last one is added.
         chord_numbers = np.append(chord_numbers, chord_numbers[-1])
         positions = np.append(part_numbers / parts, 1.0)
-        return report.points(curve.points_on_chords(chord_numbers, positions))
+        points = curve.points_on_chords(chord_numbers, positions)
+        # The report adds the inputs, poses and types of the points.
+        return report.points(points)
 
 
 @dataclass(frozen=True)
@@ -290,8 +292,6 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
     output rests while an input moves. In type II the output can move while the inputs rest.
     Some nodes of a curve can be of another type. Such nodes separate the parts.
 
-    Some points of a part can be of types I and II at once. These points are located, too.
-
     The nodes of a closed curve are listed from an arbitrary first node. If a part passes
     this node, two parts are yielded.
 
@@ -305,13 +305,7 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
     other_locus = report.locus_of_other_type
 
     def measure_other_type(points: LocusPoints) -> Floats:
-        """Return a number (n,) for each point, zero at singularities of the other type.
-
-        At a singularity of type I the mechanism can move while the output rests. At a
-        singularity of type II it can move while the inputs rest. The number is a
-        determinant of the velocity equations, which is 0 if there is such a motion.
-        Where it is 0, a point of one type is of the other type, too.
-        """
+        """Return a determinant (n,), zero at points that are of the other type, too."""
         space = other_locus.tangent_space(points.values)
         return other_locus.measure(space).value
 
@@ -326,6 +320,7 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
         part = replace(curve, nodes=nodes, closed=is_closed)
         yield CurveSeen(
             points=report.points(nodes),
+            # The points that are of types I and II at once.
             both=report.points(part.zeros(measure_other_type)),
             # Arc lengths are counted from the start of the part.
             s=part.s,

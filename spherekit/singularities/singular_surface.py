@@ -143,25 +143,31 @@ class SingularSurface:
         """
         edges, _ = list_edges(self.triangles)
         middles = self._interpolate(edges, part=0.5)
-        # Each middle moves at right angles to the tangent plane at the first end of its
-        # edge. So it does not slide along the surface.
+        # (edges, 2, V) the two tangents of the surface at the first end of each edge. Each
+        # middle moves at right angles to these tangents, and so does not slide along the
+        # surface.
         tangent_rows = np.swapaxes(self.nodes.tangents[edges[:, 0]], 1, 2)
         new_points = self._correct(middles, tangent_rows)
-        all_vertices = np.ones(len(self.nodes), dtype=bool)
-        mesh = self._subdivide(np.arange(len(edges)), new_points, all_vertices)
+        # All old vertices remain in the mesh.
+        remains = np.ones(len(self.nodes), dtype=bool)
+        mesh = self._subdivide(np.arange(len(edges)), new_points, remains)
+        # `side` is the length of the edges that the mesh aims at.
         return replace(mesh, side=0.5 * self.side)
 
     def reported(self) -> Self:
         """Return the part of the mesh that is reported to the user.
 
-        The mesh is clipped at both ends of the range of each input. Vertices of another
-        type are removed with their triangles, such as self-motions on a surface of type II.
+        The mesh is clipped at both ends of the range of each input. Vertices with another
+        type of singularity are removed, with their triangles.
         """
+        # The report knows the type and the ranges of the inputs.
+        report = self.view
         mesh = self
-        for input_position, (low, high) in enumerate(self.view.ranges.T):
+        for input_position, (low, high) in enumerate(report.ranges.T):
+            # The part above the low end remains, then the part below the high end.
             mesh = mesh._clip(input_position, limit=low, side=1.0)
             mesh = mesh._clip(input_position, limit=high, side=-1.0)
-        is_of_type = self.view.has_type(self.view.types(mesh.nodes.values))
+        is_of_type = report.has_type(report.types(mesh.nodes.values))
         # `_subdivide` also removes vertices. Without edges to divide, it only removes those
         # that are not of the type.
         no_edges = np.zeros(0, dtype=np.intp)
@@ -306,8 +312,8 @@ class SingularSurface:
         removed.
 
         Each triangle is replaced by smaller triangles between its remaining corners and the
-        new vertices on its sides. A triangle is removed if one of its sides has to be cut
-        but has no new vertex. Vertices that then belong to no triangle are removed, too.
+        new vertices on its sides. If only one end of a side remains and the side has no new
+        vertex, its triangles are removed. Vertices without a triangle are removed, too.
 
         Parameters
         ----------
@@ -377,8 +383,9 @@ def _subdivide_triangle(
         # All sides are halved: four triangles.
         a, ab, b, bc, c, ca = polygon
         return [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    # The polygon is split into triangles that share one corner, the apex. The apex is a new
-    # vertex, if there is one. Otherwise two sides of a triangle could lie on one line.
+    # The polygon is split into triangles that share one corner, the apex. With an old
+    # vertex as the apex, all corners of a triangle could lie on one line: an old side with
+    # its new vertex. So a new vertex is the apex, if there is one.
     apex_position = 0
     for position, vertex in enumerate(polygon):
         is_new_vertex = vertex in side_vertices

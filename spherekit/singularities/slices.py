@@ -311,16 +311,15 @@ def singular_points_on_slice(curve: ArcCurve, locus: SingularityLocus) -> LocusP
     def measure_along_curve(points: CurvePoints) -> tuple[Floats, Floats]:
         """Return a determinant that is zero in singular configurations, and its derivative.
 
-        The search finds singular points of the curve as zeros of this determinant.
-
-        The derivative is with respect to the arc length of the curve. Both arrays are
+        The derivative is with respect to the arc length of the curve. Each is an array
         (n,), for n points of the curve.
         """
+        # All rates that close the loops. The columns of `space.basis` are orthonormal.
         space = locus.tangent_space(points.values)
         measure = locus.measure(space)
-        # The basis consists of rates that close the loops. The gradient has its components
-        # along this basis. The tangent of the curve is converted to such components, too.
-        # The derivative along the curve is the scalar product of both.
+        # The gradient has the derivatives along the columns of the basis. The derivative
+        # along the curve is the scalar product of the gradient and the tangent, if the
+        # tangent is given by its coordinates along the same columns.
         tangent_coordinates = np.vecmat(points.tangents, space.basis)
         return measure.value, np.vecdot(measure.gradient, tangent_coordinates)
 

@@ -264,9 +264,9 @@ class SurfaceFront:
     ) -> list[LocusPoints | None]:
         """Return the points of the surface above positions in its tangent planes.
 
-        A point of the surface is a singular configuration: values of the pair variables
-        with which a singular motion exists. These are rates that leave inputs or output at
-        rest. Newton's method solves for the variables and the motion together.
+        A point of the surface is a singular configuration. It has a singular motion: rates
+        that close the loops while the inputs, or the output, rest. Newton's method solves
+        for the V pair variables of the configuration and for the motion together.
 
         Parameters
         ----------
@@ -349,16 +349,19 @@ class SurfaceFront:
         # between.
         plane_cosine = _tangent_plane_cosines(starts, points)
         has_similar_plane = plane_cosine >= SAME_SHEET_COSINE
-        # Parts of surfaces (sheets) that pass each other have different singular motions.
-        # The sign of a motion is arbitrary.
+        # Each point has a singular motion: rates that close the loops while the inputs, or
+        # the output, rest. The motions differ between parts of surfaces (sheets) that pass
+        # each other. The sign of a motion is arbitrary.
         motion_cosine = np.abs(np.vecdot(points.motions, starts.motions))
         is_on_same_sheet = motion_cosine >= SAME_SHEET_COSINE
         # A point that is farther than half an edge from the tangent plane belongs to
         # another part of the surface.
         distance = np.linalg.norm(points.values - plane_positions, axis=1)
         is_near_plane = distance <= 0.5 * self.edge_length
+        # Whether Newton's method reached a singular configuration.
+        is_singular = points.is_on_locus
         return (
-            points.is_on_locus
+            is_singular
             & ~is_crossing
             & has_similar_plane
             & is_on_same_sheet

@@ -97,7 +97,7 @@ def _make_tree(
     variables: tuple[int, ...],
     first_links: tuple[int, int],
 ) -> LoopTree:
-    """Return the loops of links that some pairs (joints) of a mechanism close.
+    """Return the links and loops of a part of a mechanism, given by its pairs (joints).
 
     A `LoopTree` numbers its bodies and pairs from 0 without gaps. The links and pairs
     of the mechanism therefore get new indices.
@@ -109,7 +109,7 @@ def _make_tree(
     pairs, variables
         Indices of the pairs, and of the variables of these pairs.
     first_links
-        The links that become body 0, which is the root of the tree, and body 1.
+        The links that become body 0 and body 1, so that the caller knows their indices.
     """
     links = list(first_links)
     for pair in pairs:
