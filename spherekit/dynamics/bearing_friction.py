@@ -65,12 +65,11 @@ class IndeterminateForces:
     distances
         Names of contacts whose distance from the centre O of the sphere is not known.
     floating
-        Names of pairs whose bearings would have to let the link slide along the axis. If
-        too many pairs hold links along their axes, forces along the axes can balance each
-        other and are not determined.
+        Names of pairs whose bearings would have to let the link slide along the axis. Too
+        many pairs that hold links along their axes are redundant.
     enough
         Whether all of this information together would determine all forces. If not, other
-        redundant constraints leave some of the forces undetermined.
+        constraints are redundant.
     """
 
     centres: Names = ()
@@ -80,11 +79,7 @@ class IndeterminateForces:
 
     @property
     def wanted(self) -> list[str]:
-        """The information that would determine the forces, as phrases for a message.
-
-        It may include that some pairs (joints) carry no force along their axes. The key
-        `axial` of the bearings of a pair states this in a mechanism file.
-        """
+        """The information that would determine the forces, as phrases for a message."""
         wanted = []
         if self.centres:
             wanted.append(f"mass and centre of the links {listing(self.centres)}")
@@ -92,14 +87,13 @@ class IndeterminateForces:
             wanted.append(
                 f"the distance of the contacts {listing(self.distances)} from the centre"
             )
-        # The bearings of these pairs would have to let a link slide along the axis.
+        # Too many bearings that hold links along their axes are redundant. So the message
+        # suggests to state some bearings that let a link slide.
         if self.floating:
             wanted.append(
                 f"which bearings of the pairs {listing(self.floating)}, or of others in "
                 "their loops, take no axial force (key axial)"
             )
-        # Even all this information does not determine the forces if other constraints are
-        # redundant.
         if not self.enough:
             wanted.append("constraints that are not redundant")
         return wanted
@@ -342,16 +336,17 @@ def _check_moments_determined(
 ) -> None:
     """Raise `SolveError` if the moment in the pair with this friction is not determined.
 
-    Redundant constraints can leave the moment undetermined. Gear teeth can, too: they press
-    on one of their two sides, and the side decides the direction of the force. An iteration
-    finds the side. `is_settled` is False in rows in which the iteration did not end.
+    Redundant constraints can leave the moment undetermined. The moment is also undetermined
+    if `solve_equilibrium` did not find the side on which gear teeth press.
     """
     mechanism = balance.equations.mechanism
     pair_number = mechanism.pair_number[friction.pair]
-    is_moment_open = balance.equations.open_components[:, pair_number, :MOMENT_COMPONENTS]
-    if np.any(is_moment_open) or not np.all(balance.is_settled):
-        # The message suggests a load of kind "friction", which does not depend on
-        # reactions.
+    # Components that the equations of equilibrium do not determine.
+    open_components = balance.equations.open_components[:, pair_number]
+    is_moment_open = np.any(open_components[:, :MOMENT_COMPONENTS])
+    are_tooth_sides_known = np.all(balance.is_settled)
+    if is_moment_open or not are_tooth_sides_known:
+        # A load of kind "friction" does not depend on reactions.
         raise SolveError(
             f"{mechanism.name}: loads.{friction.name}: redundant constraints leave the "
             f"reaction of pair {friction.pair} undetermined, and with it the friction "
@@ -365,13 +360,12 @@ def _check_forces_determined(
 ) -> None:
     """Raise `SolveError` if the force in the pair with this friction is not determined.
 
-    A pair (joint) transmits a couple, and a force through the centre of the sphere. Both
-    load its bearings and so cause friction. If the file does not have the key `axial` of
-    the bearings, only the friction due to the couple is computed. The force then need not
-    be determined.
+    A pair (joint) transmits a couple, and a force through the centre O of the sphere. The
+    force loads the bearings and so causes friction.
 
-    There are two cases in which the force is not determined: the equations leave the force
-    open, or some link could slide in a direction in which no pair supports the link.
+    There are two cases in which the force is not determined. Either the equations have
+    several solutions for the force. Or no pair holds some link at O, so that the link could
+    slide away from O. The forces in all pairs then count as not determined.
 
     Parameters
     ----------
@@ -440,22 +434,19 @@ class FrictionEquation:
     def find_contracting_rows(self) -> Bools:
         """Return a mask (n,) of rows in which the friction torques have a single solution.
 
-        A row is one time or configuration. The equation is f_k = r_k sum_j |a_kj + sum_l
-        b_kjl f_l| for the friction torque f_k of pair k. Its right side changes by at most
-        B times a change of f, with B_kl = |r_k| sum_j |b_kjl|. If the largest eigenvalue of
-        B is below 1, the equation is a contraction, and it certainly has a single solution.
+        If f changes, the right side of the equation changes by at most B times this change,
+        with B_kl = |r_k| sum_j |b_kjl|. If the largest eigenvalue of B is below 1, the
+        equation is a contraction, which has a single solution.
         """
         sensitivities = np.sum(np.linalg.norm(self.per_friction, axis=3), axis=2)
         eigenvalues = np.linalg.eigvals(np.abs(self.factors)[..., None] * sensitivities)
         return max_abs(eigenvalues, axis=1) < 1.0
 
     def right_side_slope(self, friction: Floats) -> Floats:
-        """Return the derivatives (n, k, l) of the right side of equation k for f_l.
+        """Return the derivatives (n, k, l) of the right sides with respect to each f_l.
 
-        Equation k, for the friction torque of pair k, is f_k = r_k sum_j |load_kj|, in n
-        rows. The loads depend on all friction torques f. The result has the derivatives of
-        the right sides with respect to each friction torque f_l. The derivative of |load|
-        is the unit vector of the load times the derivative of the load.
+        The right side of equation k is r_k sum_j |load_kj|. The derivative of |load| is the
+        unit vector of the load times the derivative of the load.
         """
         load_vectors = self.compute_loads(friction)
         lengths = np.linalg.norm(load_vectors, axis=3, keepdims=True)

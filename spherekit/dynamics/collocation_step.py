@@ -48,9 +48,8 @@ class ClosureDeterminantRecord:
     """Size and sign of the closure determinant in the steps of a simulation so far.
 
     The simulation follows a curve of configurations. Where this curve crosses another one,
-    the closure determinant is zero and changes its sign. `CollocationStep.find_crossing`
-    uses this record to notice it. The determinant is explained at
-    `CollocationStep.closure_determinants`.
+    the closure determinant is zero and changes its sign; see
+    `CollocationStep.closure_determinants`. Crossings are found by this record.
 
     Attributes
     ----------
@@ -65,17 +64,15 @@ class ClosureDeterminantRecord:
     sign: float = 0.0
 
     def include_sizes(self, determinants: Floats) -> "ClosureDeterminantRecord":
-        """Return the record with which the determinants in a step are compared.
+        """Return a record whose largest absolute value includes those of a new step.
 
-        The largest size includes the determinants of the step. The sign stays the sign
-        before the step, because a crossing shows as another sign within the step. The first
-        step has no step before it. The sign at its first node is used.
+        The sign in the record stays the sign before the step. In the first step it is the
+        sign at the first node.
 
         Parameters
         ----------
         determinants
             (N,) closure determinants at the nodes (times at which the step was evaluated).
-            They are zero and change their sign where curves of configurations cross.
         """
         is_first_step = self.largest == 0.0
         if is_first_step:
@@ -88,10 +85,12 @@ class ClosureDeterminantRecord:
     def after_step(
         self, determinants: Floats, *, has_crossing: bool
     ) -> "ClosureDeterminantRecord":
-        """Return the record after a step, for the next step of the simulation.
+        """Return the record of the closure determinant up to the end of a step.
 
-        The sign only changes if curves of configurations cross. A small determinant can
-        have the wrong sign by rounding.
+        The record has the largest absolute value and the sign of the determinant. The sign
+        only changes where curves of configurations cross. Without a crossing, the sign
+        before the step is kept, since a small determinant can have a wrong sign by
+        rounding.
 
         Parameters
         ----------
@@ -103,7 +102,9 @@ class ClosureDeterminantRecord:
         record = self.include_sizes(determinants)
         if not has_crossing:
             return record
-        return replace(record, sign=float(np.copysign(1.0, determinants[-1])))
+        # The last node is after the crossing.
+        sign_after_crossing = float(np.copysign(1.0, determinants[-1]))
+        return replace(record, sign=sign_after_crossing)
 
 
 @dataclass(frozen=True)

@@ -167,13 +167,12 @@ def by_taylor_series(
     if status != Status.OK:
         raise make_start_error(problem, STATUS_MEANING[status])
     compiled = _integrate(problem, motion, tolerance)
-    # The states of a run have other momenta than those of a `Simulation`. So there is a
-    # conversion of the momenta for each run.
+    # The path converts the momenta of each run to those of a `Simulation`.
     path = make_taylor_path(compiled.runs, compiled.momentum_conversions)
     last_run = compiled.runs[-1]
     seconds = time.perf_counter() - started - compiled.compile_seconds
-    # A run with this end stopped where its equations became dependent. `_check_crossing`
-    # raises an error unless curves of configurations cross there.
+    # A simulation ends where its curve of configurations crosses another one. The compiled
+    # engine can also stop elsewhere by mistake, which raises an error here.
     if last_run.end == "singularity":
         _check_crossing(problem, last_run)
     return Simulation(
@@ -395,13 +394,16 @@ def _check_first_step(problem: Problem, run: TaylorRun) -> None:
 
 
 def _check_crossing(problem: Problem, run: TaylorRun) -> None:
-    """Raise `EngineError` if a run ended although no curves of configurations cross there.
+    """Raise `EngineError` if a run ended at a configuration that is no crossing.
 
-    A run (integration) ends where its compiled closure equations become dependent. Usually
-    two curves of configurations cross there, and the loads do not decide which one the
-    mechanism follows. If constraints are redundant, only some of the equations are
-    compiled. These can become dependent although all equations together still determine the
-    motion.
+    A run (integration) ends where its compiled closure equations become dependent. At a
+    crossing of curves of configurations this is right: the loads do not decide which curve
+    the mechanism follows.
+
+    If constraints are redundant, the engine compiles as many equations as are independent,
+    and leaves out the others. The compiled equations can become dependent at a
+    configuration where all equations together still determine the motion. The error then
+    advises the NumPy engine, which uses all equations.
 
     Parameters
     ----------
@@ -488,7 +490,7 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
     path
         The states of the simulation.
     run
-        The last run (integration) of the compiled equation.
+        The last of the runs (integrations) of which the simulation consists.
     """
     if run.end == "time":
         return SimulationEnd("time", problem.until, TIME_MESSAGE)
@@ -502,6 +504,7 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
         problem,
         run.end_time,
         state=end_states.states[0],
+        # Row i has the weights of the pair variables' rates in the rate of coordinate i.
         rate_weights=end_states.rate_weights[0],
         whole_turns=TURN * end_states.turns[0],
     ):
@@ -539,14 +542,15 @@ def _are_loads_finite(
         (states,) pair variables (joint angles, rad), m momenta, and works of loads. Each of
         the m coordinates has a momentum, where m is the number of degrees of freedom.
     rate_weights
-        (m, variables) in row i the weights of the rates of the pair variables in the rate
-        of coordinate i. With m = 1 it is the unit tangent of the curve of configurations.
+        (m, variables) weights W: the rates of the coordinates are W @ rates of the pair
+        variables.
     whole_turns
-        (variables,) angles (rad) of the whole turns, which the state leaves out, but on
-        which loads may depend.
+        (variables,) multiples of 2 pi (rad) that were subtracted from the pair variables in
+        the state. Loads may depend on them.
     """
     with np.errstate(all="ignore"):
         dynamics = problem.equation.evaluate(
             np.array([t]), state[None], rate_weights, whole_turns
         )
-    return bool(all_finite(dynamics.forces))
+    load_forces = dynamics.forces  # generalised forces of all loads
+    return bool(all_finite(load_forces))

@@ -237,14 +237,14 @@ def _derive_equation(
         configuration.
     common_mechanism
         The mechanism of the user with two changes. Its inputs are the coordinates of the
-        equation. The numbers of torque tables and joint limits are placeholders, because
+        equation. The values in torque tables and joint limits are placeholders, because
         they are set before each simulation.
     """
-    # With one degree of freedom no values are needed to choose coordinates.
+    # The values are given only with several degrees of freedom.
     if arguments.values is None:
         return derive_single_dof_equation(common_mechanism)
-    # An event of the equation is a singularity of the user's inputs, which may be other
-    # pairs than the coordinates.
+    # The integrator reports where the inputs of the user no longer determine the motion.
+    # These inputs may be other pairs than the coordinates.
     mechanism = arguments.mechanism
     input_variables = [mechanism.angles[pair] for pair in mechanism.input_pairs]
     return derive_multi_dof_equation(common_mechanism, arguments.values, input_variables)
@@ -289,8 +289,8 @@ def estimate_compile_seconds(
     pair_rotations(mechanism)
     if not available():
         heyoka()  # raises an error that says how to install it
-    # Look for the equation in the cache. Mechanisms that differ only in the numbers of
-    # torque tables and joint limits share an equation, so these numbers are removed.
+    # Look for the equation in the cache. The values in torque tables and joint limits are
+    # parameters of an equation. Mechanisms that differ only in them share an equation.
     step_tolerance = _limit_tolerance(tolerance, coordinates)
     common_mechanism = _remove_run_data(mechanism, coordinates)
     if FUNCTION_CACHE.has(common_mechanism, _cache_key(mechanism, step_tolerance, compact)):

@@ -68,13 +68,12 @@ def analysis_covering(
     """Return a position analysis over a range that contains the input angles q.
 
     In most mechanisms the configuration does not depend on the number of turns of the
-    input. Whole turns then shift all angles into the range of the present analysis, and
-    this analysis is returned.
+    input. The present analysis is then returned.
 
     Meshing gear wheels can make the configuration depend on the number of turns. Angles are
-    then shifted only by whole periods (the turns after which all links are in the same
-    position again). If angles remain outside of the range, a new analysis over a longer
-    range is returned.
+    then shifted by whole periods (the turns after which all links are in the same position
+    again). If angles remain outside of the range, a new analysis over a longer range is
+    returned.
 
     Parameters
     ----------

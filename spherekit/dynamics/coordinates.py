@@ -184,8 +184,8 @@ def motion_by_variables(
 ) -> CoordinateMotion:
     """Return configurations, differentiated with respect to some of the pair variables.
 
-    Derivatives are not finite where these variables do not determine the motion: at dead
-    centres of a single variable, and at singularities of type II of several variables.
+    Derivatives are not finite where the mechanism can move although these variables are
+    held. With a single variable this is a dead centre.
 
     Parameters
     ----------

@@ -276,14 +276,18 @@ class Loads:
         t
             (n,) times, s.
         carried
-            (n, k) load carried by the bearing or contact of each of the k components in
-            `friction_components`: a force (N) on a bearing, a moment (N m) at a contact.
-            None: friction is left out.
+            (n, k) reactions that cause friction, for the k components in
+            `friction_components`. For a bearing this is a force (N), for a contact the
+            moment (N m) of its normal force about the centre of the sphere. None: friction
+            is left out.
         """
         # (n, components) N m or N.
         magnitudes = self.evaluate_magnitudes(motion, speed, t, carried)
+        # (n, m, components) velocities at which the components work, per unit rate of each
+        # coordinate.
+        velocities = self.velocities(motion)
         # (n, m, components) power of each component per unit rate of each coordinate.
-        component_forces = magnitudes[:, None] * self.velocities(motion)
+        component_forces = magnitudes[:, None] * velocities
         # The components of each load follow one another. Add them, load by load.
         return np.add.reduceat(component_forces, self._first_components, axis=2)
 

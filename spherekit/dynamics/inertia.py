@@ -105,9 +105,8 @@ def inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Inertia:
         I w_i . dw_j/dq_k + I w_j . dw_i/dq_k,
 
     where dw/dq_k are the derivatives of the components of w along link axes. With one
-    coordinate this is dB = 2 sum of I w . dw, which is eq. (19) of Di Gregorio (2024). That
-    equation writes the rate and the axis of w as two factors and differentiates them
-    separately.
+    coordinate q, M is a number, and its derivative is the sum of 2 I w . dw/dq (eq. (19) of
+    Di Gregorio 2024).
     """
     # Vectors of the links with mass, along link axes: w_i (n, m, masses, 3), its
     # derivatives dw_i/dq_k (n, m, m, masses, 3), and the angular momentum I w_i.
@@ -210,9 +209,9 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
     if len(principal_inertias) > 1 and smallest < MIN_RELATIVE_INERTIA * largest:
         # With several coordinates, one combination of their rates has no inertia.
         coordinate_rates = directions[:, 0]
-        _refuse_motion_without_inertia(mechanism, coordinate_rates @ motion.rates[0])
-    # If links with mass are at rest, rounding errors can still give them small speeds, up
-    # to `MIN_RELATIVE_SPEED` times that of the fastest link. This is their inertia then.
+        raise _make_error_of_free_pairs(mechanism, coordinate_rates @ motion.rates[0])
+    # If links with mass are at rest, rounding errors can still give them small speeds, and
+    # so an inertia up to this limit.
     rounding_inertia = _inertia_by_rounding(mechanism, motion)
     has_inertia = smallest > rounding_inertia  # False if `smallest` is NaN
     if not has_inertia:
@@ -224,8 +223,8 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
         )
 
 
-def _refuse_motion_without_inertia(mechanism: Mechanism, variable_rates: Floats) -> None:
-    """Raise the error for a motion in which pairs turn but no link with mass moves.
+def _make_error_of_free_pairs(mechanism: Mechanism, variable_rates: Floats) -> SolveError:
+    """Return the error for a motion in which pairs turn but no link with mass moves.
 
     The message names the pairs (joints) that turn.
 
@@ -234,14 +233,15 @@ def _refuse_motion_without_inertia(mechanism: Mechanism, variable_rates: Floats)
     mechanism
         The mechanism.
     variable_rates
-        (variables,) rates of the pair variables (joint angles) in this motion, in any unit.
+        (variables,) rates of the pair variables (joint angles) in this motion, in which the
+        rates of the coordinates are a unit vector.
     """
     pairs = [
         name
         for name, variable in mechanism.angles.items()
         if np.abs(variable_rates[variable]) > MIN_NAMED_RATE
     ]
-    raise SolveError(
+    return SolveError(
         f"{mechanism.name}: at the start, pairs {listing(pairs)} can turn together "
         "without moving any link that has mass, so a load would cause an infinite "
         "acceleration; give mass to the links that they move, or lock a pair"

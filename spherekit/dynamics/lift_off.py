@@ -40,7 +40,8 @@ class ContactPushes:
         (n, contacts) force along the normal times the radius, N m. Negative if a contact
         pulls.
     largest_reaction
-        (n,) largest component of any moment that a pair transmits, N m.
+        (n,) largest component of any moment that a pair transmits, N m. A pull that is very
+        small compared with it counts as a rounding error.
     """
 
     pushes: Floats

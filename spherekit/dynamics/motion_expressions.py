@@ -102,15 +102,16 @@ class EquationLayout:
             # Momenta are divided by this unit, so that their numbers are near 1.
             momentum_unit=1,
             inverse_momentum_unit=1,
-            # The loop-closure equations count as dependent below this limit.
+            # The independence of the loop-closure equations is 0 where they are dependent.
+            # At this small limit an integration ends.
             min_independence=1,
             # Lower and upper value of each joint limit.
             joint_limits=2 * len(mechanism.joint_limits),
             # Torque tables are linear in an interval of time: its start, then value and
             # slope of each table.
             torque_tables=1 + 2 * len(self.table_names),
-            # A load changes abruptly at a zero of a switch condition. The parameters are
-            # the signs of the conditions. They are appended later, so they are last.
+            # Signs of the conditions of loads that change abruptly. The conditions are not
+            # known yet. Each will append a parameter at the end.
             switch_signs=0,
         )
         self.unit_parameter = first_numbers["momentum_unit"]
@@ -173,8 +174,9 @@ class EquationLayout:
         # The variables in the equation are reduced by whole turns. Loads such as springs
         # need the whole angles, so they also get symbols for the numbers of these turns.
         #
-        # The last two arguments are functions. Loads ask them for the symbol of the sign of
-        # an expression, and for the torque of a table.
+        # The last two arguments are functions that loads call. A sign in a load becomes a
+        # symbol, since it is constant until the integrator changes it. `TorqueTable` is a
+        # load that gives a torque by a table over time.
         return LoadState(
             mechanism=coordinate_rates.mechanism,
             placed=coordinate_rates.placed,

@@ -316,7 +316,7 @@ class Collocation:
                 self.end = stopped.value
                 t = self.reached
         # The remaining computing time is estimated from the computing time (s) up to each
-        # time t of the simulation. `seconds` is the sum over the steps before.
+        # time t of the simulation.
         computing_time = self.seconds + time.perf_counter() - started
         self._progress_times.append((t, computing_time))
         # The text is only formed if a report is due.
@@ -326,8 +326,8 @@ class Collocation:
             total=self.problem.until,
         )
         if is_due and self.end is None and self.problem.on_progress:
-            # Show the motion so far. The text is a placeholder for the reason why this
-            # engine was chosen, which only the final result states.
+            # Show the motion so far. The reason why this engine was chosen is not shown, so
+            # any text will do.
             self.problem.on_progress(self.simulation(reason="it goes on"))
         return self.end is None
 
@@ -532,17 +532,17 @@ class Collocation:
     def _evaluate_dynamics(self, t: Floats, states: Floats) -> StateDynamics:
         """Return motion and forces at times (n,) and states (n, states).
 
-        The motion is described by the coordinates at the end of the last step
-        (`rate_weights`). If crossings of curves are passed, the loops of the configurations
-        are closed first. Near a crossing the rates in configurations with closed loops
-        continue smoothly, but the rates in configurations with slightly open loops have no
-        limit.
+        Simulations may pass crossings of curves of configurations. Near a crossing,
+        slightly open loops change the rates of the variables by large amounts. The loops
+        are then closed first.
         """
         equation = self.equation
         variables = self.equation.variable_count
         if self.problem.passes_crossings and all_finite(states):
             closed = equation.project(states[:, :variables])
             states = np.concatenate([closed, states[:, variables:]], axis=1)
+        # The weights define the coordinates: the rate of coordinate i is row i @ rates of
+        # the pair variables. Loads also need the whole turns that the states leave out.
         return equation.evaluate(t, states, self.rate_weights, self.problem.turn_angles)
 
     def _close(self, state: Floats) -> Floats:
@@ -772,7 +772,9 @@ class Collocation:
         dynamics = equation.evaluate(
             t,
             step.evaluate_state(t),
+            # These weights of the rates of the pair variables define the coordinates.
             self._find_rate_weights(step, fractions),
+            # The whole turns (rad) that the states leave out.
             self.problem.turn_angles,
         )
         fitted_rates = step.evaluate_rate(t)[:, equation.momenta]
@@ -783,14 +785,15 @@ class Collocation:
         return rate_errors, steep_arguments
 
     def _find_rate_weights(self, step: CollocationStep, fractions: Floats) -> Floats:
-        """Return the coordinates within a step, in the form that `EquationOfMotion` needs.
+        """Return the weights that define the coordinates at times within a step.
 
-        With several degrees of freedom, the result has the weights of the pair variables
-        (joint angles) in each coordinate, which are the same in the whole step.
+        The rate of coordinate i is row i of the weights times the rates of the pair
+        variables (joint angles). With several degrees of freedom, the weights are the same
+        in the whole step.
 
         With one degree of freedom, the coordinate is the arc length of the curve of
-        configurations. Approximate tangents then say in which of two directions the arc
-        length increases. The tangents at the nearest nodes will do.
+        configurations, and the weights are the tangent of the curve. The tangents at the
+        nearest nodes are used: only their sense matters.
 
         Parameters
         ----------
@@ -910,8 +913,8 @@ class Collocation:
             (N, m, variables) derivatives of the pair variables (joint angles) with respect
             to the m coordinates, at the N nodes of the step.
         determinants
-            (N,) closure determinants at the nodes, whose sign changes where curves of
-            configurations cross; see `CollocationStep.closure_determinants`.
+            (N,) determinants at the nodes whose sign changes where curves of configurations
+            cross; see `CollocationStep.closure_determinants`.
         """
         self.steps.append(step)
         step_events = list(self._find_step_events(step, rates, determinants))
@@ -919,8 +922,8 @@ class Collocation:
         # passes is a "crossing".
         kinds = {event.kind for event in step_events}
         has_crossing = "singularity" in kinds or "crossing" in kinds
-        # The record has the present sign of the determinant, which a crossing changes, and
-        # the largest size so far. With it the next crossing is noticed.
+        # The record has the sign of the determinant after this step and its largest size so
+        # far. In the next step, another sign or a value near 0 shows a crossing.
         self.determinant_record = self.determinant_record.after_step(
             determinants, has_crossing=has_crossing
         )
@@ -942,9 +945,10 @@ class Collocation:
         They are:
 
         - exceeded joint limits;
-        - a crossing of curves of configurations;
-        - reversals of the input (with several inputs, configurations in which the inputs do
-          not determine the motion);
+        - a crossing of curves of configurations: a "crossing" if the simulation passes it,
+          a "singularity" if the simulation ends there;
+        - configurations in which the inputs do not determine the motion: a single input
+          reverses there;
         - moments of rest.
 
         Parameters
@@ -959,8 +963,8 @@ class Collocation:
             configurations cross.
         """
         mechanism = self.equation.mechanism
-        # Angles in the states are reduced by whole turns. Joint limits are limits of the
-        # whole angles, so these turns (rad) are passed, too.
+        # Joint limits are limits of the whole angles. So the whole turns (rad) that the
+        # states leave out are passed, too.
         for t, pair in step.find_exceeded_limits(mechanism, self.problem.turn_angles):
             yield StepEvent(t, "joint_limit", pair)
         # The sign of the determinant before the step, and its largest absolute value up to
@@ -1025,9 +1029,10 @@ class Collocation:
     ) -> SimulationEnd:
         """Return the reason why a simulation ends if even very short steps are rejected.
 
-        Possible reasons are tested in this order: a configuration without rates, such as a
-        contact beyond its profile; a crossing of curves of configurations; an inertia that
-        vanishes compared with that of earlier steps; a load that changes too fast.
+        Possible reasons are tested in this order: a configuration whose rates can't be
+        computed, such as a contact beyond its profile; a crossing of curves of
+        configurations; an inertia that vanishes compared with that of earlier steps; a load
+        that changes too fast.
 
         Parameters
         ----------
@@ -1040,12 +1045,14 @@ class Collocation:
         """
         equation = self.equation
         t = step.start
+        # A status says why the rates in a configuration can't be computed.
         for status, (kind, message) in END_BY_STATUS.items():
             if np.any(dynamics.motion.status == status):
                 return SimulationEnd(kind, t, message)
         values = step.state[: equation.variable_count]
         condition = reciprocal_condition(equation.closure, values, equation.freedoms)
-        # `is_near_crossing` was set before, if the determinant of a step became small.
+        # `is_near_crossing` was set if the closure determinant became small. At a crossing
+        # the determinant is zero.
         if self.is_near_crossing or condition < MIN_CROSSING_CONDITION:
             return SimulationEnd("singularity", t, CROSSING_MESSAGE)
         message = f"no step is short enough (iteration error {error:.2g}); {JUMP_MESSAGE}"

@@ -402,7 +402,7 @@ class StoredModel:
                 f"{choices(variable, heading.variables, 'Variables')}"
             )
         # Columns of the variable and of its derivative with respect to the coordinate.
-        columns = self._indices_in_group((variable, heading.derivative(variable)))
+        variable_columns = self._indices_in_group((variable, heading.derivative(variable)))
         assert isinstance(series, PiecewiseChebyshev)
         is_angle = variable in {f"theta_{pair}" for pair in heading.angles}
 
@@ -413,14 +413,16 @@ class StoredModel:
             The derivative is with respect to x. Zeros of the number are the places that are
             searched.
             """
-            values, rates = series.evaluate(x)[:, columns].T
+            # The variable, and its derivative with respect to x.
+            values, rates = series.evaluate(x)[:, variable_columns].T
             half_difference = 0.5 * (values - value)
             if is_angle:
-                # This sine is zero wherever the angle differs from `value` by a whole
-                # number of revolutions.
+                # The sine of half the difference is zero wherever the angle differs from
+                # `value` by a whole number of revolutions.
                 sines = np.sin(half_difference)
                 return sines, 0.5 * np.cos(half_difference) * rates
-            # The variable is the arc length of a contact, which has no revolutions.
+            # The variable is the arc length of a contact, which has no revolutions. Any
+            # multiple of the difference is zero at the same places.
             return half_difference, 0.5 * rates
 
         # Zeros are sought between neighbouring positions of this grid, which has several
@@ -473,19 +475,19 @@ class StoredModel:
     def save(self, path: AnyPath) -> None:
         """Write the model to a NumPy archive (.npz) that describes itself.
 
-        The archive has a heading as text: names of functions and coordinates, loads, and a
-        description of the arrays. The functions depend on one coordinate along a curve of
-        configurations, or on all inputs in a box of their ranges. This domain is divided
-        into cells, each with its own Chebyshev series. A group has the functions that share
-        one division. Group k has arrays such as "coefficients_k".
+        The model stores functions of the configuration, such as the inertia, from which the
+        torques of a motion are computed. The archive has a heading as text, which describes
+        them, and arrays with their Chebyshev series.
+
+        The domain of the functions is divided into cells, each with its own series. A group
+        has the functions that share one division. Group k has arrays such as
+        "coefficients_k".
 
         Raises
         ------
         OutputError
             If the file can't be written; an older file is then unchanged.
         """
-        # Along a curve, cells are intervals between "edges". In a box, cells are smaller
-        # boxes, described by "splits" and "bounds".
         array_names = _array_names(self.heading)
         arrays = {
             f"{name}_{k}": getattr(group, name)
@@ -525,17 +527,17 @@ class StoredModel:
     def _configuration_symbols(self) -> list[ExpressionNode]:
         """Symbols of the stored functions in the expressions of the torques, each once.
 
-        The stored functions depend on the configuration alone. The symbols are the
-        arguments of the function that computes the torques at a single point. With one
-        coordinate x, the first is the inertia B, and the second dB/dx.
+        A model stores functions of the configuration alone. The symbols are arguments of
+        the function that computes the torques at a single point.
         """
         heading = self.heading
         if heading.is_curve:
+            # There is one coordinate x. Simulations expect the inertia B and dB/dx as the
+            # first functions.
             first_symbols = symbols(["B", heading.derivative("B")])
         else:
             first_symbols = []
-        # Symbols come in the order in which they first occur, so B and dB/dx are put before
-        # the expressions of the torques.
+        # Symbols come in the order in which they first occur.
         nodes = iterate_nodes([*first_symbols, *heading.torques])
         configuration_symbols = []
         for node in nodes:
@@ -624,8 +626,8 @@ class StoredModel:
         Parameters
         ----------
         coordinates
-            The coordinates (rad): (...) if the model has one coordinate, and (..., m) if it
-            has m coordinates.
+            The coordinates (rad): (...) if the model is along a curve, which has a single
+            coordinate, and (..., m) if the m inputs are the coordinates.
         derivatives
             Rates and accelerations of the coordinates, or none, with the same axes.
         t
@@ -634,17 +636,16 @@ class StoredModel:
         Raises
         ------
         SolveError
-            If the model has several inputs and their array has a wrong shape. Also if only
-            one point is passed and it is outside the domain. Among many points, those
-            outside are no error; the functions of the model are NaN there.
+            If the array of m inputs has a wrong shape. Also if it has a single point that
+            is outside the domain. Among many points, those outside are no error.
         """
         arrays = [np.asarray(x, dtype=float) for x in (coordinates, *derivatives)]
         if self.heading.is_curve:
-            # With one coordinate the last axis has length m = 1.
+            # The points of all models get a last axis for coordinates, here m = 1.
             arrays = [array[..., None] for array in arrays]
         else:
             self._check_inputs(arrays[0])
-        # Each point has m coordinates but one time.
+        # A last axis of length 1, so that the time is the same for all m coordinates.
         times = np.asarray(t, dtype=float)[..., None]
         shape = np.broadcast_shapes(times.shape, *(array.shape for array in arrays))
         coordinate_rows, *derivative_rows = (
@@ -685,8 +686,8 @@ class StoredModel:
         """Return torques or forces in the shape in which the caller passed the points.
 
         A point has m coordinates, and a value for each of them, such as the torque at an
-        input. Along a curve a point has a single coordinate. The caller's array (...) then
-        has no axis for coordinates, and neither has the result.
+        input. A model along a curve has a single coordinate. The caller's array (...) then
+        has no axis for coordinates. The axis m = 1 was added later, and is removed here.
 
         Parameters
         ----------
@@ -699,7 +700,9 @@ class StoredModel:
         -------
         The values in this shape, or (...) along a curve.
         """
-        return values.reshape(shape[:-1] if self.heading.is_curve else shape)
+        if self.heading.is_curve:
+            return values.reshape(shape[:-1])
+        return values.reshape(shape)
 
     def _evaluate_group(self, group: int, coordinates: Floats) -> Floats:
         """Return the values (n, F) of the F functions of a group at n points.
@@ -725,7 +728,8 @@ class StoredModel:
         series = self.groups[group]
         if isinstance(series, TensorChebyshev):  # over a box of several coordinates
             return series.evaluate(coordinates)
-        # Along a curve, whole laps are subtracted from the coordinate.
+        # Along a curve, whole laps are subtracted from the coordinate. The heading is the
+        # description of the model, with the range of the coordinate.
         heading = self.heading
         (low,) = heading.low
         (high,) = heading.high

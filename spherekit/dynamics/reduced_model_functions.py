@@ -79,7 +79,7 @@ class FunctionLabel:
     Attributes
     ----------
     name, unit
-        Name and unit in the heading of the model.
+        Name and unit in the description of the model.
     kind
         Kind of the function, such as an angle or an inertia. Functions of one kind are
         compared in size to judge their errors, see `function_scales`.
@@ -101,10 +101,10 @@ class FunctionLabel:
 def function_scales(labels: Sequence[FunctionLabel], values: Floats) -> Floats:
     """Return the scale of each stored function, relative to which its error is judged.
 
-    The scale is the largest absolute value. The components of a vector share the largest of
-    their scales. A function that is zero up to rounding would get a tiny scale, and its
-    series would follow rounding errors. Each scale is therefore at least
-    `MIN_RELATIVE_SCALE` times the scale of
+    A reduced model stores functions as Chebyshev series. The scale of a function is its
+    largest absolute value. The components of a vector share the largest of their scales. If
+    a function is zero except for rounding errors, its series need not represent these
+    errors. Each scale is therefore at least `MIN_RELATIVE_SCALE` times the scale of
 
     - the largest function of the same kind,
     - the largest inertia, for Christoffel symbols, which are zero if the inertia is
@@ -125,6 +125,7 @@ def function_scales(labels: Sequence[FunctionLabel], values: Floats) -> Floats:
     it is compared are zero.
     """
     kinds = np.array([label.kind for label in labels])
+    # The name of the vector to which a function belongs, or "".
     vectors = np.array([label.vector for label in labels])
     scales = np.array(max_abs(values, axis=0))
     # The components of a vector share their largest scale.

@@ -96,9 +96,10 @@ class StoredLoad:
 
 
 class VelocityTerm(NamedTuple):
-    """A term of a torque: a factor, times a stored function, times two rates.
+    """A term of a torque: a factor, times a function, times the rates of two coordinates.
 
-    The sum of such terms is the Coriolis and centrifugal torque of a reduced model.
+    A reduced model stores the function as a series over its coordinates. The sum of such
+    terms is the Coriolis and centrifugal torque.
 
     Attributes
     ----------
@@ -246,18 +247,20 @@ class StoredHeading:
     def by_coordinates(self, name: str) -> list[str]:
         """Return the names under which rates per unit rate of each coordinate are stored.
 
-        These are rates of a pair variable (its derivatives), or velocities of a load.
+        A model along a curve has a single coordinate. Otherwise the coordinates are the
+        pairs (joints) `by`.
 
         Parameters
         ----------
         name
-            A pair variable, or a velocity at which a load does work.
+            A pair variable, whose derivatives are stored, or a velocity.
         """
-        if name not in self.variables:
-            return [name] if self.is_curve else [f"{name} by {pair}" for pair in self.by]
+        is_pair_variable = name in self.variables
         if self.is_curve:
-            return [self.derivative(name)]
-        return [f"d({name})/d(theta_{pair})" for pair in self.by]
+            return [self.derivative(name) if is_pair_variable else name]
+        if is_pair_variable:
+            return [f"d({name})/d(theta_{pair})" for pair in self.by]
+        return [f"{name} by {pair}" for pair in self.by]
 
     def locate_function(self, name: str) -> tuple[int, int]:
         """Return the index of the group of a stored function, and its index in the group.

@@ -315,7 +315,8 @@ def _check_request(
             f"{mechanism.name}: tolerance: found {tolerance:g}, expected a number from "
             f"{min_tolerance:g} to 1e-2"
         )
-    # This raises the `ModelError`. The text becomes part of its message.
+    # The `ModelError` has the message "its friction depends on the reaction of pair 41,
+    # which a stored model has not".
     check_no_reaction_friction(mechanism, "a stored model has not")
     return mechanism
 

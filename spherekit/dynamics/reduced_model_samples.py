@@ -210,13 +210,13 @@ class Sampler:
     def make_heading(self, assembly_mode: int) -> StoredHeading:
         """Return the heading of the model of an assembly mode (way to assemble the links).
 
-        The model stores functions of the configuration (inertia, velocities of loads and so
-        on) as series in one or several coordinates. Coordinates (``by``) are the inputs, or
-        the arc length of the curve of configurations. The heading describes the model
-        without the series: the mechanism, its loads, the poles (axes of relative rotation
-        of two links) and the coordinates with their ranges. ``variables`` are the names of
-        all pair variables (joint angles), ``angles`` those of the R pairs. ``rise`` is the
-        growth of each variable (rad) over one period of the coordinate.
+        The model stores functions of the configuration, such as the inertia, as series in
+        one or several coordinates. Coordinates (``by``) are the inputs, or the arc length
+        of the curve of configurations. The heading describes the model without the series:
+        the mechanism, its loads, the poles (axes of relative rotation of two links) and the
+        coordinates with their ranges (rad). ``variables`` are the names of all pair
+        variables (joint angles), ``angles`` those of the R pairs. Along a closed curve of
+        configurations, ``rise`` is the growth of each variable (rad) over one period.
         """
         mechanism = self.mechanism
         return StoredHeading(
@@ -237,12 +237,13 @@ class Sampler:
         )
 
     def label_motion_functions(self, heading: StoredHeading) -> list[FunctionLabel]:
-        """Return labels (name, unit, kind) of the stored functions that the motion needs.
+        """Return labels (name, unit, kind) of the stored functions of the motion.
 
-        They are the pair variables (joint angles), their derivatives, the inertia, its
-        derivatives, and the velocities on which loads work. The labels are in the order of
-        `evaluate_motion`. All variables and coordinates are in rad, so derivatives of
-        variables have no unit.
+        They are the pair variables (joint angles), their derivatives with respect to the
+        coordinates of the model, the inertia, its derivatives, and velocities of loads. The
+        power of a load is its size times its velocity. The labels are in the order of
+        `evaluate_motion`. Variables and coordinates are in rad, so derivatives of variables
+        have no unit.
 
         Parameters
         ----------
@@ -279,17 +280,18 @@ class Sampler:
         return labels
 
     def _label_load_velocities(self, heading: StoredHeading) -> list[FunctionLabel]:
-        """Return labels (name, unit, kind) of velocities on which load components work.
+        """Return labels (name, unit, kind) of the velocities of load components.
 
-        A load may be a sum of components, such as the x, y and z parts of a force.
+        A load may be a sum of components, such as the x, y and z parts of a force. The
+        power of a component is its size times its velocity.
         """
         labels = []
         for component, velocity_name in self.load_velocities.items():
             load = self.loads.load_of_component[component]
             unit = self.mechanism.loads[load].velocity_unit
-            # The error of a function is judged relative to its largest value. Functions of
-            # one vector share the largest value of all of them. Over a box of several
-            # inputs, each function is judged alone.
+            # The error of a function is judged relative to its largest value. Functions
+            # with the same name `vector` are judged relative to the largest of all. With
+            # several coordinates, each function is judged alone.
             if heading.is_curve:
                 vector = f"load {self.loads.names[load]}"
             else:
@@ -309,7 +311,7 @@ class Sampler:
         A label has the name, unit and kind of a stored function. With one coordinate x (a
         curve) these are only the inertia B and its derivative dB/dx. All coordinates are in
         rad. The unit of dB/dx is written as kg m2/rad, that of Christoffel symbols as kg
-        m2; both are the same, since the radian has no dimension.
+        m2. The two units are the same, since the radian has no dimension.
         """
         labels = [
             FunctionLabel(name, "kg m2", FunctionKind.INERTIA) for name in heading.inertia
@@ -325,6 +327,8 @@ class Sampler:
                 derivative_of=inertia_name,
             )
             return [*labels, inertia_derivative]
+        # The torque at each coordinate has a list of terms: each is a Christoffel symbol
+        # times two rates.
         for velocity_terms in heading.velocity_terms:
             for term in velocity_terms:
                 label = FunctionLabel(term.function, "kg m2", FunctionKind.CHRISTOFFEL)
@@ -337,9 +341,8 @@ class Sampler:
         """Return the functions (n, F) of `label_motion_functions` at n configurations.
 
         They are the pair variables (joint angles) and their derivatives, then the inertia
-        matrix, its Christoffel symbols, and the velocities on which loads work, per unit
-        rate of each coordinate. Velocities that are rates of pair variables are not
-        repeated.
+        matrix, its Christoffel symbols, and velocities of load components per unit rate of
+        each coordinate. The power of a component is its size times its velocity.
 
         Parameters
         ----------
@@ -355,13 +358,14 @@ class Sampler:
         if self.has_dynamics:
             masses = inertia(self.mechanism, motion)
             functions.append(_lower_triangles(masses.M))
-            # (n, i, j, k) Christoffel symbols of the torque at coordinate i. They are
-            # symmetric in j and k, so half of them suffice.
+            # (n, i, j, k) Christoffel symbols, i for the equation of coordinate i. They are
+            # symmetric in j and k, so only those with k <= j are stored.
             symbols = christoffel_factor * christoffel(masses.dM)
             functions.append(_lower_triangles(symbols).reshape(len(symbols), -1))
         if self.load_velocities:
             velocities = self.loads.velocities(motion)  # (n, m, load components)
-            # Other components work on rates of pair variables, which are stored already.
+            # Indices of components. The velocities of other components are rates of pair
+            # variables, which are stored already.
             stored_components = list(self.load_velocities)
             functions.append(_flatten_by_coordinate(velocities[..., stored_components]))
         return np.concatenate(functions, axis=1)
@@ -541,9 +545,9 @@ class CurveSampler(Sampler):
         ----------
         groups
             Groups of functions that are computed. Group 0 has the functions of the motion:
-            the pair variables v (joint angles), dv/dx, B, dB/dx, and the velocities on
-            which loads work. Group k + 1 has the five functions of pole number k (axis of
-            relative rotation of two links).
+            the pair variables v (joint angles), dv/dx, B, dB/dx, and the velocities of
+            loads: the power of a load is its size times such a velocity. Group k + 1 has
+            the five functions of pole number k (axis of relative rotation of two links).
         x
             (n,) values of the coordinate (rad): the input variable q, or the arc length s
             of the curve of configurations.
@@ -581,17 +585,16 @@ class CurveSampler(Sampler):
     def _compute_motion_by_input(self, q: Floats) -> CoordinateMotion:
         """Return the motion with derivatives d/dq at input variables q (n,), rad.
 
-        The configurations form a closed curve, on which q grows by `lap_length` in each
-        lap. The nodes (known configurations from which Newton's method starts) cover one
-        lap only. Whole laps are therefore subtracted from q first. The growth of all pair
-        variables over these laps is added afterwards.
+        The configurations form a closed curve. The nodes (known configurations from which
+        Newton's method starts) cover one lap only. Whole laps are therefore subtracted from
+        q first. The growth of all pair variables over these laps is added afterwards.
         """
         (input_variable,) = self.driven
         start_input = self.nodes.values[0, input_variable]
-        # Laps are counted in the sense of the curve. q falls along it if `input_sense` is
-        # -1.
-        laps = np.floor(self.input_sense * (q - start_input) / self.lap_length)
-        input_within_lap = q - self.input_sense * laps * self.lap_length
+        # The change of q in one lap along the curve. `input_sense` is -1 if q falls.
+        input_change = self.input_sense * self.lap_length
+        laps = np.floor((q - start_input) / input_change)
+        input_within_lap = q - laps * input_change
         closed = self.close_loops(input_within_lap[:, None])
         # `rise` (variables,) is the growth of the variables over one lap along the curve.
         values = closed.linearisation.values + np.outer(laps, self.curve.rise)
@@ -618,12 +621,13 @@ class CurveSampler(Sampler):
         Parameters
         ----------
         x
-            (n,) coordinates of the model along the curve, rad.
+            (n,) coordinates along the curve (rad), 0 at its start.
         motion
             The motion at these coordinates.
         """
         directions = self._compute_axes(motion)
-        # Index of the nearest stored direction, of which there are `SENSE_SAMPLES` per lap.
+        # Index of the nearest stored direction. There are `SENSE_SAMPLES` over one lap of a
+        # closed curve, or over the whole of an open curve (`lap_length`).
         nearest = np.rint(x / self.lap_length * SENSE_SAMPLES).astype(int)
         # On a closed curve the directions repeat after one lap. If an axis is reversed
         # after one lap, they repeat after two.
@@ -839,11 +843,12 @@ class BoxSampler(Sampler):
             The mechanism with its inputs, and its assembly mode (way to assemble the
             links).
         poles
-            Pairs of links whose axis of relative rotation is stored.
+            Couples of two links each, whose axis of relative rotation is stored.
         """
         super().__init__(position_analysis, poles)
-        # The coordinates of the model are the inputs.
+        # `by` are the coordinates of the model: the names of the input pairs (joints).
         self.by = position_analysis.inputs
+        # Indices of their variables among all pair variables.
         self.driven = [self.mechanism.angles[pair] for pair in self.by]
         self.low, self.high = np.array([item.range for item in self.mechanism.inputs]).T
         self.nodes = _compute_grid_nodes(position_analysis, self.driven)
@@ -864,8 +869,9 @@ class BoxSampler(Sampler):
     def evaluate(self, inputs: Floats, function_count: int) -> Floats:
         """Return the values of all stored functions, one column for each of their labels.
 
-        Stored functions are the pair variables (joint angles), the inertia, velocities on
-        which loads work and velocities of the poles, see `label_functions`.
+        A reduced model stores these functions of its inputs. They are the pair variables
+        (joint angles), the inertia, and velocities of loads and poles, see
+        `label_functions`.
 
         Parameters
         ----------
@@ -1029,7 +1035,8 @@ def _follow_curve(position_analysis: PositionAnalysis) -> tuple[ArcCurve, Floats
     # Joint limits by the index of their pair variable.
     joint_limits = {}
     for limit in mechanism.joint_limits:
-        variable = mechanism.variables_of(mechanism.pair_number[limit.pair])[0]
+        # Only R pairs, which have a single variable, can have limits.
+        (variable,) = mechanism.variables_of(mechanism.pair_number[limit.pair])
         joint_limits[variable] = (limit.low, limit.high)
     is_usable = motion.status == Status.OK
     for variable, (lower_limit, upper_limit) in joint_limits.items():

@@ -196,7 +196,7 @@ class MomentumConversion(Protocol):
     def convert_momenta(self, states: Floats, state_rates: Floats) -> None:
         """Replace the momenta of the compiled engine by momenta of a simulation, in place.
 
-        The two kinds of momenta describe the same velocities by different numbers.
+        The time derivatives of the momenta are replaced, too.
 
         Parameters
         ----------
@@ -207,8 +207,9 @@ class MomentumConversion(Protocol):
     def compute_rate_weights(self, states: Floats) -> Floats:
         """Return the matrices W of the coordinates at n states.
 
-        Each momentum in a state belongs to a coordinate of the motion. The rates u of the m
-        coordinates are weighted sums of the rates v' of the pair variables: u = W v'.
+        The simulation chose m coordinates, and a state has a momentum for each of them. The
+        rates u of the coordinates are weighted sums of the rates v' of the pair variables:
+        u = W v'.
 
         Parameters
         ----------
@@ -376,12 +377,13 @@ class CoordinateMomentumConversion:
             (n, m) p and dp/dt.
         """
         # First and second derivatives of the configurations with respect to the
-        # coordinates.
+        # coordinates, which the weights define.
         motion = self.equation.compute_motion(pair_variables, self.rate_weights, order=2)
         mechanism_inertia = inertia(self.equation.mechanism, motion)
         inertia_roots = InertiaRoots.from_inertia(mechanism_inertia.M)
         momenta = inertia_roots.multiply(coordinate_rates)
-        # By the product rule, dp/dt = (dR/dt) u + R du/dt.
+        # By the product rule, dp/dt = (dR/dt) u + R du/dt. The call computes (dR/dt) u from
+        # the derivatives of the inertia with respect to the coordinates.
         by_change_of_inertia = inertia_roots.multiply_derivative(
             mechanism_inertia.dM, coordinate_rates
         )
@@ -394,16 +396,17 @@ def make_taylor_path(
 ) -> StatePath:
     """Return the states over time of a simulation by the compiled engine, from its runs.
 
-    A run is an integration of one compiled equation. A run consists of segments, and a
-    segment consists of several steps. Each segment is a part of the path, evaluated by one
-    function.
+    A run is an integration of the compiled equation of motion in certain coordinates. It
+    consists of segments, and a segment consists of several steps. Each segment is a part of
+    the path, evaluated by one function.
 
     Parameters
     ----------
     runs
         The runs in order of time.
     momentum_conversions
-        For each run the conversion of the momenta in its states to those of `PathStates`.
+        For each run the conversion of its momenta, which depend on the coordinates of the
+        run, to those of `PathStates`.
     """
     segments: list[Segment] = []
     parts: list[Callable[[Floats], PathStates]] = []

@@ -256,9 +256,7 @@ class Simulation:
         """A message if the simulation misses its tolerance, otherwise None.
 
         Two errors are compared with the tolerance: the difference from a more accurate
-        simulation, if there is one, and the error of the momenta in a step. The message
-        states the error of the momenta as a power, which can be compared with the power of
-        the loads.
+        simulation, if there is one, and the relative error of the momenta in a step.
         """
         if self.tolerance is None:
             return None
@@ -266,6 +264,7 @@ class Simulation:
         if self.error is not None and not self.error <= self.tolerance:
             evidence = self._describe_difference(self.error)
         elif not self.checks.momentum <= MAX_MOMENTUM_ERROR_RATIO * self.tolerance:
+            # As a power, users can compare the error with the power of the loads.
             evidence = self._describe_power_error()
         else:
             return None
@@ -319,10 +318,11 @@ class Simulation:
         """
         equation = self.equation
         times = np.atleast_1d(np.asarray(t, dtype=float))
-        # Accelerations need second derivatives of the motion.
+        # Accelerations need the second derivatives of the pair variables (joint angles)
+        # with respect to the coordinates.
         path_states, dynamics = self._evaluate(times, second=True)
-        # Rows are times. Columns are the pair variables (joint angles), the momenta, and
-        # the work of each load.
+        # Rows are times. Columns are the pair variables, the momenta, and the work of each
+        # load.
         states = path_states.states
         input_columns = list(self.driven)  # among the pair variables
         # Momenta are defined as p = R u, with the rates u of the coordinates and the
@@ -335,6 +335,7 @@ class Simulation:
         assert masses is not None
         value_rates = rates_by_time(motion, dynamics.speed)
         value_accelerations = _accelerations_by_time(dynamics)
+        # Only the closure residual (opening of the loops) of these configurations is used.
         closed = equation.closure.linearise(states[:, : equation.variable_count])
         return History(
             t=times,
@@ -371,16 +372,15 @@ class Simulation:
     def checks(self) -> Checks:
         """Estimates of the errors of the simulation, see `Checks`.
 
-        The states contain the momenta p = R u, with the rates u of the coordinates and the
-        symmetric root R of the inertia matrix M = R R. The kinetic energy is p^2 / 2, and
-        its rate is p dp/dt. The error of dp/dt is its value on the computed path minus its
-        value by the equation of motion. Four errors are computed at several times, and the
-        largest of each kind is returned:
+        The states contain momenta p, with which the kinetic energy is p^2 / 2. The computed
+        path and the equation of motion give slightly different rates dp/dt. Their
+        difference is the error of dp/dt. These errors are computed at several times, and
+        the largest of each kind is returned:
 
         - Energy: the change of kinetic energy minus the work of the loads.
         - Momentum: the error of dp/dt times the length of the step. This is the error of p
           that a step adds. It is divided by a typical size of p.
-        - Power: p times the error of dp/dt.
+        - Power: p times the error of dp/dt, since the rate of p^2 / 2 is p dp/dt.
         - Closure: the angle by which a loop is open.
         """
         equation = self.equation
@@ -401,6 +401,7 @@ class Simulation:
         rate_errors[t >= self.end.t] = 0.0
         power_errors = np.vecdot(momenta, rate_errors)
         momentum_errors = np.linalg.norm(rate_errors, axis=1) * step_lengths
+        # The eigenvalues are the momenta at coordinate rates of 1 rad/s.
         momentum_scale = _choose_momentum_scale(momenta, dynamics.roots.eigenvalues)
         # The integration closes loops after each step. The path has stored the largest
         # opening before these corrections.
@@ -413,7 +414,7 @@ class Simulation:
             power=float(max_abs(power_errors)),
             momentum=float(np.max(momentum_errors) / momentum_scale),
             closure=closure_error,
-            error=self.error,
+            error=self.error,  # difference from a more accurate simulation, if there is one
         )
 
     def _choose_check_times(self) -> tuple[Floats, Floats]:
@@ -470,7 +471,8 @@ class Simulation:
         return path_states, self.equation.evaluate(
             t,
             states=path_states.states,
-            # These weights define the coordinates to which the momenta belong.
+            # The rate of coordinate i is row i of these weights times the rates of the pair
+            # variables.
             rate_weights=path_states.rate_weights,
             whole_turns=turn_angles,
             needs_second_order=second,

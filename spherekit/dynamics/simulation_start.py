@@ -509,15 +509,14 @@ def _compute_configuration(
         position_analysis, motion = compute_modes_at_inputs(analysis_of_range, q[None])
     else:
         # With several inputs, modes are computed at these inputs alone, so the function
-        # gets the mechanism. Whole turns matter only if there are contacts; otherwise they
-        # are removed.
+        # gets the mechanism. Whole turns of an input change the configuration only if there
+        # are contacts, because rolling wheels turn on. Otherwise the turns are removed.
         inputs = q if mechanism.has_contacts else wrap_to_pi(q)
         position_analysis, motion = compute_modes_at_inputs(mechanism, inputs[None])
     # The motion has one row for each mode, because there is only one sample.
     row = position_analysis.find_mode_index(assembly_mode)
     _check_mode_exists(mechanism, Status(int(motion.status[row])), q, assembly_mode)
     values = motion.values[row].copy()
-    # `find_mode_index` also accepts names of modes, so the number is read from the mode.
     mode_number = motion.assembly_modes[row].number
     turns = _count_turns(position_analysis, mode_number, values, q)
     values[list(position_analysis.solver.driven)] = wrap_to_pi(q)

@@ -37,8 +37,8 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
       respect to the coordinate x.
     - x is a parameter of the curve of configurations, with the rate u = dx/dt. The input q
       would not do, because derivatives with respect to q are infinite at its dead centres.
-      x is chosen so that dq/dx = D, the determinant of the velocity equations. Then tau
-      needs no division.
+      x is chosen so that dq/dx = D, the determinant of the velocity equations for the
+      rates of all variables but q. Then tau needs no division.
     - B is the generalised inertia: the kinetic energy is B u^2 / 2.
     - p = sqrt(B) u is the momentum: the kinetic energy is p^2 / 2.
     - Q is the generalised force of all loads at x. W is the work of each load.
@@ -74,7 +74,7 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
     return EquationExpressions(
         layout=layout,
         state_rates=[*variable_rates, sum(momentum_rates, 0.0), *work_rates],
-        homogeneous_rates=coordinate_rates.tau,
+        homogeneous_rates=coordinate_rates.tau,  # rates without a division by D
         independence=tau_square,
         # Rest, a dead centre of the input (input rate 0) and a singularity.
         events=_derive_events(layout, input_rate, input_variable, tau_square),
@@ -122,14 +122,16 @@ def _derive_events(
 
     An event occurs where its function crosses zero. The functions are:
 
-    - for a moment of rest, the momentum,
+    - for a moment of rest, the momentum, which is a part of the state,
     - for a dead centre of the input q, its derivative dq/dx,
-    - for a singularity, the sum of the squares of tau minus a small limit.
+    - for a singularity, the sum of the squares of tau minus a small limit
+      (`layout.min_independence`).
 
     Parameters
     ----------
     layout
-        The layout, which has the symbols of the momentum and of the limit.
+        The layout, which has the symbols of the momentum (in a unit that makes its numbers
+        small) and of the limit.
     input_rate, input_variable
         The derivative dq/dx of the input q, and the index of its variable.
     tau_square

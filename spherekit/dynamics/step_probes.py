@@ -118,8 +118,8 @@ def _find_critical_places(
     Parameters
     ----------
     probe
-        A function that returns the errors of steps (n,) at places (n,) and the values (n,
-        arguments) of the steep arguments. Only the arguments are used.
+        A function that returns, at places (n,) in steps (n,), a check of the steps and the
+        values (n, arguments) of the steep arguments. Only these values are used.
     arguments
         (steps, places, arguments) values of the arguments at evenly spaced places.
     even_places
@@ -139,20 +139,20 @@ def _find_critical_places(
     def evaluate_differences(steps: Indices, places: Floats) -> Floats:
         """Return differences of the arguments that vanish at extrema, (n, arguments).
 
-        These are central differences at n places (fractions of a step) over `END_DISTANCE`,
-        a small part of a step over which an argument still changes by more than its
-        rounding error.
+        These are central differences at n places (fractions of a step).
         """
-        after = evaluate_arguments(steps, places + END_DISTANCE)
-        before = evaluate_arguments(steps, places - END_DISTANCE)
+        # Over this distance an argument changes by more than its rounding error.
+        small_distance = END_DISTANCE
+        after = evaluate_arguments(steps, places + small_distance)
+        before = evaluate_arguments(steps, places - small_distance)
         return after - before
 
     # A change of sign between neighbouring places shows a zero.
     zeros = _find_zeros(
         evaluate_arguments, arguments, low=even_places[:-1], high=even_places[1:]
     )
-    # A change of sign of the differences of neighbours shows an extremum. Three successive
-    # places have two differences; the extremum is between the outer two places.
+    # Let a, b and c be the values at three successive places. If the differences b - a and
+    # c - b have different signs, there is an extremum between the places of a and c.
     extrema = _find_zeros(
         evaluate_differences,
         np.diff(arguments, axis=1),

@@ -144,9 +144,9 @@ class Segment:
     turns
         (variables,) how many whole turns were subtracted from each variable.
     momentum_unit
-        Unit (square root of J) of the momenta in the series. A momentum is the root of an
-        inertia times a rate, so its square is an energy. The unit of the works in the
-        series is therefore the square of this unit.
+        Unit (square root of J) of the momenta in the series. The kinetic energy is half the
+        square of the momentum. The unit of the works in the series is therefore the square
+        of this unit.
     work
         (loads,) work of each load before the segment, J.
     """
@@ -168,9 +168,12 @@ class Segment:
         """
         step = np.searchsorted(self.starts[1:], t, side="right")
         states, rates = _evaluate_series(self.series[step], t - self.starts[step])
+        # In the series, momenta are divided by a unit. The kinetic energy is half the
+        # square of the momentum, so works are divided by the square of this unit.
+        work_unit = self.momentum_unit**2
         for array in (states, rates):
             array[:, self.layout.momentum_slice] *= self.momentum_unit
-            array[:, self.layout.work_slice] *= self.momentum_unit**2
+            array[:, self.layout.work_slice] *= work_unit
         # The series contain the work since the start of the segment only.
         states[:, self.layout.work_slice] += self.work
         return states, rates
@@ -307,6 +310,9 @@ class StepProbe:
     ) -> tuple[Floats, Floats]:
         """Return momentum rates from the equation, and the arguments of steep functions.
 
+        A load with a steep function, such as tanh(1000 x), may change abruptly where its
+        argument x is zero. Steps that miss such a change are found by these numbers.
+
         Parameters
         ----------
         steps
@@ -318,12 +324,11 @@ class StepProbe:
 
         Returns
         -------
-        (n, m) rates of the m momenta, and (n, arguments) values of x in functions such as
-        tanh(1000 x) in the loads.
+        (n, m) rates of the m momenta, and (n, arguments) values of all x.
         """
         probe_function = self.equation.probe_function
         assert probe_function is not None
-        # The inputs of the function: state, time, parameters. Columns are the n places.
+        # The inputs of the function: state, time, parameters. Columns are the n times.
         times = self.starts[steps] + times_in_step
         inputs = [
             states.T,
@@ -482,12 +487,11 @@ class TaylorIntegration:
         progress = ProgressReporter("simulating")
         # The integrator has only one state, so a second run has to wait.
         with self.equation.lock:
-            # Some loads change abruptly with the sign of a condition, such as dry friction
-            # with the sign of the sliding rate. Set the signs of the conditions at the
-            # start.
+            # Some loads change abruptly where a number changes its sign, such as dry
+            # friction where the sliding rate does. Find the signs at the start.
             self._set_switch_signs(targets[0])
-            # Parameters of the equation, such as values and slopes of torque tables, are
-            # constant between two targets. `_integrate_to` changes them for later targets.
+            # Parameters of the equation, such as the slopes of torque tables, here for the
+            # time from the start to the first target. `_integrate_to` changes them later.
             parameters = self._make_parameters(targets[0])
             integrator.start(self.start_state, self.time, parameters)
             for target in targets:
@@ -633,8 +637,8 @@ class TaylorIntegration:
         loop-closure equations are.
 
         The segment also has three things that the Taylor series of the steps do not
-        contain: whole turns of the joint angles, the unit of the momenta, and the work of
-        each load before the segment.
+        contain: whole turns of the joint angles, the unit by which the momenta in the
+        series are divided, and the work of each load before the segment.
         """
         series = np.array([step.series for step in steps])
         self.segments.append(
@@ -732,9 +736,9 @@ class TaylorIntegration:
 
         Errors of a step are relative to the largest number in the state. Whole revolutions
         and work are therefore moved from the state to separate sums, and the unit of
-        momentum is adapted. After every `SEGMENTS_PER_CLOSURE` segments the pair variables
-        (joint angles) are also corrected so that the loops are closed. The state (states,)
-        is changed in place.
+        momentum is adapted. After every `SEGMENTS_PER_CLOSURE` segments (groups of steps)
+        the pair variables (joint angles) are also corrected so that the loops are closed.
+        The state (states,) is changed in place.
         """
         values = state[: self.variable_count]
         self._reduce_angles(values)

@@ -105,9 +105,10 @@ class DrivenState(ArrayRows):
 class JointReactions:
     """Moments and forces that pairs (joints) transmit at n rows (samples), in pair axes.
 
-    A wrench is a moment about the centre O of the mechanism followed by a force. Axis z of
-    an R pair (revolute joint) is its axis. At a contact, z points from O to the contact, x
-    along the common tangent and y along the normal.
+    A wrench is a moment about the centre O of the mechanism followed by a force. The first
+    link of the pair exerts it on the second. Axis z of an R pair (revolute joint) is its
+    axis. At a contact, z points from O to the contact, x along the common tangent and y
+    along the normal.
 
     Attributes
     ----------
@@ -115,9 +116,9 @@ class JointReactions:
         (n, pairs, 6) moments about O (N m) and forces through O (N). NaN if a component is
         not determined or was not requested.
     opened
-        (n, pairs, 6) whether a component is not determined. With redundant constraints,
-        some reactions can balance each other without loads. The equations of equilibrium
-        then do not determine their sizes. False if a component was not requested.
+        (n, pairs, 6) whether the equations of equilibrium leave a component open: they do
+        not determine its size, for example because constraints are redundant. False if a
+        component was not requested.
     unbalanced
         (n,) largest moment (N m) by which the equation of equilibrium of a link is missed.
     slides
@@ -182,9 +183,9 @@ class ReactionEquations:
     Attributes
     ----------
     is_equation
-        (equations,) whether an equation belongs to the system.
+        (equations,) whether an equation belongs to this part.
     is_reaction
-        (columns,) whether a reaction is an unknown of these equations.
+        (reactions,) whether a reaction is an unknown of these equations.
     """
 
     is_equation: Bools
@@ -287,14 +288,16 @@ class NewtonEuler:
         A column has the moments and forces on the links by one reaction of size 1.
         `column_pairs` has the index of the pair of each reaction.
         """
-        # Equations of forces are multiplied by the length, so that all are in N m.
+        # Equations of forces are multiplied by a length, the mean distance of contacts from
+        # O, so that all are in N m.
         scaled_wrenches = self.unit_wrenches * np.repeat([1.0, self.length], 3)
         ground_wrenches = _rotate_to_ground(self.frames[:, column_pairs], scaled_wrenches)
+        # (links, columns) 1 for the second link of the pair of a reaction, -1 for the first
+        # link, and 0 for other links.
+        signs = self._pair_to_link[column_pairs].T
         # (n, links, 6, columns) the wrench on each link by a unit of each reaction.
-        matrix = (
-            self._pair_to_link[column_pairs].T[:, None]
-            * np.swapaxes(ground_wrenches, 1, 2)[:, None]
-        )
+        matrix = signs[:, None] * np.swapaxes(ground_wrenches, 1, 2)[:, None]
+        # The ground has no equations, for example.
         return matrix[:, self._has_equation]
 
     def _divide_equations(self, is_coupled: bool) -> list[ReactionEquations]:
@@ -307,13 +310,17 @@ class NewtonEuler:
         Parameters
         ----------
         is_coupled
-            Whether the moments of some contacts also exert forces, because the distances of
-            these contacts from O are known. All equations then form one system.
+            Whether the distance of some contact from the centre O is known. The force of
+            this contact then is an unknown in equations of moments and of forces, so all
+            equations form one system.
         """
-        # `_has_equation` (links, 6) says which components of the moment and force on which
-        # link have an equation.
+        # Components 0 to 2 are those of a moment, 3 to 5 those of a force. `_has_equation`
+        # (links, 6) says which components on which link have an equation.
         _, equation_components = np.nonzero(self._has_equation)
-        reaction_components = np.array([x for _, x in self.columns], dtype=int)
+        # Each unknown reaction is one component at one pair.
+        reaction_components = np.array(
+            [component for _pair_number, component in self.columns], dtype=int
+        )
         if is_coupled:
             all_equations = np.ones(len(equation_components), dtype=bool)
             all_reactions = np.ones(len(reaction_components), dtype=bool)
@@ -333,8 +340,8 @@ class NewtonEuler:
 
         - `_inverse` (n, columns, equations), which gives reactions from wrenches on links;
         - `is_open` (n, columns), whether the equations leave a reaction undetermined;
-        - `slides` (n, links), whether a link can be displaced from the centre O: no
-          reactions can balance some force on the link, so an equation can't be solved.
+        - `slides` (n, links), whether a link can be displaced from the centre O. It can if
+          there is a force on the link that no reactions balance.
 
         Each system has some of the equations and some of the reactions (columns). Its
         inverse is a block of `_inverse`, which is zero elsewhere.
@@ -351,7 +358,7 @@ class NewtonEuler:
             block = np.ix_(np.arange(n), reactions, equations)
             self._inverse[block] = inverted.inverse
             self.is_open[:, reactions] = ~inverted.is_determined
-            # Whether some loads make the equation impossible to satisfy.
+            # Whether there are loads with which no reactions satisfy the equation.
             is_unbalanced[:, equations] = ~inverted.is_always_solvable
         self.slides = self._find_sliding_links(is_unbalanced)
 
@@ -381,15 +388,14 @@ class NewtonEuler:
     def _compute_unit_wrenches(self, tooth_sides: Floats) -> Floats:
         """Return the wrench (n, columns, 6) of each reaction of size 1, in pair axes.
 
-        A wrench is a moment about O (components 0 to 2) and a force (3 to 5). A reaction is
-        an unknown of the equations, and a column of their matrix. There are three kinds:
+        A wrench is a moment about the centre O of the sphere (components 0 to 2) and a
+        force (3 to 5). A reaction is an unknown of the equations, and a column of their
+        matrix. There are three kinds:
 
         - A force through O, which has no moment. Its unit is 1 N m divided by the mean
           distance of contacts from O, so that it is comparable with moments.
         - A moment about one axis of a pair (joint).
-        - The moment m_y of gear teeth with a pressure angle. Axis x is the common tangent
-          of the teeth, y their normal, and z points from O to the contact. The force along
-          x causes m_y. The force that presses the wheels apart then causes a moment m_x.
+        - The moment m_y of gear teeth with a pressure angle; see `_unit_tooth_moments`.
 
         At a contact with a known distance from O, a moment also has a force, because it is
         the moment of a force at the point of contact.
@@ -443,15 +449,17 @@ class NewtonEuler:
     def solve_reactions(self, reaction_wrenches: Floats) -> tuple[Floats, Floats]:
         """Return the reactions (n, columns) and the residual (n,) of the equations, N m.
 
-        A reaction is an unknown moment or force component of a pair. `reaction_wrenches`
-        (n, links, 6) are the moments about O and forces that the reactions have to exert on
-        the links, in ground axes.
+        A reaction is an unknown moment or force component of a pair, and a column of the
+        matrix. `reaction_wrenches` (n, links, 6) are the moments about O and forces that
+        the reactions have to exert on the links, in ground axes.
         """
-        # Forces are multiplied by the length, as in the matrix.
+        # Forces are multiplied by a length, as in the matrix, so that all rows are in N m.
         scaled_wrenches = reaction_wrenches * np.repeat([1.0, self.length], 3)
+        # `_has_equation` (links, 6) leaves out the ground, and forces that are not solved.
         right_side = scaled_wrenches[:, self._has_equation][..., None]
         reactions = self._inverse @ right_side
-        # One step of iterative refinement restores the digits that the inverse loses.
+        # The inverse is a Moore-Penrose inverse. One step of iterative refinement restores
+        # the digits that it loses.
         reactions = reactions + self._inverse @ (right_side - self.matrix @ reactions)
         residual = max_abs(right_side - self.matrix @ reactions, axis=(1, 2))
         return reactions[..., 0], residual
@@ -475,14 +483,17 @@ class NewtonEuler:
         Parameters
         ----------
         reactions
-            (n, columns) sizes of the reactions. Each is one component of the moment or
-            force of one pair, listed in `columns`.
+            (n, reactions) sizes of the reactions. Each is one component of the moment or
+            force of one pair.
 
         Returns
         -------
         (n, pairs, 6) moments about the centre (N m) and forces (N).
         """
-        return self._column_to_pair.T @ (reactions[..., None] * self.unit_wrenches)
+        # (n, reactions, 6) moment and force of each reaction.
+        reaction_wrenches = reactions[..., None] * self.unit_wrenches
+        # The matrix (reactions, pairs) has a 1 at the pair of each reaction, otherwise 0.
+        return self._column_to_pair.T @ reaction_wrenches
 
 
 def _rotate_to_ground(frames: Floats, wrenches: Floats) -> Floats:
@@ -516,10 +527,10 @@ def _unit_torque_wrench(pair: Pair) -> Floats:
 def _unit_tooth_moments(pressure_angle: float, sides: Floats) -> Floats:
     """Return the moments (n, 3) about O that gear teeth transmit if their moment m_y is 1.
 
-    The axes of the contact are x along the common tangent of the teeth, y along the normal,
-    z from O to the contact. The force along x causes m_y. The force that presses the wheels
-    apart causes m_x = tan(angle) |m_y|. With the sign s of m_y, which is assumed to be
-    known, this is tan(angle) s m_y and linear in m_y.
+    The axes of the contact are x along the common tangent of the pitch curves, y along
+    their normal, z from the centre O of the sphere to the contact. The force along x causes
+    m_y. The force along y presses the wheels apart, which is a positive m_x = tan(angle)
+    |m_y|. With the sign s of m_y, which is assumed to be known, this is tan(angle) s m_y.
 
     Parameters
     ----------
@@ -654,7 +665,8 @@ def _unknown_force_components(
         radial_forces = [TANGENT_FORCE, NORMAL_FORCE]  # along x and y, across the axis z
         return radial_forces if is_floating else [*radial_forces, AXIAL_FORCE]
     if pair.distance is not None:
-        # The force of the contact follows from its moment about O.
+        # The distance of the contact from the centre O is known. The moment of the contact
+        # is this distance times its force, so the force follows from the moment.
         return []
     # Every contact transmits a force along its normal y. A force along the tangent x needs
     # rolling without slip, or friction.
@@ -727,7 +739,8 @@ def _is_axis_in_span(vectors: Floats, is_spanning: Bools) -> Bools:
     # the spanning vectors. Both squared lengths add up to 1.
     squared_part_inside = np.sum(is_spanning[..., None] * vectors**2, axis=1)
     squared_part_outside = 1.0 - squared_part_inside
-    return ~(squared_part_outside > MAX_UNDETERMINED_PART)  # also true for NaN
+    # Written as "not outside", so that NaN counts as inside.
+    return ~(squared_part_outside > MAX_UNDETERMINED_PART)
 
 
 def compute_reactions(driven: DrivenState, *, forces: bool = False) -> JointReactions:
@@ -744,19 +757,21 @@ def compute_reactions(driven: DrivenState, *, forces: bool = False) -> JointReac
     """
     reactions = _solve_reactions(driven, forces)
     # In rows in which a link can be displaced from O, only the equations of moments are
-    # solved. All forces of these rows are marked as not determined.
+    # solved.
     is_sliding = np.any(reactions.slides, axis=1)
     if np.any(is_sliding):
         moments_only = _solve_reactions(driven.rows(is_sliding), forces=False)
         reactions.wrenches[is_sliding] = moments_only.wrenches
+        # The moments that the equations leave open (not determined), and all forces.
         reactions.opened[is_sliding] = moments_only.opened
         reactions.opened[is_sliding, :, MOMENT_COMPONENTS:] = True
+        # The residual of equilibrium.
         reactions.unbalanced[is_sliding] = moments_only.unbalanced
     return reactions
 
 
 def _solve_reactions(driven: DrivenState, forces: bool) -> JointReactions:
-    """Return the reactions of all pairs (joints), by the same equations in all rows.
+    """Return the reactions of all pairs (joints).
 
     Parameters
     ----------
@@ -779,7 +794,8 @@ def _solve_reactions(driven: DrivenState, forces: bool) -> JointReactions:
     is_undetermined = is_undetermined | ~balance.is_settled[:, None, None]
     wrenches[is_undetermined] = np.nan
     if not forces:
-        # Forces were not requested.
+        # Forces were not requested. They are not reported as undetermined, because no
+        # equations were solved for them.
         wrenches[..., MOMENT_COMPONENTS:] = np.nan
         is_undetermined[..., MOMENT_COMPONENTS:] = False
     return JointReactions(
@@ -853,9 +869,10 @@ def _find_contradicted_sides(
     """Return a mask (n, pairs) of pairs whose teeth do not press on the assumed side.
 
     Gear teeth press on one of their two sides. The axes of the pair (contact) are z from
-    the centre of the sphere to the contact, x along the common tangent of the teeth, and y
-    along their normal. The tooth force along x causes a moment m_y about y. The side of the
-    teeth is the sign of m_y.
+    the centre of the sphere to the contact, x along the common tangent of the pitch curves,
+    and y along their normal. The part of the tooth force along x drives the wheel, and has
+    opposite directions on the two sides of the teeth. So the side is the sign of its moment
+    m_y about y.
 
     Parameters
     ----------
