@@ -34,14 +34,14 @@ loops wrongly.
 class BodyInertia(NamedTuple):
     """Mass and inertia of a body of an exported model, in ground axes.
 
-    The model is read by general programs such as MuJoCo, in which each body needs a mass.
+    Programs such as MuJoCo read the model. In them each body needs a mass, so bodies
+    without mass in the mechanism file get a small one.
 
     Attributes
     ----------
     link
-        Name of the body: a link, or a coupler (body without mass) that replaces a sliding
-        contact between two circles. The coupler keeps the distance of the centres of these
-        circles constant.
+        Name of the body: a link, or a coupler that replaces a sliding contact between two
+        circles. The coupler keeps the distance of the centres of these circles constant.
     mass
         Mass (kg).
     centre
@@ -183,8 +183,8 @@ def make_body_inertia(
     are chosen instead, such that the tensor about O is right:
 
     - The file does not state both.
-    - The centre of mass is at O, where it never moves. MuJoCo would close the loops
-      wrongly, because it takes such a body for one that hardly moves.
+    - The centre of mass is at O, where it never moves. MuJoCo judges by the motion of this
+      point how easily it can move a body, and would close the loops wrongly.
 
     A link without inertia gets a small inertia, because MuJoCo refuses such bodies.
 
@@ -207,8 +207,9 @@ def make_body_inertia(
     # A zero tensor belongs to a point mass at O, which has no effect on the motion. It is
     # replaced, too.
     if link_inertia is None or not np.any(link_inertia.tensor):
+        # A multiple of the unit tensor, which is the same in all axes.
         light_tensor = _make_light_tensor(link_inertias, light_ratio)
-        mass_centre = _choose_mass_centre(light_tensor)
+        mass_centre = _choose_mass_centre(light_tensor)  # mass and centre of mass
         return _make_body_about_centre(link, light_tensor, mass_centre, is_stated=False)
 
     tensor_about_O = rotation @ link_inertia.tensor @ rotation.T

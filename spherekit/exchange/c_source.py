@@ -416,9 +416,9 @@ def _write_function(source: FormulaSource, function: SourceFunction, scalar: str
     """Return the text of a C function with its body.
 
     A function either computes the results of the mechanism, or makes a step of Newton's
-    method. The step improves the pair variables (joint angles) in the array that selects
-    the assembly mode (way to assemble the links). It returns the closure residual (how far
-    loops are open).
+    method. The step improves approximate pair variables (joint angles) in an array, in
+    place. The assembly mode (way to assemble the links) is the one to which the steps lead.
+    The step returns the closure residual (how far loops are open).
 
     Parameters
     ----------
@@ -438,7 +438,7 @@ def _write_function(source: FormulaSource, function: SourceFunction, scalar: str
     # Copy the results from local variables to the array that the caller reads. Only a step
     # of Newton's method has a closure residual.
     if function.closure_residual:
-        # `mode_argument` is the name of the array with the variables of all pairs.
+        # `mode_argument` is the name of the array with the pair variables.
         for index, result in enumerate(function.results):
             lines.append(f"    {source.mode_argument}[{index}] = {result};")
         lines.append(f"    return {function.closure_residual};")

@@ -64,9 +64,9 @@ class CouplingValues(NamedTuple):
     derivatives
         (n, K, m, m) derivatives of the coefficients with respect to each input (1/rad).
     turning
-        (n, P, m, 3) relative angular velocities of P pairs of links, per unit rate of each
-        input, in ground axes: the first link of a pole (axis of relative rotation)
-        relative to the second.
+        (n, P, m, 3) for each of P poles (axes of relative rotation of two links) the
+        angular velocity of its first link relative to its second. It is per unit rate of
+        each input, in ground axes.
     """
 
     angles: Floats
@@ -395,6 +395,7 @@ def columns(table: CouplingTable) -> dict[str, Floats]:
     The table has values of assembly modes (ways to assemble the mechanism) at the nodes of
     a grid of inputs. The names are built like these:
 
+    - ``assembly_mode``, ``q_21``: the number of the mode, and the input 21 (rad);
     - ``theta_41``: a passive variable (angle of a joint that is not driven, rad);
     - ``theta_41_by_21``: its coefficient, the rate per unit rate of the input 21;
     - ``theta_41_by_21_by_51``: the derivative of the coefficient with respect to a second
@@ -422,8 +423,10 @@ def columns(table: CouplingTable) -> dict[str, Floats]:
         prefix = f"w_{pole.replace('/', '_')}"
         for (i, input_i), (x, component) in product(inputs, enumerate("xyz")):
             name = f"{prefix}_{component}_by_{input_i}"
+            # `turning` are the relative angular velocities of two links.
             arrays[name] = table.turning[:, :, p, i, x]
-    # Along each input there is one cell less than nodes. Add NaN for the last node.
+    # `count` are the numbers of nodes along the inputs. Along each input there is one cell
+    # less. Add NaN for the last node.
     cell_errors = table.error.reshape(mode_count, *(table.count - 1))
     padding = [(0, 0), *[(0, 1)] * len(table.count)]
     arrays["cell_error"] = np.pad(cell_errors, padding, constant_values=np.nan)

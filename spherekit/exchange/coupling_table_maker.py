@@ -417,11 +417,11 @@ class InterpolationErrors:
     Attributes
     ----------
     angles
-        (..., cells) error over all angles (rad).
+        (modes, cells), or (cells,) for a single mode: largest error of all angles (rad).
     rates
-        (..., cells) error over all rates of passive variables (coefficients) and all
-        angular velocities of links. Both are per unit rate of an input, so they have no
-        unit.
+        In the same shape: largest error of all rates of passive variables and angular
+        velocities of links. Rates and velocities are per unit rate of an input, so the
+        error has no unit.
     """
 
     angles: Floats

@@ -159,10 +159,12 @@ class SmoothModes(NamedTuple):
         Returns
         -------
         The parts in rising order of the input. Intervals without a known configuration of
-        the mode (NaN) belong to the part before them.
+        the mode (NaN) extend the part before them. At the beginning of the range they are
+        left out.
         """
         pieces: list[ModePiece] = []
-        # In each interval the mode has one input and one row of values.
+        # Each interval has a row of values of the mode. At one input in the interval a
+        # configuration of the mode is known, from which users can start.
         for start, known_input, values in zip(
             self.starts, self.inputs[:, mode], self.mode_values[:, mode], strict=True
         ):
@@ -224,9 +226,9 @@ class ModeTable(NamedTuple):
     largest_difference
         Largest difference (rad) of a joint angle between the formulas and the mechanism.
     smooth
-        How the modes continue smoothly where curves of configurations cross. The numbers
-        that select a mode then change with the input. None if they are constant in each
-        mode.
+        Numbers that select each mode in the formulas, by intervals of the input. A mode
+        that continues smoothly where curves of configurations cross has other numbers
+        beyond the crossing. None if each mode has the same numbers everywhere.
     """
 
     modes: tuple[Mode, ...]
@@ -281,6 +283,8 @@ class SeriesTable(NamedTuple):
         NaN outside of the range of the series.
         """
         edges = self.series.edges  # of the cells, rising
+        # The series are functions of the position. `start` is the position at which the
+        # variable is 0.
         position = variable_values + self.start
         # A function of a closed curve repeats after each length of the curve.
         if self.closed:

@@ -242,8 +242,8 @@ def _find_configuration_of_mode(
     Returns
     -------
     The pair variables (variables,) in rad of the configuration of the mode that is farthest
-    from a singular one. None if no single mode is requested, or if constraints are not
-    redundant.
+    from a singular one. None if no single mode is requested, if constraints are not
+    redundant, or if the mode has no configuration at the sampled inputs.
     """
     if assembly_mode is None:
         return None
@@ -473,9 +473,9 @@ def _write_newton_step(design_expressions: DesignExpressions) -> list[Expr]:
     toothed wheels are linear functions of the inputs, so they need no step.
     """
     coordinate_rates = design_expressions.coordinate_rates
-    # A residual is a small rotation. A loop closes if the pair at its opening makes this
-    # rotation in addition. `solve_loops` returns the changes of all variables that together
-    # have the same effect, to first order. The inputs do not change.
+    # A residual is the small rotation by which a loop is open. `solve_loops` returns the
+    # changes of the variables that cancel all residuals, to first order. The inputs do not
+    # change.
     changes = coordinate_rates.solve_loops(coordinate_rates.closure_residuals)
     variables_after_step: list[Expr] = []
     for symbol, variable, change in zip(

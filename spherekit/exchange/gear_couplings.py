@@ -188,9 +188,9 @@ class CoaxialHinges(NamedTuple):
     axis
         (3,) unit vector of the axis.
     hinges
-        The hinges in the order of the path. Each has the sense 1.0 or -1.0: the sign of the
-        rotation about `axis` if the hinge has a positive rate. This is the rotation of the
-        end of the path relative to its beginning.
+        The hinges in the order of the path. Each has the sense 1.0 or -1.0. If a hinge has
+        the sense 1.0 and a positive rate, the link after it rotates positively about `axis`
+        relative to the link before it.
     """
 
     axis: Floats
@@ -200,12 +200,16 @@ class CoaxialHinges(NamedTuple):
 class Extent(NamedTuple):
     """How far points of a plane extend from the origin.
 
+    The extent along a direction is the root of the sum of the squares of the components of
+    all points along this direction.
+
     Attributes
     ----------
     largest
-        Extent along the direction in which the points extend farthest.
+        Extent along the direction in which it is largest.
     smallest
-        Extent at right angles to this direction; 0 if the points are on a line.
+        Extent at right angles to this direction; 0 if the points are on a line through the
+        origin.
     smallest_direction
         (2,) unit vector at right angles to the direction of the largest extent.
     """
@@ -232,7 +236,7 @@ class BevelEquation:
     links
         Numbers of the two links.
     axes
-        The two axes (3,) of the carrier, unit vectors.
+        The two axes (3,) of the carrier, unit vectors in world axes at the imported pose.
     factors
         The factors u and v.
     """
@@ -550,12 +554,12 @@ def _find_bevel_equations(
     """
     for path in _link_paths(hinges):
         # Successive hinges about one axis are one group.
-        axes = _group_by_axis(hinges, path)
-        if len(axes) != 2:
+        groups = _group_by_axis(hinges, path)
+        if len(groups) != 2:
             continue
         # x and y as sums of the rates of hinges, with their senses along the path.
         rotations = np.zeros((2, len(hinges)))
-        for row, coaxial_hinges in enumerate(axes):
+        for row, coaxial_hinges in enumerate(groups):
             for hinge, sense in coaxial_hinges.hinges:
                 rotations[row, hinge] = sense
         # u and v, or None if the couplings imply no equation of x and y.
@@ -565,11 +569,12 @@ def _find_bevel_equations(
         bevel_equation = BevelEquation(
             equation=factors @ rotations,
             links=(path.first_link, path.last_link),
-            axes=(axes[0].axis, axes[1].axis),
+            axes=(groups[0].axis, groups[1].axis),
             factors=(factors[0], factors[1]),
         )
         # A gear with a pitch circle of zero radius can't roll. The radius is the angle
-        # (rad) between the axis of the gear and the line of contact.
+        # (rad) between the axis of the gear and the line of contact. A small angle is about
+        # its sine.
         circles = bevel_equation.construct_gears().circles
         if min(circle.radius for circle in circles) > SAME_WHEEL_AXIS_SINE:
             yield bevel_equation
@@ -583,8 +588,8 @@ def _find_coaxial_equations(
     A coupling is a linear equation between the rates of joints. Coaxial gears are two links
     that are hinged to a third link, the carrier, about the same axis. Their equation is
     u x + v y = 0, with the angular velocities x and y of the first and the second link
-    relative to the carrier. It must be a linear combination of the couplings. Coaxial gears
-    do not touch, so an idler wheel on the carrier transmits the motion.
+    relative to the carrier. The equation must follow from the couplings. Coaxial gears do
+    not touch, so an idler wheel on the carrier transmits the motion.
 
     Parameters
     ----------
@@ -597,14 +602,14 @@ def _find_coaxial_equations(
         if len(path.hinges) != 2:
             continue
         # Successive hinges about one axis are one group. Both hinges must be in one.
-        axes = _group_by_axis(hinges, path)
-        if len(axes) != 1:
+        groups = _group_by_axis(hinges, path)
+        if len(groups) != 1:
             continue
-        axis = axes[0].axis
+        axis = groups[0].axis
         # The path leads from the first link over the carrier to the second link. At each
         # hinge, the link after the hinge turns relative to the link before it. Its angular
         # velocity about `axis` is the rate of the hinge times `sense`, which is 1 or -1.
-        to_carrier, from_carrier = axes[0].hinges
+        to_carrier, from_carrier = groups[0].hinges
         # x and y as sums of factors times the rates of all hinges.
         rotations = np.zeros((2, len(hinges)))
         # x is the first link relative to the carrier. The hinge has the carrier relative to
@@ -622,6 +627,7 @@ def _find_coaxial_equations(
             axis=axis,
             factors=(factors[0], factors[1]),
             carrier=_find_common_link(hinges[to_carrier.hinge], hinges[from_carrier.hinge]),
+            # The idler is a bevel wheel. Any axis across that of the links will do.
             idler_axis=_find_perpendicular(axis),
         )
 
@@ -686,10 +692,7 @@ def _measure_extent(points: Floats) -> Extent:
     """Return how far points (2, n) of a plane spread from the origin, in two directions.
 
     The points are columns. The two directions, at right angles, are the directions of the
-    largest and the smallest extent.
-
-    The extent along a direction is the root of the sum of the squares of the components of
-    all points along this direction. Without points it is 0.
+    largest and the smallest extent; see `Extent`. Without points both extents are 0.
     """
     # The singular value decomposition has the directions in columns and their extents, with
     # the largest first. A single point has only one extent.

@@ -123,8 +123,8 @@ class ImportedDynamics:
             return table
         total_mass = np.sum(self._mj_model.body_mass[bodies])
         centre = self._find_centre_of_weight(bodies)
-        # Digits below the rounding error of the second argument are removed. For
-        # coordinates this is the radius of gyration, since the centre itself can be zero.
+        # Coordinates are rounded like numbers as large as the radius of gyration, since the
+        # centre itself can be zero.
         gyration_radius = np.sqrt(np.trace(tensor) / total_mass)
         table["mass"] = round_to_short_decimal(total_mass, scale=total_mass)
         table["centre"] = [round_to_short_decimal(x, gyration_radius) for x in centre]
@@ -350,17 +350,15 @@ class ImportedDynamics:
         return bool(np.any(self._mj_model.actuator_gainprm[actuator]))
 
     def _note_lost_control(self, actuator: int, name: str, is_at_joint: bool) -> None:
-        """Add a note on what is lost when an actuator with control becomes an input.
+        """Add a note on what is lost of an actuator that is driven by a control signal.
 
-        An actuator at a hinge becomes an input. Its feedback, a force that depends on the
-        angle or rate of the hinge, is lost. There is no note if spherekit itself added the
-        feedback when it exported a mechanism without masses. An actuator elsewhere is lost
-        as a whole.
+        At a hinge such an actuator becomes an input. Its feedback, a force that depends on
+        the angle or rate of the hinge, is lost. An actuator elsewhere is lost as a whole.
 
         Parameters
         ----------
         actuator, name
-            Number and name of an actuator with control.
+            Number and name of the actuator.
         is_at_joint
             Whether the actuator acts at a hinge.
         """
@@ -370,6 +368,8 @@ class ImportedDynamics:
         # In MuJoCo, the feedback is bias[0] + bias[1] * length + bias[2] * rate, where the
         # length of the actuator is proportional to the angle of the hinge.
         has_feedback = np.any(self._mj_model.actuator_biasprm[actuator][:3])
+        # When spherekit exports a mechanism without masses, it makes up masses and adds
+        # feedback. The loss of this feedback needs no note.
         is_added_by_export = self._linkage.foreign_model.has_made_up_masses
         if has_feedback and not is_added_by_export:
             self._linkage.notes.append(f"feedback of actuator {name} left out")
@@ -434,13 +434,14 @@ class ImportedDynamics:
     def _write_wrench(self, actuator: int) -> Iterator[Table]:
         """Yield the tables of the constant force and moment of an actuator at a site.
 
-        A site is a frame on a body. A force or moment of zero is left out. Both are in the
-        axes of the link, or of the ground if the actuator has a reference site.
+        A site is a frame on a body. A force or moment of zero is left out. Force and moment
+        are constant in the axes of the link. If the actuator has a reference site, which is
+        fixed to the ground, they are constant in ground axes.
 
         Parameters
         ----------
         actuator
-            Number of an actuator without control, see `_is_constant_wrench`.
+            Number of an actuator for which `_is_constant_wrench` is true.
         """
         mj_model = self._mj_model
         # The actuator acts at `site`. A `reference_site` of -1 means that there is none.
@@ -452,8 +453,8 @@ class ImportedDynamics:
         rotation = self._mj_data.site_xmat[axes_site].reshape(3, 3)
         link = self._linkage.link_by_body[mj_model.site_bodyid[site]]
         # MuJoCo multiplies the size of an actuator's force by six numbers, its gear. This
-        # gives the components of the force and then those of the moment. The size of a
-        # constant force is the first parameter of the bias.
+        # gives the components of the force and then those of the moment. The size is stored
+        # as the first number of `biasprm`; the others are 0 for a constant force.
         magnitude = mj_model.actuator_biasprm[actuator][0]
         wrench = mj_model.actuator_gear[actuator] * magnitude
         # From the centre of the sphere to the point at which the force acts (m).

@@ -40,7 +40,7 @@ class AxisLine(NamedTuple):
     Attributes
     ----------
     name
-        Name of the joint or loop that has this axis, for messages.
+        Name of the joint, or of the constraint that closes a loop, for messages.
     point
         (3,) a point of the line (m, world axes).
     direction
@@ -385,6 +385,7 @@ class ImportedLinkage:
         together.
         """
         mj_model = self._mj_model
+        # Each ball joint was replaced by three hinges, all between the same two bodies.
         bodies_on_balls = {
             int(mj_model.jnt_bodyid[hinges[0]])
             for hinges in self.foreign_model.hinges_by_ball.values()
@@ -529,15 +530,17 @@ class ImportedLinkage:
     def add_idler_wheels(self, idlers: Sequence[IdlerWheel]) -> None:
         """Add idler wheels of gears as links, each on a pair of its carrier.
 
-        An idler wheel meshes with two coaxial wheels and turns on their carrier link. The
-        new links must be numbered after all links that exist.
+        An idler wheel meshes with two coaxial wheels and turns on their carrier link.
         """
         for number, idler in enumerate(idlers, 1):
             link = self._add_link(f"idler_{number}")
-            pair_name = self._add_pair(
-                f"idler_axis_{number}", (idler.carrier, link), idler.axis, 0.0
-            )
             self.links.append(link)
+            pair_name = self._add_pair(
+                f"idler_axis_{number}",
+                links=(idler.carrier, link),
+                axis=idler.axis,
+                value=0.0,  # joint angle in the pose of the model
+            )
             self.pair_comments[pair_name] = (
                 "The idler wheel was added: two coaxial wheels need one for a ratio."
             )

@@ -89,8 +89,8 @@ def write_javascript(source: FormulaSource) -> str:
     mechanism), such as the signs of dyads (groups of two links). JavaScript functions
     follow:
 
-    - Functions that the formulas contain, such as profiles of contacts. They are stored as
-      tables of Chebyshev coefficients (series).
+    - Functions that the formulas contain, such as the profile of a contact (a curve on a
+      link along which it is touched). They are tables of Chebyshev coefficients (series).
     - The formulas. If there is no closed form, a step of Newton's method is one of these
       functions.
     - A function that returns the mode values at an input, if they depend on the input.
@@ -98,6 +98,7 @@ def write_javascript(source: FormulaSource) -> str:
     formulas = source.formulas
     description = {
         "mechanism": formulas.mechanism.name,
+        # The arguments that describe the motion, such as inputs and their rates.
         "motion": [argument.name for argument in formulas.motion],
         "modes": [mode._asdict() for mode in formulas.modes],
         "sizes": [size._asdict() for size in formulas.sizes],
@@ -112,7 +113,7 @@ def write_javascript(source: FormulaSource) -> str:
         *write_series(
             source,
             template=JAVASCRIPT_SERIES_TEMPLATE,
-            # A function along a closed curve is periodic, one along an open curve ends.
+            # A function on a closed profile is periodic, one on an open profile ends.
             closed_template=JAVASCRIPT_CLOSED_SERIES_TEMPLATE,
             open_template=JAVASCRIPT_OPEN_SERIES_TEMPLATE,
         ),
@@ -129,21 +130,22 @@ def _write_function(source: FormulaSource, function: SourceFunction) -> str:
     - If positions have no closed form, another function makes one step of Newton's method.
       Its argument ``variables`` has approximate pair variables (joint angles), which the
       step improves in place. The function returns the closure residual: how far the loops
-      were open before the step. Only this function has a `closure_residual` (the name of
-      this number in its lines).
+      were open before the step.
     """
     parameters = ", ".join(source.arguments)
-    if function.closure_residual:  # the step of Newton's method
-        # The array of the numbers that select the assembly mode (way to assemble the
-        # links). Without a closed form, these are the pair variables.
-        target = source.mode_argument
+    # The name of the residual in the lines of the function, or "" in other functions.
+    residual_name = function.closure_residual
+    if residual_name:  # the step of Newton's method
+        target = source.mode_argument  # ``variables``
+        returned = residual_name
     else:
         target = "result"
+        returned = target
         parameters += f", result = new Float64Array({len(function.results)})"
     lines = [*function.lines]
     for index, result in enumerate(function.results):
         lines.append(f"  {target}[{index}] = {result};")
-    lines.append(f"  return {function.closure_residual or target};")
+    lines.append(f"  return {returned};")
     body = "\n".join(lines)
     return f"export function {function.name}({parameters}) {{\n{body}\n}}\n"
 
@@ -165,9 +167,9 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
           return mode;
         }
 
-    The written function returns the array in closed form. Otherwise it returns the input of
-    the known configuration, from which steps of Newton's method lead to q. Nothing is
-    yielded if the mode values do not depend on q.
+    If the formulas have a closed form, the written function returns the array. Otherwise it
+    returns the input of the known configuration, from which steps of Newton's method lead
+    to q. Nothing is yielded if the mode values do not depend on q.
     """
     if source.smooth_modes is None:
         return

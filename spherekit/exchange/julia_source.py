@@ -155,8 +155,8 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
     A mode (way to assemble the mechanism) follows a smooth curve of configurations as q
     changes. The formulas take numbers that select the mode, the mode values. In closed form
     these are the signs of the dyads (groups of two links). Otherwise they are the pair
-    variables of a known configuration. Crossings with other curves divide the range of q
-    into intervals. In each interval the mode has other values.
+    variables of a known configuration. Where the curve crosses another one, the mode values
+    change. So there are values for each interval of q between crossings.
 
     The written function takes the number k of the mode and the input q. It returns the mode
     values in the interval of q, or NaN if q is NaN::
@@ -192,11 +192,12 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
         # `interval` is a variable of the written function: the interval of q.
         input_lines = f"    inputs = {texts.known_inputs}\n"
         returned += ", isnan(q) ? NaN : inputs[interval][k]"
+    # The template is the function that is shown above, with these texts inserted.
     yield JULIA_SMOOTH_MODE_TEMPLATE.format(
-        **source.smooth_mode_fields,
-        starts=texts.interval_starts,
-        places=texts.mode_values,
-        inputs=input_lines,
-        moved=texts.shift_lines,
+        **source.smooth_mode_fields,  # names of the function and of the array, and sizes
+        starts=texts.interval_starts,  # the q at which intervals begin
+        places=texts.mode_values,  # by interval and mode
+        inputs=input_lines,  # a second table: the input of each known configuration
+        moved=texts.shift_lines,  # lines that shift q into the range of the input
         returned=returned,
     )

@@ -316,21 +316,21 @@ def _find_free_sizes(mechanism: Mechanism, keys: Sequence[str]) -> dict[Any, str
     Returns
     -------
     The key of each number, by its kind and owner: ("arcs", (link, pair)), ("angles", (link,
-    pair)), ("zeros", pair) or ("mass", link).
+    pair)), ("zeros", pair) or ("mass", link). A zero is the angle at which the variable of
+    a pair (joint) is 0.
     """
     document = document_of(mechanism)
     key_by_size: dict[Any, str] = {}
     for key in keys:
         variable = design_variable(document, key)
         table, name, *_ = variable.path
-        # The kind and owner of an angle of a link, pair or output, or None.
+        # The kind and owner of an angle of a link, pair or output. None for other numbers.
         size: tuple[str, Any] | None = variable.geometric_angle
+        # Masses can't be symbols if there are loads: gravity depends on the mass alone, but
+        # only the inertia tensor has a symbol.
         if table == "mass" and not mechanism.loads:
-            # Mass, centre and tensor of a link all belong to one symbol, the inertia
-            # tensor.
+            # Mass, centre and tensor of a link belong to the symbol of its inertia tensor.
             size = ("mass", name)
-        # If there are loads, masses are refused (size is then None). A load such as gravity
-        # depends on the mass, which does not have a symbol.
         if size is None or size[0] not in ("mass", "arcs", "angles", "zeros"):
             raise EngineError(
                 f"{mechanism.name}: {key} is a number in LaTeX, not a symbol; vary "

@@ -81,10 +81,10 @@ class CoefficientFormulas:
     ) -> None:
         """Add all formulas of velocities to a LaTeX document, section by section.
 
-        There are formulas for each input, which moves while the others are locked. The
-        formulas give poles (axes about which one link rotates relative to another), and the
-        velocity and acceleration coefficients (angular velocity about the pole per unit
-        rate of the input, and the derivative of this angular velocity).
+        There are formulas for each input, which moves while the others are locked. A pole
+        is the axis about which one link rotates relative to another. A velocity coefficient
+        is the angular velocity about the pole, a number, per unit rate of the input. An
+        acceleration coefficient is the derivative of a velocity coefficient.
 
         Parameters
         ----------
@@ -111,8 +111,8 @@ class CoefficientFormulas:
         # the poles, `_write_poles` sets it.
         self._poles = [self._write_poles(index) for index in input_indices]
         formula_list.section = "Velocity coefficients"
-        # The velocity coefficient and the angular velocity of each body, relative to the
-        # ground. `_write_velocities` adds the items of one input to both lists.
+        # The velocity coefficient (a number) and the angular velocity (a vector) of each
+        # body, relative to the ground. `_write_velocities` adds an item to both lists.
         self._coefficients_by_body: list[dict[int, Expr]] = []
         self._velocities_by_body: list[dict[int, Expr]] = []
         for index in input_indices:
@@ -121,11 +121,12 @@ class CoefficientFormulas:
         # The formulas to differentiate. The list is copied now, because the derivatives are
         # appended to `formula_list.formulas` and are not differentiated again.
         earlier_formulas = list(formula_list.formulas.items())
-        # The derivative of each symbol (term) of these formulas with respect to the input.
+        # The derivatives with respect to the input, by the symbol that is differentiated.
         self._derivatives_by_term = [
             self._write_derivatives(index, earlier_formulas) for index in input_indices
         ]
-        # Coefficients of two links that both move relative to the ground.
+        # Coefficients of two links that both move relative to the ground. The method also
+        # stores which formula belongs to which name, such as "velocity_coefficient_2_1".
         formula_list.section = "Coefficients between moving links"
         for index in input_indices:
             self._name_coefficients(index)
@@ -294,37 +295,38 @@ class CoefficientFormulas:
     ) -> Mapping[ExpressionNode, Expr]:
         """Write the derivatives of axes, poles and coefficients with respect to an input.
 
-        A pole is the axis of relative rotation of two links. The formulas are
-        differentiated one after the other.
+        A pole is the axis of relative rotation of two links. A velocity coefficient is the
+        angular velocity about it per unit rate of the input.
 
         Parameters
         ----------
         input_index
             The input that moves.
         earlier_formulas
-            Symbols and formulas up to the velocity coefficients. Formulas of positions are
-            not differentiated. Instead, axes of pairs (joints) move with their links: the
-            derivative of an axis is the cross product of the angular velocity and the axis.
+            Symbols and formulas up to the velocity coefficients.
 
         Returns
         -------
         The derivative of each symbol.
         """
+        # The axis of a pair (joint) moves with its link. Its derivative is the cross
+        # product of an angular velocity and the axis. So its formula, one of the positions,
+        # is not differentiated.
+        derivative_by_symbol = self._write_axis_derivatives(input_index)
         # Each formula contains only symbols of earlier formulas, so the derivatives that it
         # needs are already known.
-        derivative_by_term = self._write_axis_derivatives(input_index)
-        for term, formula in earlier_formulas:
+        for symbol, formula in earlier_formulas:
             if formula.section == "Positions":
                 continue
             # Each of these formulas has one expression. (Only some formulas of positions
             # have the three components of a vector.)
             derivative = _differentiate_right_side(
-                term, formula.rows[0], derivative_by_term
+                symbol, formula.rows[0], derivative_by_symbol
             )
-            derivative_by_term[term] = self._formula_list.write(
-                self._formula_list.derivative_symbol(term, input_index), derivative
+            derivative_by_symbol[symbol] = self._formula_list.write(
+                self._formula_list.derivative_symbol(symbol, input_index), derivative
             )
-        return derivative_by_term
+        return derivative_by_symbol
 
     def _write_axis_derivatives(self, input_index: int) -> dict[ExpressionNode, Expr]:
         """Write the derivatives of the axes of all pairs (joints) with respect to an input.

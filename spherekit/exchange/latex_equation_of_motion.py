@@ -75,7 +75,7 @@ class LatexEquationOfMotion:
         input_suffixes: Sequence[str],
         free_sizes: Collection[Any],
     ) -> None:
-        """Write all formulas: generalized forces first, then inertia and torques.
+        """Write all formulas of the equation of motion.
 
         Parameters
         ----------
@@ -87,11 +87,12 @@ class LatexEquationOfMotion:
             Formulas of the positions, poles (axes of relative rotation of links) and
             coefficients (rates per unit rate of an input), which are in the list.
         input_suffixes
-            For each input the end of the names of quantities while it moves, such as
-            ``_by_41``.
+            For each input the text that ends the names of quantities per unit rate of this
+            input, such as ``_by_41``.
         free_sizes
             Numbers of the file that are printed as symbols, so that users can insert other
-            values. ("mass", link) stands for the inertia tensor of a link.
+            values. Keys such as ("mass", "3") stand for all numbers of the table
+            ``mass.3``, which give the inertia tensor of link 3.
         """
         self._formula_list = formula_list
         self._mechanism = mechanism
@@ -103,8 +104,9 @@ class LatexEquationOfMotion:
         # Loads that are left out, because their friction depends on reactions of pairs, of
         # which there are no formulas. The methods below add their names.
         self.omitted_loads: list[str] = []
-        self.free_symbols: dict[Any, ExpressionNode] = {}  # symbols of free tensors
-        # Both methods add formulas to `formula_list`.
+        # The symbols of tensors in `free_sizes`, by their keys. `_write_torques` adds them.
+        self.free_symbols: dict[Any, ExpressionNode] = {}
+        # The methods add formulas to `formula_list`. That of the torques includes inertia.
         forces = self._write_generalized_forces()
         self._write_torques(forces)
 
@@ -361,8 +363,9 @@ class LatexEquationOfMotion:
         # cosines, where programs reduce angles by whole turns. Printed formulas do not, so
         # both terms are the same.
         terms_by_name: dict[str, tuple[Expr, Expr]] = {}
+        # Names in the expression are the time, variables of pairs (joints) and their rates.
         for name in expression.names:
-            term = self._write_load_name(name)
+            term = self._write_named_quantity(name)
             terms_by_name[name] = (term, term)
         return self._formula_list.write_indexed(
             "T", label, convert_to_graph(expression, terms_by_name)
@@ -406,7 +409,7 @@ class LatexEquationOfMotion:
             power += inner_product(moment_vector, velocity)
         return power
 
-    def _write_load_name(self, name: str) -> Expr:
+    def _write_named_quantity(self, name: str) -> Expr:
         """Return the expression that stands for a name in the formula of a load.
 
         A rate gets a symbol, whose formula is added to the list of formulas.

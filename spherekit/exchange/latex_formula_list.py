@@ -192,16 +192,19 @@ class FormulaList:
         """
         required = {*iterate_nodes(expressions)}
         # A formula uses only symbols of earlier formulas, so one pass backwards is enough.
-        for term, formula in reversed(self.formulas.items()):
-            if term in required:
+        for symbol, formula in reversed(self.formulas.items()):
+            if symbol in required:
+                # `rows` are the expressions on the right side of the formula.
                 required.update(iterate_nodes(formula.rows))
         self.symbol_meanings = {
-            term: meaning
-            for term, meaning in self.symbol_meanings.items()
-            if term in required
+            symbol: meaning
+            for symbol, meaning in self.symbol_meanings.items()
+            if symbol in required
         }
         return {
-            term: formula for term, formula in self.formulas.items() if term in required
+            symbol: formula
+            for symbol, formula in self.formulas.items()
+            if symbol in required
         }
 
 

@@ -256,9 +256,10 @@ class PositionFormulas:
         Parameters
         ----------
         size
-            Kind and owner of the size, as in `free_sizes`: ("arcs", (link, pair)) for an
-            arc of a link, ("angles", (link, pair)) for an angle between two of its arcs, or
-            ("zeros", pair) for the angle at which the variable of a pair (joint) is zero.
+            Kind and owner of the size, as in `free_sizes`: ("arcs", (link, pair)) for the
+            arc of a link from its first axis to that of the pair, ("angles", (link, pair))
+            for the angle from the link's first arc to this arc, or ("zeros", pair) for the
+            constant that is subtracted from the angle of a pair (joint).
         name, meaning
             LaTeX of the symbol of the size, and the meaning of the size.
         value
@@ -317,7 +318,7 @@ class PositionFormulas:
         if len(vectors) < 2 or not all(0.0 <= arc <= np.pi for arc in sizes.arcs):
             raise self._refuse_link(link)
 
-        link_axes = [LinkAxis(vectors[0])]
+        link_axes = [LinkAxis(vectors[0])]  # by default its arc and azimuth are zero
         # The first argument of a symbol is its name in LaTeX.
         first_text, second_text = (f"${vector.arguments[0]}$" for vector in vectors[:2])
         for arc_index, arc in enumerate(sizes.arcs):
@@ -332,7 +333,8 @@ class PositionFormulas:
                 arc,
                 f"arc of link {link_label} from {first_text} to {axis_text}",
             )
-            azimuth = AngleExpression()
+            # The angle about the first axis from the arc to the second axis.
+            azimuth = AngleExpression()  # an angle of zero, for the second axis
             if arc_index:  # the third axis, or a later one
                 # The printed table of symbols explains this angle in the row below the arc
                 # to the same axis. The word "there" refers to that arc.
@@ -506,8 +508,7 @@ class PositionFormulas:
         the link. If the pair has the axis k itself, the reference arc ends at the second
         axis of the link.
 
-        The frame is written from k and the tangent at k of an arc to any other axis. If the
-        reference arc ends at k, this is the tangent there back to the axis of the pair.
+        The frame is written from k and the tangent at k of an arc to some other axis.
 
         Parameters
         ----------
@@ -525,12 +526,13 @@ class PositionFormulas:
                 link, first_vector=pair_axis.vector, tangent=tangent, axis=link_axes[1]
             )
         else:
-            # The reference arc ends at k.
-            length = pair_axis.arc
+            # The reference arc ends at k, which is not known yet. The tangent at k leads
+            # back to the axis of the pair.
+            length_from_k = pair_axis.arc
             self._write_frame(
                 link,
-                first_vector=_end_of_arc(pair_axis.vector, tangent, length),
-                tangent=_tangent_of_return(pair_axis.vector, tangent, length),
+                first_vector=_end_of_arc(pair_axis.vector, tangent, length_from_k),
+                tangent=_tangent_of_return(pair_axis.vector, tangent, length_from_k),
                 axis=pair_axis,
             )
 
@@ -641,8 +643,8 @@ class PositionFormulas:
 
             cos d = cos a cos b + sin a sin b cos c.
 
-        If u is k itself, a is 0 and the result is cos b. Otherwise the expression gets a
-        symbol.
+        The file lists u before v, so v is never k. If u is k, the result is cos b.
+        Otherwise the expression gets a symbol.
         """
         arc_a = side.axis_u.arc
         arc_b = side.axis_v.arc
@@ -661,8 +663,8 @@ class PositionFormulas:
 
         A dyad is two links that close a loop. The frame of a link is defined by its first
         axis k in the mechanism file, and by the tangent at k of the arc from k to another
-        axis. The known axes are u and v. The file lists u before v, so k may be u itself.
-        Otherwise k is expressed by u and v.
+        axis. The known axes are u and v, in the order of the file. If u is not k itself, k
+        is expressed by u and v.
 
         Raises
         ------
@@ -670,6 +672,7 @@ class PositionFormulas:
             If the arc from k to v is 0 or 180 degrees. It then has no tangent at k.
         """
         axis_v = side.axis_v
+        # The arc of an axis leads from k to this axis.
         if axis_v.arc.sine == 0.0:
             raise self._refuse_link(side.link)
         axis_k = self._axes_by_link[side.link][0]
@@ -844,9 +847,9 @@ class PositionFormulas:
 
         The variable is the angle about the axis of the pair from z to a direction on the
         second link. z is fixed on the first link. On that link, an arc leads from the axis
-        of the pair to the first other axis. z is the unit tangent to this arc, rotated
-        about the pair by a constant angle. This angle, the zero of the pair, is a size in
-        the file, or 0. The symbol or expression of z is returned.
+        of the pair to another axis, the first one in the file. z is the unit tangent to
+        this arc, rotated about the pair by a constant angle that the file states, or 0. The
+        symbol or expression of z is returned.
         """
         first_link, _ = self._mechanism.ends[pair]
         first_tangent = self._write_tangent(first_link, pair)

@@ -101,20 +101,19 @@ class ImportedFile:
         """
         linkage = self._linkage
         # Inputs are chosen so that loops and couplings (linear equations between the rates
-        # of hinges) determine the rates of all other hinges. This comes before idler wheels
-        # are added. Couplings do not mention the hinge of such a wheel, so the wheel would
-        # become an input.
+        # of hinges) determine the rates of all other hinges. No coupling determines the
+        # hinge of an idler wheel. So inputs are chosen before idler wheels are added.
         inputs = choose_inputs(linkage)
-        # Couplings become gears. Two gears with one axis do not touch, so an idler wheel is
-        # put between them.
+        # Couplings become gears. Coaxial wheels do not touch, so an idler wheel is put
+        # between them.
         gear_train = self._find_gears()
         linkage.add_idler_wheels(gear_train.idlers)
         contacts = self._contact_tables(gear_train.gears)
         masses: dict[str, Table] = {}
         links: Table = {linkage.link_name(link): {} for link in linkage.links}
         # MuJoCo does not move bodies without mass. When spherekit exports a mechanism
-        # without masses, it adds invented masses, and servos at the inputs. Both are left
-        # out here.
+        # without masses, it adds invented masses, and servos at the inputs. Inputs are
+        # written without their servos. The masses are left out here.
         if self._foreign_model.has_made_up_masses:
             linkage.notes.append(
                 "the masses, which are not real according to the file, and its servos "

@@ -143,8 +143,8 @@ class MujocoModel:
         """Choose the bodies and names of the model. The property `text` writes the model.
 
         MuJoCo moves bodies on the joints of a tree, and closes loops by constraints. A pair
-        (joint of the mechanism) that closes a loop is therefore a constraint. But a load
-        can act only at a joint of the tree. If a pair with a load closes a loop, one of its
+        (joint of the mechanism) that closes a loop is therefore a constraint. But a load at
+        a pair needs a joint of the tree. So if a pair with a load closes a loop, one of its
         links gets a second body (twin). The pair is then the joint of the twin, and a weld
         joins both bodies of the link.
 
@@ -163,7 +163,7 @@ class MujocoModel:
         self._loads = convert_loads(mechanism)
         loaded_pairs = self._loads.loaded_pairs
         self._rigid_bodies = construct_rigid_bodies(mechanism, values, loaded_pairs)
-        self._radius = self._choose_radius()
+        self._radius = self._choose_radius()  # of the sphere on which links are drawn, m
         # Pairs that close loops: those without a load become constraints, and those with a
         # load become joints of twins.
         self._unloaded_loop_hinges: list[Hinge] = []
@@ -278,7 +278,7 @@ class MujocoModel:
 
     @cached_property
     def text(self) -> str:
-        """The model as MJCF.
+        """The model as MJCF, the XML format of MuJoCo.
 
         A template with empty parts is filled with bodies, constraints that close loops,
         actuators and sensors. Parts that remain empty are removed.
@@ -295,12 +295,15 @@ class MujocoModel:
         self._add_custom_numbers(part_by_tag["custom"])
         # Lights and the drawn sphere come before the body of the ground, which is last.
         ground = part_by_tag["worldbody"][-1]
+        # Rotations lead from the axes of a link, here the ground, to those of the model.
         _set_rotation(ground, rigid_bodies.rotations[0])
         self._add_appearance(ground, mechanism.ground)
         self._add_bodies(ground, mechanism.ground)
+        # Sites are marked points. Those of the ground show axes for forces and moments.
         self._add_ground_sites(part_by_tag["worldbody"])
         self._add_loops(part_by_tag["tendon"], part_by_tag["equality"])
         self._add_actuators(part_by_tag["actuator"])
+        # A `framequat` sensor gives the orientation of a body relative to another one.
         for output in mechanism.outputs:
             _add(
                 part_by_tag["sensor"],
@@ -372,9 +375,9 @@ class MujocoModel:
     def _add_custom_numbers(self, custom: Element) -> None:
         """Add numbers that only a later import by `spherekit import` reads.
 
-        These numbers are the ranges of inputs (rad) and the values (rad) of pairs (joints)
-        that close loops. MuJoCo has no place for either of these. A text says whether the
-        export has invented the masses.
+        These numbers are the ranges of inputs (rad), and the joint angles (rad) of hinges
+        that close loops, in the exported configuration. MuJoCo has no other place for such
+        numbers. A text says whether the export has invented the masses.
 
         Parameters
         ----------
@@ -398,11 +401,12 @@ class MujocoModel:
 
         The method calls itself for each new body, so it builds the whole tree of bodies.
 
-        A hinge joins a child (body) to its parent, which is already in the tree. Hinges
-        that close loops are not in the tree. If a load acts at such a hinge, the hinge gets
-        a child of its own: a second body of the link `hinge.child`, called twin.
-        `_add_loops` welds the twin to the first body of the link. Each of these two bodies
-        gets a part of the inertia (`_add_inertia`). Twins are not drawn.
+        A hinge joins a child (body) to its parent, which is already in the tree. A hinge
+        that closes a loop is not a joint of the tree, and only joints can have loads. If
+        such a hinge has a load, it becomes a joint with a child of its own: a second body
+        of the link `hinge.child`, called twin. `_add_loops` welds the twin to the first
+        body of the link. Each of these two bodies gets a part of the inertia
+        (`_add_inertia`). Twins are not drawn.
 
         Parameters
         ----------
@@ -450,8 +454,9 @@ class MujocoModel:
     def _add_inertia(self, body: Element, inertia: BodyInertia) -> None:
         """Add the inertia of a body: an equal part of the inertia of its link.
 
-        A link has more than one body if loads act at pairs of it that close loops: each
-        such pair is the joint of a second body (twin), welded to the first one.
+        Bodies of a MuJoCo model form a tree, and loads at pairs need joints of this tree. A
+        pair that closes a loop and has a load is therefore the joint of a second body of
+        its link (twin), which is welded to the first one.
 
         MuJoCo refuses a tensor whose largest moment exceeds the sum of the two others, so
         all moments are enlarged by about the rounding error of the file.
@@ -530,9 +535,10 @@ class MujocoModel:
                 _add(body, "geom", fromto=_format_drawn(ends), **{"class": "pin"})
 
     def _add_output_sites(self, body: Element, link: str) -> None:
-        """Add a yellow point for each output of a link, in the direction that it observes.
+        """Add a yellow point for each output of a link that has a direction.
 
-        An output is a link whose motion is of interest.
+        An output is a link whose motion is of interest. It may have a direction in the link
+        that is observed. The point is drawn in this direction from the centre.
         """
         radius = self._radius
         for output in self._mechanism.outputs:

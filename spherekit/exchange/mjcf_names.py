@@ -51,10 +51,9 @@ class ModelNames:
 
     @property
     def notes(self) -> Iterator[str]:
-        """Sentences on elements that have another name in the model than in the file.
+        """Sentences on elements whose name in the model is not that in the mechanism file.
 
-        Some elements exist only in the model, such as second bodies of links, and have no
-        name in the file. Sites of outputs always have the names of the outputs.
+        They are the elements of links and loads.
         """
         for kind, names in (
             ("body of link", self.bodies),

@@ -145,10 +145,12 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
     """Yield the Python text of the function that selects an assembly mode at an input.
 
     An assembly mode (way to assemble the mechanism) is selected by a few numbers, the mode
-    values. A mode can follow a smooth curve of configurations through a crossing with
-    another curve. Beyond the crossing its mode values are different. The written function
-    therefore has a table of mode values (``places``) by interval of the input q and by
-    mode::
+    values. For formulas in closed form they are signs. Other formulas make steps of
+    Newton's method from a known configuration, whose pair variables are the mode values.
+
+    A mode can follow a smooth curve of configurations through a crossing with another
+    curve. Beyond the crossing its mode values are different. The written function therefore
+    has a table of mode values (``places``) by interval of the input q and by mode::
 
         def fourbar_smooth_mode(number, q):
             starts = np.array([-np.inf, 3.14])  # of the intervals
@@ -162,9 +164,8 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
     Configurations can repeat after a period of the input. The function then has further
     lines, which move q by whole periods into the range of the input.
 
-    Formulas in closed form compute the pair variables directly. Other formulas make steps
-    of Newton's method from a known configuration, whose pair variables are the mode values.
-    The written function then also returns the input of this configuration.
+    For Newton's method the written function also returns the input of the known
+    configuration.
 
     Nothing is yielded if modes do not follow smooth curves.
     """
@@ -177,8 +178,8 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
         # The lines that move q by whole periods.
         moved_template=PYTHON_MOVED_INPUT_TEMPLATE,
     )
-    # The written function has a local variable with the mode values at q. Its name is
-    # "mode_there" if the argument for mode values of the other functions is "mode".
+    # The local variable of the written function with the mode values at q, such as
+    # "mode_there".
     variable_name = f"{source.mode_argument}_there"
     returned = _nan_where_q_is_nan(variable_name)
     input_lines = ""
@@ -191,7 +192,7 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
         input_lines = f"    inputs = np.array(\n        {texts.known_inputs}\n    )\n"
         docstring_end = KNOWN_INPUTS_TEXT
     yield PYTHON_SMOOTH_MODE_TEMPLATE.format(
-        **source.smooth_mode_fields,
+        **source.smooth_mode_fields,  # names of the function and its variables, and sizes
         starts=texts.interval_starts,
         places=texts.mode_values,
         inputs=input_lines,

@@ -54,10 +54,11 @@ class Hinge(NamedTuple):
         Name of the R pair.
     parent, child
         Names of the two bodies. Bodies form a tree, in which a hinge to the parent places
-        each body but the ground. A hinge that closes a loop is not in the tree. It is a
-        constraint: the end of the vector `axis` is the same point of both bodies.
+        each body but the ground. A hinge that closes a loop is not in the tree. It is
+        exported as a constraint: a point of its axis stays the same in both bodies.
     axis
-        (3,) unit vector in ground axes. A positive variable turns the child about it.
+        (3,) unit vector in ground axes, in the exported configuration. A positive variable
+        turns the child about it.
     value
         Variable (rad) of the pair in the exported configuration.
     """
@@ -289,7 +290,7 @@ def _find_gear_equation(
     Parameters
     ----------
     joints
-        Joints of the mechanism, one for each pair.
+        For each pair a `Joint`: the pair with its geometry.
     contact
         Number of the contact.
     tree_pairs
@@ -297,8 +298,8 @@ def _find_gear_equation(
 
     Returns
     -------
-    Factors, by the number of the pair: the sum of the factors times the rates of these
-    pairs is zero. The largest factor is 1 or -1.
+    Factors, by the name of the pair: the sum of the factors times the rates of these pairs
+    is zero. The largest factor is 1 or -1.
 
     Raises
     ------

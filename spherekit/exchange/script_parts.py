@@ -101,7 +101,8 @@ def smooth_mode_texts(
     the formulas. Over the input, the configurations of a mode form a smooth curve. This
     curve can cross the curve of another mode. Beyond the crossing the curve has other mode
     values. The table therefore has mode values for each interval of the input. It also has
-    an input at which a configuration with these mode values is known.
+    an input at which a configuration with these values is known. Newton's method can start
+    there.
 
     Parameters
     ----------
@@ -117,11 +118,12 @@ def smooth_mode_texts(
     assert smooth_modes is not None
 
     def array_text(values: Floats) -> str:
-        """Return an array as nested lists in brackets."""
+        """Return an array as nested lists in square brackets."""
         return nested_with_nan(values, "[]", nan_literal, infinity_literal)
 
     shift_lines = ""
     if source.is_periodic:
+        # The fields of the template include the range and the period of the input.
         shift_lines = moved_template.format(**source.smooth_mode_fields)
     return SmoothModeTexts(
         interval_starts=array_text(np.array(smooth_modes.starts)),

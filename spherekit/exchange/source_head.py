@@ -34,7 +34,7 @@ def _head_lines(source: FormulaSource) -> Iterator[str]:
     """Yield the lines of the comment at the head of an exported source file.
 
     The marks of a comment (such as //) are added later. The lines state the title, how
-    positions are computed, the elements of the arguments and results, and the assembly
+    positions are computed, what is in the arrays of arguments and results, and the assembly
     modes (ways to assemble the mechanism). The last sentences tell how well the formulas
     agree with the mechanism.
     """
@@ -48,6 +48,7 @@ def _head_lines(source: FormulaSource) -> Iterator[str]:
         yield from wrap(sentence, LINE_WIDTH)
     yield ""
     yield from wrap(_method_sentences(source), LINE_WIDTH)
+    # Whether modes follow smooth curves where curves of configurations cross.
     if source.smooth_modes is not None:
         yield from wrap(_smooth_mode_sentences(source), LINE_WIDTH)
     yield from _argument_lines(source)
@@ -113,9 +114,9 @@ def _mode_lines(source: FormulaSource, position: int, mode: Mode) -> Iterator[st
     starts. The inputs belong to one configuration with these values.
 
     Over the input, the configurations of a mode form a curve. This curve can cross the
-    curve of another mode. A source can follow the smooth curve through the crossing
-    (`source.smooth_modes`). Beyond the crossing the mode then has other mode values. A
-    further line states the mode values of each part of the curve.
+    curve of another mode. If the modes continue smoothly (`source.smooth_modes`), a mode
+    has other mode values beyond a crossing. A further line then states the mode values of
+    each part of the curve, and an input at which a configuration with them is known.
 
     Parameters
     ----------
@@ -126,6 +127,7 @@ def _mode_lines(source: FormulaSource, position: int, mode: Mode) -> Iterator[st
     mode
         The mode.
     """
+    # `source.mode_argument` is the name of the argument with the mode values.
     value_text = ", ".join(f"{value:.9g}" for value in mode.values) or "none"
     input_text = ", ".join(f"{q:.6g}" for q in mode.at)
     yield (

@@ -199,11 +199,12 @@ class FormulaSource:
     def smooth_mode_fields(self) -> dict[str, Any]:
         """Names and numbers that are inserted in the template of `smooth_function`.
 
-        `smooth_function` is a function of the generated source. An assembly mode (way to
-        assemble the mechanism) is selected by a few numbers, its mode values. Mode values
-        are constant only within an interval of the input. The function has a table with a
-        row of mode values for each interval and mode. It returns the row for a mode and an
-        input. Keys of the result are:
+        An assembly mode (way to assemble the mechanism) is selected by a few numbers, its
+        mode values, such as the sign 1 or -1 of each dyad (two links). A mode that
+        continues smoothly through crossings of curves of configurations has other mode
+        values in each interval of the input. `smooth_function` is a function of the
+        generated source that returns the mode values for a mode and an input. It has a
+        table with a row for each interval and mode. Keys of the result are:
 
         - ``name``, ``mode``: names of the function and of the argument that selects a mode,
         - ``low``, ``high``, ``period``: range and period of the input (rad), as text,

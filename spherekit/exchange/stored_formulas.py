@@ -107,8 +107,10 @@ def profile_table(
     # The symbols of the nine functions in this order. The last symbol stands for d2k/ds2.
     function_symbols: Any = (*profile_side.contact_symbols, profile_side.last_derivative)
     profile_series = profile_side.series
-    # The series of the profile has the functions up to dk/ds. Its derivative is added.
+    # The series of the profile has the functions up to dk/ds. The derivative of dk/ds is
+    # added.
     nine_functions = _append_last_derivative(profile_series.series)
+    # Which pair variable belongs to the profile, and where it starts on the profile.
     contact_profile = profile_side.track
     contact_variable = configuration_symbols[contact_profile.variable]
     return SeriesTable(

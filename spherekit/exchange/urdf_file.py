@@ -27,11 +27,11 @@ class UrdfContent:
     spec
         The `MjSpec` of the model.
     transmissions
-        What the motors of transmissions drive: single joints, or wheels that stand for a
-        combination of two joints.
+        What the motors of transmissions drive: single joints, or added wheels. The angle of
+        such a wheel is the combination of two joint angles that the motor turns.
     loop_axes
-        Unit axis (3,) of each loop joint (joint that closes a loop) that has one, by the
-        name of the joint. The vector is in the axes of the first link of this joint.
+        Unit axis (3,) of each revolute loop joint (joint that closes a loop), by the name
+        of the joint. Its components are those along the axes of the first link.
     notes
         Sentences on parts that were left out or are not known.
     """
@@ -45,9 +45,9 @@ class UrdfContent:
 def read_urdf(mujoco: Any, root: Element, path: Path) -> UrdfContent:
     """Return the MuJoCo model of a URDF, with constraints for loops and transmissions.
 
-    In a transmission with two motors and two joints, each motor turns a sum of both joint
-    angles. A wheel (`DrivenWheel`) is added to the model for each of these motors. The
-    result also has the axes of loop joints, each in the axes of its first link.
+    In a transmission with two motors and two joints, each motor turns a weighted sum of
+    both joint angles. For each of these motors a wheel (`DrivenWheel`) is added to the
+    model, whose angle is this sum.
 
     Parameters
     ----------
@@ -80,6 +80,7 @@ def read_urdf(mujoco: Any, root: Element, path: Path) -> UrdfContent:
             _add_wheel(mujoco, spec, drive, path)
     loop_axes: dict[str, Floats] = {}
     try:
+        # Joints that close loops, in the tags of two extensions of URDF.
         for loop_joint in [*root.findall("loop_joint"), *root.findall("loop")]:
             loop_axes |= add_loop_joint(mujoco, spec, loop_joint, path)
     except ValueError as error:

@@ -25,7 +25,7 @@ REDUCTION_TAGS = ("mechanicalReduction", "mechanical_reduction")
 
 @dataclass(frozen=True)
 class DrivenJoint:
-    """A joint of a URDF file that is the only joint driven by a motor.
+    """A joint of a URDF file with a motor that drives no other joint.
 
     Attributes
     ----------
@@ -374,8 +374,9 @@ def describe_motors(driven: Sequence[DrivenJoint | DrivenWheel]) -> Iterator[str
     """Yield notes that say how far motors turn when their inputs turn.
 
     The input of the imported mechanism is the driven joint or wheel, not the motor. A
-    driven wheel stands for one motor of a transmission. The URDF has no such wheel, so each
-    wheel gets a note. A driven joint gets a note only if its motor turns by another angle.
+    driven wheel stands for one motor of a transmission with two motors, such as a bevel
+    differential. The outer joint of this transmission is carried by the inner joint, and
+    the angle of the wheel is a sum of both joint angles with factors.
     """
     for drive in driven:
         if isinstance(drive, DrivenWheel):
@@ -388,6 +389,7 @@ def describe_motors(driven: Sequence[DrivenJoint | DrivenWheel]) -> Iterator[str
                 f"{ratio}that of {drive.outer_joint}; the motor turns "
                 f"{drive.motor_ratio:.6g} times as far as the wheel"
             )
+        # A joint gets a note only if its motor turns by another angle.
         elif drive.motor_ratio != 1.0:
             yield (
                 f"motor {drive.motor} of transmission {drive.transmission} turns "
