@@ -64,8 +64,9 @@ def count_revolutions(angles: Floats) -> Floats:
 class RevolutionSteps(NamedTuple):
     """Whole revolutions that the angles of pairs gain in n steps between configurations.
 
-    Angles are known up to full revolutions. The revolutions are counted here along the path
-    of a step.
+    The revolutions are to be added to the stored angle at the end of a step, which is in
+    (-pi, pi]. For example, an angle that grows from 179 to 181 deg is stored as -179 deg at
+    the end, and gains one revolution.
 
     Attributes
     ----------
@@ -151,40 +152,40 @@ class UnwrappedStretch:
     reference_revolutions: Floats
 
     def count_revolutions(self, values: Floats) -> Floats:
-        """Return the whole revolutions that make pair angles continuous along the stretch.
+        """Return the whole revolutions to add to the passive angles of configurations.
 
         A stretch is a range of the input over which configurations were followed as a
-        curve. With the revolutions added, each angle is a continuous function of the input.
-        At the reference input it is in (-pi, pi].
+        curve. With the revolutions added, each passive angle (of a pair without an input)
+        is a continuous function of the input. The angle is in (-pi, pi] at the reference
+        input. Configurations repeat when the input grows by a period.
 
         Parameters
         ----------
         values
-            (n, variables) configurations (rad). The input is counted over whole
-            revolutions; the other angles are in (-pi, pi].
+            (n, variables) configurations (rad). The input can be several revolutions. The
+            passive angles are in (-pi, pi].
 
         Returns
         -------
-        (n, angles) whole revolutions. NaN for configurations that are not on this stretch.
+        (n, angles) revolutions, with a column for each passive angle. NaN for
+        configurations that are not on this stretch.
         """
         _, highest = self._range_with_slack
-        # The inputs in the period of the curve, and the numbers of periods taken away.
+        # Shift the inputs by whole periods into the range of the curve.
         inputs = self._shift_to_curve(values[:, self.input_variable])
+        shifted_inputs = inputs.remainders
+        subtracted_periods = inputs.period_counts
         # The whole revolutions by which the angles differ from those of the curve at the
         # same input, and the largest difference that remains.
-        to_curve = self._compare_with_curve(inputs.remainders, values)
+        to_curve = self._compare_with_curve(shifted_inputs, values)
         # The shifted inputs are never below the lowest input of the curve.
-        is_on_stretch = inputs.remainders <= highest
+        is_on_stretch = shifted_inputs <= highest
         # A larger deviation shows that the configuration belongs to another mode.
         is_on_stretch &= to_curve.deviation < SAME_MODE_TOLERANCE_RAD
-        # The result is a sum of three numbers of revolutions:
-        #
-        # - `to_curve.revolutions` lead from the given angles to those of the curve.
-        # - In each period of the input, the angles gain `winding` revolutions. The inputs
-        #   were shifted by whole periods.
-        # - At the reference input, all angles must be in (-pi, pi]. Those of the curve
-        #   exceed this by `reference_revolutions`, which are subtracted.
-        gained_revolutions = inputs.period_counts[:, None] * self.winding
+        # Begin with the revolutions that lead from the given angles to those of the curve.
+        # In each subtracted period, the angles gain `winding` revolutions. The angles of
+        # the curve are `reference_revolutions` outside (-pi, pi] at the reference input.
+        gained_revolutions = subtracted_periods[:, None] * self.winding
         curve_revolutions = gained_revolutions - self.reference_revolutions
         revolutions = to_curve.revolutions + curve_revolutions
         return np.where(is_on_stretch[:, None], revolutions, np.nan)
@@ -203,21 +204,21 @@ class UnwrappedStretch:
         """Shift inputs (n,) by whole periods into the range of the followed curve.
 
         After a period of the input the configurations repeat. The shifted inputs are in the
-        period that begins at the lowest input that counts as one of the curve. This is a
-        little below the first input of the curve, because a curve can begin a little above
-        a dead centre.
+        period that begins a little below the first input of the curve. The reason is that a
+        curve can begin a little above a dead centre.
 
-        The period can be infinite. Inputs below the lowest one are then not on the curve,
-        and become infinite.
+        With an infinite period, no period is taken off. Inputs below the curve then become
+        infinite.
         """
-        lowest, _ = self._range_with_slack
-        # The lowest input is the first input of the curve minus the slack.
-        from_lowest = inputs - self.curve.inputs[0] + DEAD_CENTRE_SLACK_RAD
+        first_input = self.curve.inputs[0]
+        lowest_input = first_input - DEAD_CENTRE_SLACK_RAD
+        above_first = inputs - first_input
+        above_lowest = above_first + DEAD_CENTRE_SLACK_RAD
         # With an infinite period, `np.mod` returns positive numbers unchanged, and infinity
         # for negative ones.
         return PeriodicInputs(
-            period_counts=np.floor(from_lowest / self.period),
-            remainders=lowest + np.mod(from_lowest, self.period),
+            period_counts=np.floor(above_lowest / self.period),
+            remainders=lowest_input + np.mod(above_lowest, self.period),
         )
 
     def _compare_with_curve(self, inputs: Floats, values: Floats) -> CurveDistance:
@@ -404,7 +405,8 @@ class AngleUnwrapping:
         q
             Value of the only input (rad).
         requested
-            Indices of the variables whose revolutions are needed.
+            Indices of the variables whose revolutions are needed. The other variables may
+            be returned without their revolutions.
 
         Returns
         -------
@@ -422,10 +424,10 @@ class AngleUnwrapping:
     def _count_by_stretches(self, mode: int, values: Floats) -> Floats:
         """Return the revolutions of passive angles in configurations of one assembly mode.
 
-        This is for mechanisms with one input. A stretch is a range of the input over which
-        the mode was followed, so that angles are counted continuously. Known stretches are
-        tried first. From a configuration that is on none of them, a new stretch is followed
-        and stored.
+        Passive angles are those of pairs without an input. The mechanism has one input. A
+        stretch is a range of the input over which the mode was followed, so that angles are
+        counted continuously. Known stretches are tried first. From a configuration that is
+        on none of them, a new stretch is followed and stored.
 
         Parameters
         ----------
@@ -447,6 +449,8 @@ class AngleUnwrapping:
         # Indices of the configurations that are on no stretch so far.
         remaining = np.arange(len(values))
         stretches = self._stretches.setdefault(mode, [])
+        # `_count_on_stretch` fills in the rows of `revolutions` that are on the stretch,
+        # and returns the indices of the others.
         for stretch in stretches:
             remaining = _count_on_stretch(stretch, values, remaining, revolutions)
         while len(remaining):
@@ -645,28 +649,30 @@ class AngleUnwrapping:
 def _count_on_stretch(
     stretch: UnwrappedStretch, values: Floats, rows: Indices, revolutions: Floats
 ) -> Indices:
-    """Count the revolutions of those configurations that are on a stretch.
+    """Count the revolutions of the pair angles of configurations that are on a stretch.
 
     Parameters
     ----------
     stretch
         A range of the input over which configurations were followed continuously.
     values
-        (n, variables) configurations (rad).
+        (n, variables) configurations (rad), with pair angles in (-pi, pi].
     rows
         (k,) indices of the configurations that are looked for on the stretch.
     revolutions
-        (n, angles) whole revolutions. They are changed in place at these indices, to NaN
-        for configurations that are not on the stretch.
+        (n, angles) whole revolutions to add to the pair angles. These rows are changed in
+        place. Rows of configurations that are not on the stretch become NaN.
 
     Returns
     -------
-    The indices of those that are not on the stretch.
+    The indices of the configurations that are not on the stretch.
     """
     if not len(rows):
         return rows
     revolutions[rows] = stretch.count_revolutions(values[rows])
-    return rows[np.isnan(revolutions[rows, 0])]
+    # Such a row is NaN for all angles, so the first angle is enough to find it.
+    is_not_on_stretch = np.isnan(revolutions[rows, 0])
+    return rows[is_not_on_stretch]
 
 
 def continue_angles(

@@ -85,15 +85,16 @@ class GroupGeometry:
     def form_equations(self, order: EliminationOrder) -> Array:
         """Return the arc equations of a group, one for each removed link.
 
-        A removed link has two pairs. Without the removed links, the other bodies of the
-        group form a tree, whose pair angles are the unknowns. The axes of the two pairs of
-        a removed link must be at a fixed arc. This equation is linear in 1, cosine and sine
-        of each angle.
+        Without the removed links, the other bodies of the group form a tree, whose pair
+        angles are the unknowns. A removed link has two pairs, and the arc between their
+        axes is its size. So the axes must be at this arc in the tree, too. This equation is
+        linear in 1, cosine and sine of each angle.
 
         Parameters
         ----------
         order
-            The unknown angles (`tree_pairs`) and the removed links, t of each.
+            The unknown angles (`tree_pairs`) and the removed links, t of each. For each
+            removed link it also has the pairs of the tree between its two neighbours.
 
         Returns
         -------
@@ -113,9 +114,10 @@ class GroupGeometry:
         """Compute all complex solutions of the arc equations, and their determinants.
 
         To have fewer unknowns, t links with two pairs each are removed from the group,
-        until the other bodies form a tree. The unknowns are the angles of the t pairs of
-        this tree. Each removed link gives an equation: in the tree, the axes of its two
-        pairs must be at the fixed arc of the link.
+        until the other bodies form a tree. The unknowns are the angles of the pairs of this
+        tree. Each removed link gives an equation: in the tree, the axes of its two pairs
+        must be at the fixed arc of the link. There are as many unknowns as equations,
+        because the group cannot move when the inputs are locked.
 
         Parameters
         ----------
@@ -227,7 +229,8 @@ class GroupGeometry:
     def measure_pair_angles_at(self, orientations: Floats, samples: Indices) -> Floats:
         """Return the angles of all pairs at orientations that belong to several samples.
 
-        A sample is one choice of the inputs.
+        A sample is one choice of the inputs. A body can be several links that were joined
+        before, so the frames of pairs in the bodies depend on the sample.
 
         Parameters
         ----------
@@ -242,10 +245,11 @@ class GroupGeometry:
         (k, pairs) angles in (-pi, pi] (rad), as in `measure_pair_angles`.
         """
         first_bodies, second_bodies = np.transpose(self.group.ends)
-        # Frames of all pairs at these samples, with the configuration (k) as the first
-        # axis.
-        first_in_body = np.moveaxis(self.pair_frames[0][:, samples], 0, 1)
-        second_in_body = np.moveaxis(self.pair_frames[1][:, samples], 0, 1)
+        # Frames (pairs, samples, 3, 3) of all pairs in their first and second bodies.
+        frames_in_first, frames_in_second = self.pair_frames
+        # The frames (k, pairs, 3, 3) at the sample of each configuration.
+        first_in_body = np.moveaxis(frames_in_first[:, samples], 0, 1)
+        second_in_body = np.moveaxis(frames_in_second[:, samples], 0, 1)
         first_frames = orientations[:, first_bodies] @ first_in_body
         second_frames = orientations[:, second_bodies] @ second_in_body
         return pair_angle(first_frames, second_frames)

@@ -153,13 +153,15 @@ def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
     """Return all closed configurations that are found at inputs q (inputs,) in rad.
 
     Usually the mechanism is placed group by group (sets of links that are placed together).
-    Some mechanisms with wheels have to be searched as a whole instead.
+    Some mechanisms with wheels are searched as a whole instead, because the search has to
+    know how far the wheels have rolled.
     """
-    # The lengths that wheels have rolled, if the whole mechanism is searched together.
+    # The rolled lengths of the wheels. None if the mechanism is placed group by group.
     gear_phases = _find_phases_of_common_search(solver)
     if gear_phases is None:
         return _combine_group_modes(solver, q)
     values = _search_in_gear_phase(solver, gear_phases, q)
+    # The signs tell apart the two ways to close a group of two links.
     return ConfigurationsAtInput(
         signs=tuple(signs_at(solver, row) for row in values),
         values=values,
@@ -295,6 +297,7 @@ def enumerate_modes(solver: PositionSolver, q: Floats, max_modes: int) -> ModeEn
         # This group is solved once for each mode of the groups before. The least complete
         # method counts.
         methods[position] = least_complete(methods[position], method)
+        # The sign tells apart the two modes of a dyad. Other groups have the sign 0.
         for sign, next_state in states_by_mode:
             yield from place_next_groups(
                 ModePlacement((*placement.signs, sign), next_state)
@@ -393,7 +396,7 @@ def _place_computed_modes(
     Parameters
     ----------
     solver
-        The mechanism.
+        Solver of the positions of the mechanism.
     state
         The bodies placed so far, which are not changed.
     group
@@ -414,10 +417,12 @@ def _place_computed_modes(
     configurations, method = find_group_configurations(group, group_loops, start_values)
     states_by_mode: list[tuple[int, AssemblyState]] = []
     if configurations:
-        linearisation = group_loops.solve(np.array(configurations))
-        for row, values in enumerate(linearisation.values):
+        # Close the loops exactly by Newton's method. The result also has the rotations of
+        # the bodies.
+        closed = group_loops.solve(np.array(configurations))
+        for row, values in enumerate(closed.values):
             next_state = state.copy()
-            next_state.merge(group, linearisation.rotations[row : row + 1])
+            next_state.merge(group, closed.rotations[row : row + 1])
             next_state.values[:, variables] = values
             states_by_mode.append((0, next_state))
     return states_by_mode, method
@@ -444,9 +449,9 @@ def group_matrices(
 ) -> Floats:
     """Return the matrices of a group that are singular where two of its modes meet.
 
-    A group is placed as a whole, and its modes are the ways to place it. Between meetings
-    of modes, the determinant of the matrix keeps its sign. `group_signs` distinguishes
-    modes by this sign.
+    A group is a set of links that are placed together, and its modes are the ways to place
+    them. Between meetings of modes, the determinant of the matrix keeps its sign.
+    `group_signs` distinguishes modes by this sign.
 
     Parameters
     ----------
@@ -460,8 +465,8 @@ def group_matrices(
     Returns
     -------
     For a dyad (two links), (n, 3, 3) axes of its three R pairs in rows. For other groups
-    (n, 3 loops, variables) matrices of the velocity equations. The matrices are square
-    unless constraints are redundant.
+    (n, equations, variables) matrices of the velocity equations, with three equations for
+    each loop. The matrices are square unless constraints are redundant.
     """
     group = solver.assembly.groups[position]
     if group.is_dyad:
@@ -492,9 +497,10 @@ def group_signs(
 ) -> SmallIntegers:
     """Return the signs that distinguish the modes of each group of links.
 
-    A group is placed as a whole, and its modes are the ways to place it. A dyad (two links)
-    has the sign of the triple product of its three axes. Any other group has the sign of
-    the determinant of its velocity equations. A sign can change only where two modes meet.
+    A group is placed as a whole, and its modes are the ways to place it. Its sign is that
+    of the determinant of a matrix. For a dyad (two links) the matrix has the three pair
+    axes in its rows. For any other group it is the matrix of the velocity equations. A sign
+    can change only where two modes meet.
 
     Parameters
     ----------
@@ -515,7 +521,7 @@ def group_signs(
     for position in range(signs.shape[1]):
         matrices = group_matrices(solver, linearisation, position)
         _, rows, columns = matrices.shape
-        # `determinant_sign` returns 1 for matrices that are not square.
+        # 1 for matrices that are not square.
         signs[:, position] = np.nan_to_num(determinant_sign(matrices))
         # Near a singular matrix, rounding decides the sign.
         if least:

@@ -132,15 +132,16 @@ class Chords:
     def predict(self, which: Indices, fractions: Floats) -> Floats:
         """Return predicted points (n, variables) of the curve (rad).
 
-        The points are interpolated between the computed points at both ends of a chord
-        (straight segment).
+        A chord is the straight segment between two computed points of the curve. A
+        polynomial has the positions and the first two derivatives of these points.
 
         Parameters
         ----------
         which
             (n,) indices of chords.
         fractions
-            (n,) projections on these chords, from 0 at the start to 1 at the stop.
+            (n,) positions along these chords, from 0 at the start to 1 at the stop. The
+            predicted point is beside this position, at right angles to the chord.
         """
         starts = self.nodes.rows(which)
         stops = self.nodes.rows(which + 1)
@@ -165,10 +166,11 @@ class Chords:
         Returns
         -------
         The m pairs of a configuration and a chord near it. Configurations that are near no
-        chord do not occur.
+        chord have no entry.
         """
         # Configurations are compared with all chords, in blocks to limit the memory. Each
-        # list has one array of the result for each block.
+        # list has one array of the result for each block. An offset leads from the start of
+        # a chord to a configuration, less whole periods.
         configurations = []
         chords = []
         offsets = []
@@ -215,10 +217,9 @@ class Chords:
         half_chords = 0.5 * np.diff(self.nodes.values, axis=0)
         middles = self.nodes.values[:-1] + half_chords
         # Differences of the configurations from all chords; axes: configuration, chord,
-        # variable. Whole periods are taken off where the differences are measured from the
-        # middles. For a configuration near a chord, the differences are about half a chord
-        # at most, far less than half a period. At half a period, rounding errors would
-        # decide whether a period is taken off.
+        # variable. Whole periods are taken off. Measured from the middle of a near chord, a
+        # difference is about half a chord at most. This is far less than half a period, so
+        # rounding does not decide how many periods are taken off.
         from_middles = less_periods(values[:, None] - middles, periods)
         from_starts = from_middles + half_chords
         # Components along the chord and across it. `directions` are unit vectors along the
@@ -228,7 +229,8 @@ class Chords:
         # The curve deviates from its chord by at most `MAX_SAGITTA_RATIO` of the chord. A
         # configuration within `ON_CURVE_DISTANCE_RAD` of the curve is on it.
         is_near = across < MAX_SAGITTA_RATIO * self.chord_lengths + ON_CURVE_DISTANCE_RAD
-        # The projection must be between the ends of the chord, from 0 to 1 of its length.
+        # The projection must be between the ends of the chord, from 0 to 1 of its length,
+        # with a small overhang on both sides for rounding errors.
         is_near &= np.abs(along / self.chord_lengths - 0.5) < 0.5 + CHORD_OVERHANG
         row, chord = np.nonzero(is_near)
         return row, chord, from_starts[row, chord]
@@ -338,8 +340,9 @@ class ArcCurve(Chords):
         """Return ds/du of the arc length s at parameters u of any shape.
 
         The curve is stored as nodes (points). The parameter u is the length along the
-        chords (straight lines between successive nodes). The rate ds/du is the reciprocal
-        of the cosine of the angle between the tangent and the chord.
+        chords (straight lines between successive nodes). The point of the curve at u is
+        beside the chord, in the plane normal to it. So the rate ds/du is the reciprocal of
+        the cosine of the angle between the tangent and the chord.
 
         Raises
         ------
@@ -383,16 +386,8 @@ class ArcCurve(Chords):
     def returns_after(self, variable: int, period: float) -> float:
         """Return the growth of a variable after which the same configurations return.
 
-        The first of these cases that applies gives the result:
-
-        1. The period is finite: it is the result.
-        2. The curve is closed, and the variable grows in a lap: the result is this growth,
-           because configurations return after a lap.
-        3. The curve is closed, the variable swings and has its first value again after a
-           lap, and no wheel follows the variable by a gear ratio: the result is one
-           revolution. An angle and the same angle plus 2 pi are one position.
-        4. Otherwise the result is infinite: configurations are not known to return. For
-           example, wheels can be in another position after each revolution.
+        The result is infinite if no such growth is known. For example, wheels can be in
+        another position after each revolution.
 
         Parameters
         ----------
@@ -400,15 +395,18 @@ class ArcCurve(Chords):
             Index of the variable.
         period
             Growth (rad) of the variable after which all configurations of the mechanism
-            return, as far as gear ratios tell. Infinite if wheels follow the variable by
-            gear ratios, but no such growth is known. NaN if no wheel follows the variable.
+            return. Infinite if wheels follow the variable by gear ratios and no such growth
+            is known. NaN if there are wheels, but none follows the variable.
         """
         if np.isfinite(period):
             return period
-        # `rise` is the growth of each variable in one lap, and zero on an open curve.
+        # On a closed curve, configurations return after each lap (round). `rise` is the
+        # growth of each variable in one lap, and zero on an open curve.
         growth_in_lap = abs(self.rise[variable])
         if growth_in_lap != 0.0:
             return growth_in_lap
+        # Here the variable swings between two values. An angle and the same angle plus 2 pi
+        # are one position, unless wheels count the revolutions.
         no_wheel_follows = np.isnan(period)
         if self.closed and no_wheel_follows:
             return TURN

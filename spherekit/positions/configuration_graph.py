@@ -327,7 +327,9 @@ class ConfigurationGraph:
     def _add_missing(self, sample: Indices, values: Floats) -> Indices:
         """Add configurations that are no nodes yet, equal ones as a single node.
 
-        A node is one configuration at one sample (choice of the inputs).
+        A node is one configuration at one sample (choice of the inputs). The sign of the
+        determinant of its closure Jacobian is stored with it. Two configurations with
+        opposite signs differ, however near they are.
 
         Parameters
         ----------
@@ -408,9 +410,10 @@ class ConfigurationGraph:
     def _find_equal(
         self, sample: Indices, values: Floats, signs: DeterminantSigns
     ) -> Indices:
-        """Return, for each configuration, the first one that is equal to it.
+        """Return, for each configuration, the one of them that represents it.
 
-        If a is equal to b, and b to c, then a and c count as equal too.
+        The representative is the first configuration that is equal to it. If that one is
+        represented by a still earlier one, the latter represents both.
 
         Parameters
         ----------
@@ -426,8 +429,8 @@ class ConfigurationGraph:
 
         Returns
         -------
-        (m,) index of the first equal configuration, or of the configuration itself. Equal
-        means the same sample, no opposite sign, and the same angles up to
+        (m,) index of the representative, which can be the configuration itself. Equal means
+        the same sample, no opposite sign, and the same angles of R pairs up to
         `SAME_CONFIGURATION_RAD`.
         """
         # In the beginning, each configuration represents itself.
@@ -435,14 +438,13 @@ class ConfigurationGraph:
         reliable_signs = np.where(signs.is_regular, signs.sign, 0.0)
         # All pairs of configurations at the same sample. The first pass of the loop
         # compares each with the one before it, the next pass with the one before that, and
-        # so on. So each pass overwrites equal configurations by still earlier ones.
+        # so on. The last assignment is therefore the first equal configuration.
         for earlier, later in _pairs_with_equal_keys(sample):
             # The product is 0 if one sign is not reliable.
             has_no_opposite_sign = reliable_signs[earlier] * reliable_signs[later] >= 0.0
             earlier = earlier[has_no_opposite_sign]
             later = later[has_no_opposite_sign]
-            # Only angles of R pairs are compared, the variables with the indices `_angles`.
-            # The other variables are arc lengths along profiles.
+            # `_angles` has the indices of the variables that are angles of R pairs.
             differences = wrap(values[earlier] - values[later])[:, self._angles]
             is_same = max_abs(differences, axis=1) < SAME_CONFIGURATION_RAD
             representative[later[is_same]] = earlier[is_same]
@@ -480,10 +482,7 @@ class ConfigurationGraph:
         return nodes
 
     def _find_among(self, candidates: Indices, values: Floats) -> Indices:
-        """Return, for each configuration, the equal one of some candidate nodes.
-
-        Only the angles of R pairs are compared. The other variables are arc lengths along
-        the profiles of contacts.
+        """Return, for each configuration, the candidate node with equal angles of R pairs.
 
         Parameters
         ----------
@@ -498,7 +497,7 @@ class ConfigurationGraph:
         (m,) the nearest candidate, or -1 if it differs from the configuration.
         """
         # (m, c, variables) differences. `_angles` has the indices of the variables that are
-        # angles.
+        # angles of R pairs.
         differences = wrap(self.values[candidates] - values[:, None])
         angle_differences = differences[..., self._angles]
         # (m, c) distances, infinite for unused places. (The index -1 has read the last
@@ -515,8 +514,8 @@ class ConfigurationGraph:
         """Add the configurations of a sheet as nodes, and join them.
 
         A sheet is the set of configurations that paths over the grid of inputs reach from
-        one start, at most one per sample (choice of the inputs). The paths were tested not
-        to lead to another assembly mode.
+        one start, at most one per sample (choice of the inputs). All of them belong to one
+        assembly mode (way to assemble the links).
 
         Parameters
         ----------
@@ -531,11 +530,10 @@ class ConfigurationGraph:
         # Edges from each node to the next make the whole sheet one connected component of
         # the graph. They need not be between neighbouring samples.
         self._edges.append(NodeEdges(starts=nodes[:-1], ends=nodes[1:]))
-        # Assembly modes are made from pieces, sets of joined nodes. A mode has at most one
-        # configuration per sample, so `unite` joins two pieces only if they share no
-        # sample. New nodes are united first. This is always possible, because each of them
-        # is a piece of its own, and their samples are different. Earlier nodes follow with
-        # the pieces to which they belong already.
+        # Nodes are also united to pieces, which have at most one node per sample. `unite`
+        # leaves two pieces separate if they share a sample. New nodes are united first,
+        # which always succeeds: each is a piece of its own, and their samples differ. An
+        # earlier node can belong to a larger piece, which may share a sample.
         new_nodes = nodes[nodes >= old_node_count]
         earlier_nodes = nodes[nodes < old_node_count]
         ordered_nodes = np.concatenate([new_nodes, earlier_nodes]).tolist()
@@ -709,7 +707,7 @@ class ConfigurationGraph:
         enough to join them. So only a few paths are selected from each piece to each block
         of samples. In a grid of two inputs, for example, paths along axis 0 lead from one
         row of samples to the next, and each row is a block. In general, the samples of a
-        block have the same inputs up to the axis of the path, this axis included.
+        block have the same indices along axis 0 to the axis of the path.
 
         Parameters
         ----------
@@ -741,9 +739,10 @@ class ConfigurationGraph:
         """Follow paths from nodes to the next samples in a direction, and join their ends.
 
         A node is one closed configuration at one sample of the inputs. A path leads from a
-        node to a configuration at the neighbouring sample. This configuration becomes a
-        node if it is none yet. The pieces of both nodes are united, unless they have nodes
-        at the same sample. These attributes are updated:
+        node to a configuration at the neighbouring sample, which is added to the nodes. A
+        path is sound if it cannot have jumped to another assembly mode. The pieces of its
+        two nodes are united, unless they have nodes at the same sample. These attributes
+        are updated:
 
         - `_is_tried`: whether a path from a node in a direction was followed,
         - `_is_reached`: whether such a path ends at a node,
@@ -761,6 +760,7 @@ class ConfigurationGraph:
         self._is_tried[direction, nodes] = True
         old_node_count = len(self.sample)
         starts, ends = self._find_ends_of_paths(nodes, direction)
+        # The ends of paths that are not sound remain nodes, but are not joined here.
         is_sound = self._are_paths_sound(starts, ends, direction, old_node_count)
         starts = starts[is_sound]
         ends = ends[is_sound]

@@ -98,7 +98,9 @@ crossing fails, this is not reported as a problem.
 class Piece(NamedTuple):
     """A part of a configuration curve on which the input only rises or only falls.
 
-    All its configurations belong to one assembly mode, and its input is in the range.
+    All its configurations belong to one assembly mode. The range can contain several
+    periods of the input, after which configurations repeat. The same part of a curve then
+    gives one piece in each period. The input of a piece is that on the curve plus `shift`.
 
     Attributes
     ----------
@@ -107,16 +109,15 @@ class Piece(NamedTuple):
         either the search for modes has missed one, or wheels mesh in other teeth than in
         the known modes.
     middle
-        (variables,) configuration at the middle of the piece (rad), the input in the range.
+        (variables,) configuration at the middle of the piece (rad), with `shift` added to
+        the input.
     start, stop
         Arc lengths (rad) of its ends. `stop` exceeds the length of a closed curve if the
         piece contains the point s = 0.
     shift
-        Whole periods of the input (rad). The input on the curve plus this shift is the
-        input in the range. In a range of several periods, the same part of a curve gives
-        one piece in each period, with another shift.
+        Whole periods of the input (rad), which lead to the range.
     lowest, highest
-        Smallest and largest value of the input in the piece (rad).
+        Smallest and largest input of the piece (rad), with `shift` added.
     """
 
     assembly_mode: int | None
@@ -232,8 +233,7 @@ def _may_reach_range(
 ) -> bool:
     """Return whether the input of a curve may be in a range, by a quick test.
 
-    Only the stored points (nodes) of the curve are used, because its arc length takes time
-    to compute.
+    The test uses only the stored points (nodes) of the curve. The answer False is certain.
 
     Parameters
     ----------
@@ -247,9 +247,9 @@ def _may_reach_range(
         Growth of the input (rad) after which the curve repeats, or infinite.
     """
     # A chord is the straight line between two successive nodes, in the space of all
-    # variables. The curve is nearer to this line than the length of the chord. On the line,
-    # the input is between its values at both nodes. So on the curve, the input is beyond
-    # these values by less than the length of the chord.
+    # variables. On this line, the input is between its values at both nodes. The nodes are
+    # so close that the curve deviates from the line by less than the length of the chord.
+    # So on the curve, the input is beyond these values by less than this length.
     margin = float(np.max(curve.chord_lengths))
     lowest = float(np.min(curve.nodes.values[:, driven])) - margin
     highest = float(np.max(curve.nodes.values[:, driven])) + margin
@@ -274,7 +274,7 @@ class ConfigurationCurve(NamedTuple):
 
 
 class Configurations(NamedTuple):
-    """The configuration curves that meet the range of an input.
+    """The configuration curves that have a configuration with the input in its range.
 
     A configuration curve consists of all closed configurations that the mechanism reaches
     from one of them. It does not depend on which pair is the input. To search the curves,
@@ -296,10 +296,11 @@ class Configurations(NamedTuple):
     drive
         Name of the pair whose values were prescribed when the configurations were computed.
     inputs
-        (k,) values (rad) of the mechanism's input at which all real assembly modes were
-        computed without following curves. These modes serve to check the curves.
+        (k,) values (rad) of the mechanism's input at which all assembly modes (ways to
+        assemble the links) were computed without following curves. These modes serve to
+        check the curves.
     counts
-        (k,) number of real assembly modes at each of these inputs.
+        (k,) number of assembly modes at each of these inputs.
     mismatches
         Sentences about inputs at which the numbers of modes and the curves disagree.
     """
@@ -594,14 +595,14 @@ class _CurveSearch:
         Parameters
         ----------
         drive
-            The same mechanism, driven at any pair.
+            The same mechanism, with the input or another pair as the driven pair.
         turning_points
             The inputs of this pair at which its modes meet.
 
         Returns
         -------
-        How complete the curves are. If not all modes at an input can be computed, the
-        search ends there, and nothing is guaranteed.
+        How complete the curves are. All modes at an input can be computed if unknowns can
+        be eliminated from the loop equations. Otherwise nothing is guaranteed.
         """
         incomplete = Completeness(
             Guarantee.SAMPLED, "no elimination finds all modes at an input"
@@ -630,12 +631,13 @@ class _CurveSearch:
 
         Returns
         -------
-        How complete the curves are, with the numbers of starts. If wheels roll on each
-        other and the input does not determine how far, there are infinitely many curves.
-        Then nothing is searched, and only the curves of the known assembly modes are
-        complete (`Guarantee.COMPONENT`).
+        How complete the curves are, with the numbers of starts. Wheels can have rolled on
+        each other by any number of revolutions. If the input does not determine this
+        number, there are infinitely many curves. Then nothing is searched, and only the
+        curves of the known assembly modes are complete (`Guarantee.COMPONENT`).
         """
-        # Whether wheels roll, and whether the input determines how far all of them roll.
+        # None without wheels. `all_known` says whether the input determines how far all
+        # wheels have rolled.
         gear_phases = self.solver.gear_phases
         if gear_phases is not None and not gear_phases.all_known:
             return Completeness(
@@ -645,8 +647,8 @@ class _CurveSearch:
         high = np.array([self.high])
         rounds = random_starts(self.solver, low, high, seed=SEED + 1)
         variable_count = len(self.solver.mechanism.variable_owners)
-        # `random_starts` yields the first `RANGE_ROUNDS` rounds together, so the search has
-        # at least so many.
+        # A round is a fixed number of starts. `random_starts` begins with `RANGE_ROUNDS`
+        # rounds, which are yielded together.
         statistics = SearchStatistics(variable_count, min_rounds=RANGE_ROUNDS)
         progress = ProgressReporter("searching the configuration curves")
         while statistics.needs_more_starts and len(self.curves) < MAX_CURVES:

@@ -54,9 +54,8 @@ class TriedSteps(Generic[Node]):
         (k,) whether the step passed all tests of `Verification`: the prediction is nearly
         right, and equations and tangent change little.
     changes
-        (k,) changes of the equations (the Jacobian of the curve) in the step, relative to a
-        change after which they may be singular. The length of the next step follows from
-        them.
+        (k,) changes of the Jacobian of the curve in the step, as fractions of a change that
+        could make it singular. The length of the next step follows from these numbers.
     """
 
     nodes: Node
@@ -156,7 +155,7 @@ class CurveContinuation(ABC, Generic[Node]):
         Returns
         -------
         For each step its end, whether it passed all tests, and the change of the Jacobian
-        of the curve, relative to a change after which the Jacobian may be singular.
+        of the curve in the step, as a fraction of a change that could make it singular.
         """
 
     @abstractmethod
@@ -289,7 +288,8 @@ class CurveContinuation(ABC, Generic[Node]):
     ) -> Bools:
         """End the curves whose step passes their start, and mark them as closed.
 
-        Their last node becomes the start, moved by whole periods of the variables.
+        A lap is one round of a closed curve. A copy of the start node is appended as the
+        last node, with variables moved by whole periods (such as revolutions).
 
         Parameters
         ----------
@@ -448,7 +448,10 @@ class CurveContinuation(ABC, Generic[Node]):
         return is_middle_predicted & np.all(is_good, axis=1)
 
     def collect_nodes(self, row: int) -> Node:
-        """Return all nodes of a curve in order, the first node included."""
+        """Return all nodes of a curve in order, the first node included.
+
+        A closed curve ends with a copy of its start node.
+        """
         nodes = [self.start_nodes.rows(slice(row, row + 1))]
         # Each item of the trail (list of rounds of steps) has the curves of one round, and
         # a node of each.
@@ -458,7 +461,8 @@ class CurveContinuation(ABC, Generic[Node]):
         all_nodes = self.start_nodes.concatenate(nodes)
         is_kept = np.ones(len(all_nodes.values), dtype=bool)
         if self.is_closed[row]:
-            # The node before the start is left out if it is practically the same point.
+            # The last node is the copy of the start. The node before it is left out if it
+            # is practically the same point.
             last_chord = max_abs(all_nodes.values[-1] - all_nodes.values[-2])
             is_kept[-2] = last_chord >= NEAR_END_RAD
         return all_nodes.rows(is_kept)

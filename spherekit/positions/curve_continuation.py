@@ -52,7 +52,7 @@ MAX_STEP_ROTATION_RAD = 0.4
 Larger: more steps fail. Smaller: more steps are necessary.
 """
 
-SAME_START_RAD = 1e-9
+SAME_POINT_RAD = 1e-9
 """Points of a curve nearer to each other than this are the same point.
 
 A lap ends where it started, and a curve ends at a limit, up to this distance. Larger: a
@@ -194,6 +194,9 @@ def follow_arc(
 def follow_arcs(closure: Closure, starts: Floats, longest: float) -> list[ArcCurve | None]:
     """Return the configuration curves through several configurations, side by side.
 
+    Curves end at limits: at the ends of open profiles, and where two profiles in contact
+    have equal curvatures, so that the contact does not determine how they move.
+
     Parameters
     ----------
     closure
@@ -203,15 +206,14 @@ def follow_arcs(closure: Closure, starts: Floats, longest: float) -> list[ArcCur
         (n, variables) closed configurations (rad).
     longest
         Curves are followed from their starts in both senses. One that does not close is
-        ended after this length (rad) in each sense.
+        ended after this arc length in each sense (rad, in the space of all variables).
 
     Returns
     -------
     n curves. None for a configuration that does not close, does not move, is beyond a limit
     or is singular.
     """
-    # Without `stops`, curves end only at the ends of open profiles and at equal curvatures
-    # of two profiles in contact, which do not determine their motion.
+    # `stops` would be further limits, which the caller chooses.
     limits = CurveLimits.of_mechanism(closure, stops={})
     # The first node (point with its tangent) of each curve, by index of the configuration.
     # Configurations with an error are left out.
@@ -371,7 +373,8 @@ def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _
     values
         (variables,) a nearly closed configuration (rad).
     limits
-        The limits at which curves end.
+        The limits at which curves end: bounds of variables, and equal curvatures of two
+        profiles in contact.
 
     Raises
     ------
@@ -390,15 +393,18 @@ def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _
             f"{residual:.3g} rad, but at most {MAX_START_RESIDUAL_RAD:g} is allowed; start "
             "from a computed configuration"
         )
-    # Newton's method closes the loops in the plane normal to the motion, so that the point
-    # does not move along the curve. All arrays have one row.
+    # The rates of the only motion. This raises an error if the loops allow no motion. From
+    # here on, all arrays have one row.
     motion = _find_motion(closure, values)[None]
+    # Newton's method closes the loops and keeps motion . values constant, so that the point
+    # does not move along the curve. This is one more equation, the border.
     start_values = values[None]
     closed_values, _ = correct(
         closure, start_values, borders=motion, targets=np.vecdot(motion, start_values)
     )
     points, linearisation = curve_points(closure, closed_values, borders=motion)
     node = _ArcNodes.from_points(linearisation, points, limits)
+    # The loop equations with the border are singular if several motions are possible.
     if not node.reciprocal_condition[0] > SINGULAR_CURVE_CONDITION:
         raise SolveError(SINGULAR_START)
     # A margin is the distance from a limit, negative beyond it.
@@ -454,7 +460,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
 
     step_tests = Verification()
     smallest_step = 1e-12
-    same_point_rad = SAME_START_RAD
+    same_point_rad = SAME_POINT_RAD
     max_nodes = 100_000
 
     closure: Closure
@@ -549,10 +555,11 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
     def _land_on_limit(self, row: Indices, number: int) -> None:
         """End a curve exactly at a limit near its last node, if this is possible.
 
-        A limit is a bound of a variable, or equal curvatures of two profiles in contact.
-        Its margin is the distance from it (rad, or difference of curvatures), negative
-        beyond it. A last step has to lead to the limit and pass the tests that it stays on
-        the curve. Otherwise nothing is changed, and the curve continues by smaller steps.
+        A limit is a bound of a variable, or equal curvatures of two profiles in contact,
+        which do not determine how they move. Its margin is the distance from it (rad, or
+        difference of curvatures). A last step has to lead to the limit and pass the tests
+        that it stays on the curve. Otherwise nothing is changed, and the curve continues by
+        smaller steps.
 
         Parameters
         ----------
@@ -562,8 +569,9 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
             Index of the limit.
         """
         node = self.last_nodes.rows(row)
-        # With a margin of zero, the node is at the limit already.
-        if node.margins[0, number] > CLOSURE_TOLERANCE:
+        # With a margin of zero, up to rounding, the node is at the limit already.
+        is_before_limit = node.margins[0, number] > CLOSURE_TOLERANCE
+        if is_before_limit:
             # Newton's method finds a point at the limit, perhaps on another curve. A tested
             # step of the same length must lead to the same point.
             landing = self._find_point_at_limit(row, node.values, number)
@@ -571,7 +579,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
             last_step = self.try_steps(row, node, distance)
             miss = max_abs(last_step.nodes.values - landing)
             is_ahead = distance[0] > 0.0
-            is_same_point = miss < SAME_START_RAD
+            is_same_point = miss < SAME_POINT_RAD
             if not (is_ahead and last_step.is_verified[0] and is_same_point):
                 return
             self.append_nodes(row, last_step.nodes)
@@ -596,6 +604,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         -------
         (1, variables) configuration (rad). It need not be on the same curve.
         """
+        # Locked variables can have other values for each curve. Take those of this curve.
         closure = self.closure.select_rows(row)
 
         def compute_steps(values: Floats, _: Indices) -> Floats:
@@ -606,6 +615,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
                 linearisation.states.curvatures,
                 linearisation.states.curvature_rates,
             )
+            # The loop equations, and as a further equation: gradient . step = -margin.
             return bordered_step(linearisation, gradients[:, number], -margins[:, number])
 
         point, _ = newton(
@@ -616,15 +626,17 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
     def end_stuck_curve(self, row: int) -> None:
         """End a curve that no step continues from its last node, and set a status.
 
-        If the node is near a limit, the curve gets the status of the limit. Otherwise, if
-        the equations are nearly singular, another curve crosses there. In all other cases
-        the curve is lost.
+        A limit is a bound of a variable, or equal curvatures of two profiles in contact. If
+        the node is near a limit, the curve gets the status of the limit. Otherwise, if the
+        equations are nearly singular, another curve crosses there. In all other cases the
+        curve is lost.
         """
         reciprocal_condition = self.last_nodes.reciprocal_condition[row]
         is_near_crossing = reciprocal_condition < END_AT_SINGULARITY_CONDITION
         self.end_status[row] = (
             Status.AT_SINGULARITY if is_near_crossing else Status.MODE_LOST
         )
+        # The margins are the distances from all limits. One near limit is enough.
         near_limits = np.flatnonzero(self.last_nodes.margins[row] < NEAR_END_RAD)
         if len(near_limits):
             self.end_status[row] = self.limits.statuses[near_limits[0]]

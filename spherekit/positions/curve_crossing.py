@@ -286,23 +286,21 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
 
     Returns
     -------
-    (variables, 3 loops, variables) derivatives. The first axis is the variable of the
-    derivative.
+    (variables, equations, variables) derivatives, with three equations for each loop. The
+    first axis is the variable of the derivative.
     """
     # The derivative with respect to one variable is the rate of J if this variable has the
     # rate 1 and all others are at rest. The loops open in this motion. There is one such
     # motion, and one row of the linearisation, for each variable.
     count = len(values)
     linearisation = closure.linearise(np.tile(values, (count, 1)))
-    # J consists of the velocity vectors of the variables (for an R pair, its axis). A
-    # vector can turn with either body of its pair. So its rate follows from the angular
-    # velocities of both bodies.
+    # J consists of the velocity vectors of the variables (for an R pair, its axis). The
+    # rate of a vector follows from the angular velocities of both bodies of its pair.
     #
-    # Along the tree of pairs, `body_rates` gives each body one angular velocity. Each loop
-    # is closed by a pair that is not in the tree. While the loop opens, the second body of
-    # this pair moves otherwise than the pair tells. But J is about the motion that the pair
-    # tells. So the angular velocities of second bodies are computed from those of the first
-    # bodies and from the pairs.
+    # Bodies are placed along a tree of pairs, and `body_rates` gives the angular velocities
+    # of these bodies. A pair outside the tree closes each loop. While the loop opens, this
+    # pair has two second bodies: the placed one, and one that rotates relative to the first
+    # body by the pair alone. J has the vectors of the latter.
     first_rates = linearisation.body_rates(np.eye(count))[:, closure.tree.first_bodies]
     second_rates = _rates_of_second_bodies(linearisation, first_rates)
     vector_rates = linearisation.vector_rates_of_pairs(first_rates, second_rates)
@@ -318,8 +316,8 @@ def _rates_of_second_bodies(linearisation: Linearisation, first_rates: Floats) -
     second body of its pair rotates relative to the first body. The two bodies of every
     other pair rotate alike.
 
-    `body_rates` cannot be used here: it ignores the pairs that close loops, because bodies
-    are placed by the other pairs only.
+    The method `body_rates` would give the rates of bodies that are placed along a tree of
+    pairs. These rates are wrong for the pairs outside the tree, which close the loops.
 
     Parameters
     ----------
@@ -332,9 +330,13 @@ def _rates_of_second_bodies(linearisation: Linearisation, first_rates: Floats) -
     -------
     (variables, pairs, 3) angular velocities of the second body of each pair.
     """
+    # The angular velocity in the pair of each variable per unit rate. Axes: row, variable,
+    # component.
+    unit_velocities = linearisation.vectors
     second_rates = first_rates.copy()
     for variable, pair in enumerate(linearisation.tree.pair_of_variable):
-        second_rates[variable, pair] += linearisation.vectors[variable, variable]
+        row = variable  # in which only this variable moves
+        second_rates[row, pair] += unit_velocities[row, variable]
     return second_rates
 
 
@@ -439,6 +441,8 @@ def _find_common_zeros(forms: Floats) -> Floats | None:
     """
     search = _search_zeros(forms, _spread_unit_vectors(forms.shape[1]))
     has_converged = search.residuals < DIRECTION_TOLERANCE
+    # Where two zeros coincide, the equations of Newton's method are singular, and the
+    # inverse of their matrix is infinite.
     is_simple = search.inverse_norms < MAX_INVERSE_NORM
     if not np.all(is_simple[has_converged]):
         return None
@@ -472,6 +476,8 @@ def _search_zeros(forms: Floats, y: Floats) -> _ZeroSearch:
         # NumPy would refuse all of them.
         inverse = left_inverse(np.concatenate([2.0 * slopes, y[:, None]], axis=1))
         y = unit_rows(y - (inverse @ residuals[..., None])[..., 0])
+    # The residuals and the inverse belong to the points before the last step. The caller
+    # judges by them whether the search has converged, and whether two zeros coincide.
     return _ZeroSearch(
         points=y,
         residuals=max_abs(residuals, axis=1),

@@ -38,15 +38,16 @@ class VariableBound(NamedTuple):
 class ContactLimit(NamedTuple):
     """A limit at which the two profiles of a contact pair have equal curvatures.
 
-    A curve of configurations ends there.
+    A curve of configurations ends there, because the contact does not determine how the
+    profiles move.
 
     Attributes
     ----------
     pair
         Index of the pair.
     variables
-        Indices of the variables that are the arc lengths along both profiles. For a rolling
-        contact both numbers are the same.
+        Indices of the variables that are the arc lengths along the first and the second
+        profile. A rolling contact has a single variable, whose index occurs twice.
     """
 
     pair: int
@@ -136,6 +137,9 @@ class CurveLimits:
         self, values: Floats, curvatures: Floats, curvature_rates: Floats
     ) -> LimitMargins:
         """Return how far configurations are from the limits at which curves end.
+
+        A limit is a bound of a variable, or a contact of two profiles with equal
+        curvatures. Such a contact does not determine how the profiles move.
 
         Parameters
         ----------

@@ -122,17 +122,18 @@ def interpolate_between(
 
 
 def bordered(jacobian: Floats, borders: Floats) -> Floats:
-    """Return closure Jacobians J with one more row, the coefficients of border . rates.
+    """Return closure Jacobians J with one more row, the border b.
 
-    The closure equations J rates = 0 leave one motion. The additional row (border)
-    determines its speed, so that the matrix can be inverted.
+    The closure equations J rates = 0 leave one motion of unknown speed. An additional
+    equation, in which the scalar product of b and the rates is given, determines the speed.
+    The matrix of all equations can be inverted.
 
     Parameters
     ----------
     jacobian
         (n, equations, variables) closure Jacobians.
     borders
-        (n, variables) coefficients of the additional equation.
+        (n, variables) the coefficients b of the additional equation.
 
     Returns
     -------

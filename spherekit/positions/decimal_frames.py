@@ -40,7 +40,7 @@ where Z is a rotation about z by the pair variable.
 
 
 def decimal_frames(mechanism: Mechanism) -> dict[int, Frames]:
-    """Return the frames of all pairs of a mechanism of R pairs in quad precision.
+    """Return the frames of all pairs in quad precision, if all are revolute pairs.
 
     The frames are computed from the decimal numbers of the mechanism file, such as 64.02
     degrees. The nearest float64 numbers would already have errors of 1e-16.
@@ -56,6 +56,7 @@ def decimal_frames(mechanism: Mechanism) -> dict[int, Frames]:
         # The file has the axes of all pairs in one configuration, the reference pose. The
         # "value" of a pair is its angle in this pose.
         angles_in_pose = _read_pair_angles(document, "value")
+        # `geometry.axes` is in float64. The function restores the decimals of the file.
         frames_by_name = _frames_from_pose(geometry.axes, angles_in_pose)
     else:
         # The file has the sizes of each link, which are angles between its pair axes. The
@@ -74,10 +75,11 @@ def _frames_from_pose(
 ) -> dict[str, Frames]:
     """Return the frames of pairs whose axes are stated in a reference pose.
 
-    In this pose the axes of all links and of the ground coincide. A pair has a frame in
-    each of its two links, with z along its axis. The second frame is the first one, rotated
-    about z by the pair variable. The x axis of the first frame is arbitrary, because only
-    the angle between both frames matters.
+    In this pose the coordinate systems of all links and of the ground coincide, so a pair
+    axis has the same components in both links. A pair has a frame in each of its two links,
+    with z along its axis. The second frame is the first one, rotated about z by the pair
+    variable. The x axis of the first frame is arbitrary, because only the angle between
+    both frames matters.
 
     Parameters
     ----------
@@ -96,6 +98,7 @@ def _frames_from_pose(
         # `repr` returns the shortest decimal number that float64 rounds to this number. It
         # is the number of the file, if that has at most 15 digits.
         exact_axis = normalize(_parse_decimals([repr(float(x)) for x in axis]))
+        # The float64 axis selects the x axis, as in computations with float64.
         first = _frame_with_any_x_axis(exact_axis, np.array(axis, dtype=float))
         second = first
         if name in angles:

@@ -31,9 +31,9 @@ of them need a random search.
 class BinaryLink(NamedTuple):
     """A body of a group with two R pairs that join it to two different bodies.
 
-    A group is a set of bodies that are placed together by closing their loops. If a binary
-    link is removed, a loop opens, and one equation remains: the two axes, as its neighbours
-    carry them, must be at the arc of the link.
+    A group is a set of bodies that are placed together by closing their loops. Binary links
+    are removed to get fewer unknown angles. One equation remains for each: the angle
+    between its two axes in the neighbours must be the arc of the link, its only size.
 
     Attributes
     ----------
@@ -53,10 +53,11 @@ class BinaryLink(NamedTuple):
 class EliminationOrder(NamedTuple):
     """The unknown angles and the equations of a group, in an order that can be solved.
 
-    A group with t loops that cannot move has 2 t + 1 bodies and 3 t R pairs. Of these, t
-    binary links (links with two pairs) are removed, together with their 2 t pairs. The
-    other t + 1 bodies form a tree with t pairs. The angles of these t pairs are the
-    unknowns. Each removed link gives one equation: its two axes are at a fixed arc.
+    A group is a set of bodies that cannot move when the inputs are locked. With t loops, it
+    has 2 t + 1 bodies and 3 t revolute pairs. Of these, t binary links (links with two
+    pairs) are removed, together with their 2 t pairs. The other t + 1 bodies form a tree
+    with t pairs. The angles of these t pairs are the unknowns. Each removed link gives one
+    equation: its two axes are at a fixed arc.
 
     For example, a triad has two loops, five bodies and six pairs. Two removed links leave a
     tree of three bodies, with two unknown angles.
@@ -94,10 +95,10 @@ class EliminationOrder(NamedTuple):
         """Number of complex solutions with multiplicity; 0 if this order cannot be solved.
 
         The order says in which sequence angles are eliminated from the equations of a
-        group. A polynomial in cos and sin of the first angle remains. The number of complex
-        roots of the polynomial is twice its degree. The degree follows from `incidence`:
-        which equation contains which angle. The number of roots is 0 if the elimination is
-        not possible in this order.
+        group. A polynomial in cos and sin of the first angle remains. Such a polynomial of
+        degree d has 2 d complex roots. The degree follows from `incidence`: which equation
+        contains which angle. The number of roots is 0 if the elimination is not possible in
+        this order.
         """
         return 2 * eliminant_degree(self.incidence)
 

@@ -119,16 +119,16 @@ def rounding_of_loops(linearisation: Linearisation) -> float:
 class FoldPlacement:
     """Improved configurations near folds, with bounds of their errors, at n inputs.
 
-    At a fold two configurations of the mechanism meet at one input. In the space of the
-    variables, there is then one direction in which the loops hardly open. If a
-    configuration is moved by x in this direction, one component of the closure residual is
-    a quadratic function of x. Its roots are the two configurations.
+    At a fold two configurations of the mechanism meet at one input. There is then one
+    direction of motion in which the loops stay nearly closed. If a configuration moves by x
+    in this direction, one component of the closure residual is a quadratic function of x.
+    Its roots are the two configurations.
 
     Attributes
     ----------
     values
-        (n, variables) rad, at the nearest root of the quadratic function, or at its extreme
-        value if it has no root.
+        (n, variables) rad, at the root of the quadratic function that is nearest to the
+        given configuration. At its extreme value if it has no root.
     error
         (n,) bounds (rad) of the errors of the variables; infinite if they are not known.
     is_out_of_reach
@@ -228,14 +228,15 @@ def place_at_folds(
 class _QuadraticResidual:
     """How far loops are open if n configurations move along one direction each.
 
-    The residual at the distance x (rad) is f(x) = e + s x + h x^2 / 2. The loops close at
-    its roots.
+    The direction is a right singular vector of the Jacobian of the loops. How far loops are
+    open is measured along the left singular vector. At the distance x (rad) this component
+    is f(x) = e + s x + h x^2 / 2. The loops close at its roots.
 
     Attributes
     ----------
     value, slope, curvature
-        (n,) the coefficients e (rad), s and h (1/rad). The slope s is not negative, because
-        it is a singular value.
+        (n,) the coefficients e (rad), s and h (1/rad). The slope s is the singular value of
+        both vectors, so it is not negative.
     """
 
     value: Floats
@@ -456,8 +457,9 @@ class _FoldModel:
     def _move_along_fold(self, closure: Closure, x: Floats) -> tuple[Floats, Floats]:
         """Move the configurations by distances x in the direction that opens loops least.
 
-        Loops open along `_residual_direction` then. In all other directions they are closed
-        again.
+        This direction of the variables is `_direction`. The inputs are constant. The loops
+        open in the direction `_residual_direction` of the residuals. A further step closes
+        the loops again in all other directions of the residuals.
 
         Parameters
         ----------
@@ -471,9 +473,10 @@ class _FoldModel:
         residual
             (n,) by how much (rad) the loops are open along `_residual_direction`.
         other_change
-            (n,) largest change (rad) of a variable that closes the other directions.
+            (n,) largest change (rad) of a variable in the further step.
         """
         moved_values = self._linearisation.values.copy()
+        # `_free` has the indices of the variables that are not inputs.
         moved_values[:, self._free] += x[:, None] * self._direction
         step = self._close_other_equations(closure.linearise(moved_values).residual)
         moved_values[:, self._free] += step

@@ -186,9 +186,8 @@ def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
     -------
     The length itself, and lengths that differ from it by revolutions of the first wheel or
     of the second wheel. They cover the range from minus to plus half of the longer
-    circumference, with a few beyond. Lengths far beyond are not needed: a revolution of the
-    wheel with this circumference makes them shorter. The smallest absolute values come
-    first, at most `MAX_LENGTHS_PER_CONTACT`.
+    circumference, with a few beyond. The smallest absolute values come first, at most
+    `MAX_LENGTHS_PER_CONTACT`.
     """
     # Keys are rounded lengths, so that equal lengths occur once.
     lengths = {round(length / SAME_ROLLED_LENGTH_RAD): length}

@@ -121,7 +121,7 @@ def nodes_at(
     slope[:, passive] = -np.einsum("nij,nj->ni", inverse, opening_rate)
     bend[:, passive] = -np.einsum("nij,nj->ni", inverse, linearisation.bias(slope))
     # The sign of the determinant tells later whether a step has passed a singular
-    # configuration.
+    # configuration. A matrix that is not square gets the sign 1.
     return InputPathNodes(
         direction=direction,
         values=linearisation.values,

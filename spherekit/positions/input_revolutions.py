@@ -33,8 +33,8 @@ def into_range(
     is_periodic = np.isfinite(period)
     # Replace infinite periods by any number, to avoid NaN. The result does not use it.
     period = np.where(is_periodic, period, TURN)
-    # The first shifted input at or above the low end. An input that is below by rounding
-    # only counts as at the low end.
+    # The first shifted input at or above the low end. An input below the low end by no more
+    # than rounding counts as at this end.
     distance_above_low = np.mod(q - low + RANGE_TOLERANCE_RAD, period)
     first_above_low = low + distance_above_low - RANGE_TOLERANCE_RAD
     last_below_low = first_above_low - period
@@ -109,13 +109,12 @@ def turns_in_range(
 def _count_inputs_in_range(
     first: Floats, low: float, high: float, period: float
 ) -> Indices:
-    """Return how many inputs of a range differ by whole periods, at least 1.
+    """Return how many of the inputs first, first + period, ... are in a range.
 
     Parameters
     ----------
     first
-        (m,) the smallest of these inputs in the range (rad). If none is in the range, the
-        nearest one, which counts as 1.
+        (m,) smallest inputs in the range (rad), or inputs outside it, which count as 1.
     low, high
         Ends of the range (rad).
     period

@@ -290,8 +290,8 @@ def _with_crossings(
     Assembly modes are curves of configurations over the input. The turning points were
     found from functions of the input that are zero where two modes meet. At a turning point
     both modes end, and such a function changes its sign. At a crossing both continue, and
-    the function only touches zero. With rounding errors this looks like two zeros or none,
-    so the interval is doubtful until the crossing is computed.
+    the function only touches zero. With rounding errors this looks like two zeros or none.
+    An interval in which this happens is called doubtful. Here its crossings are computed.
 
     Parameters
     ----------
@@ -303,14 +303,16 @@ def _with_crossings(
     crossings: list[Crossing] = []
     # An interval without a crossing remains doubtful.
     still_doubtful = []
+    range_low, range_high = turning_points.low, turning_points.high
     for start, stop in turning_points.doubtful.tolist():
         crossings_in_interval = find_crossings(
-            solver, start, stop, low=turning_points.low, high=turning_points.high
+            solver, start, stop, low=range_low, high=range_high
         )
         crossings += crossings_in_interval
         if not crossings_in_interval:
             still_doubtful.append([start, stop])
-    # Several curves may cross at the same input, which is returned once.
+    # The inputs of all crossings. Several crossings can have the same input, which is
+    # listed once.
     inputs = np.sort([crossing.values[solver.input_variable] for crossing in crossings])
     is_new = np.diff(inputs, prepend=-np.inf) > SAME_CROSSING_INPUT_RAD
     return turning_points._replace(

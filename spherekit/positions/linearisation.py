@@ -171,7 +171,9 @@ class Linearisation:
         are appended.
         """
         # The number, the first body and the second body of each chord. `states` contains
-        # the frame of each pair in the axes of its first and of its second body.
+        # the frame of each pair in the axes of its first and of its second body. It takes
+        # the variables of the pair into account, so that both frames coincide in a closed
+        # loop.
         chords, firsts, seconds = self.tree.closing
         first_frames = self.rotations[:, firsts] @ self.states.first[:, chords]
         second_frames = self.rotations[:, seconds] @ self.states.second[:, chords]
@@ -210,19 +212,22 @@ class Linearisation:
     def vector_rates_of_pairs(self, first_w: Floats, second_w: Floats) -> Floats:
         """Return the time derivatives (n, variables, 3) of the velocity vectors.
 
-        Each variable of a pair (joint) has a velocity vector: the angular velocity of the
-        second body of the pair relative to the first at unit rate of the variable. For a
-        revolute pair it is the unit vector of the axis. Accelerations need the derivative
-        of this vector. The formula depends on the kind of pair.
+        A pair (joint) joins two bodies. Each of its variables has a velocity vector: the
+        angular velocity of the second body relative to the first at unit rate of the
+        variable. For a revolute pair it is the unit vector of the axis. The formula for the
+        derivative depends on the kind of pair. All vectors are in the axes of body 0, the
+        body from which the others are placed.
 
         Parameters
         ----------
         first_w, second_w
             (n, pairs, 3) angular velocities of the first and of the second body of each
-            pair, in the axes of body 0.
+            pair.
         """
+        # (n, pairs, 3, 3) frames of the pairs, in the axes of body 0.
         frames = self.frames
-        # Curvatures of profiles and their rates, which contact pairs need.
+        # More data of the pairs. Contact pairs need the curvatures of their profiles, and
+        # the rates of the curvatures.
         states = self.states
         # The function is called for each kind of pair, with the indices of its pairs.
         return self._collect_vectors(

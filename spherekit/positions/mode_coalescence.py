@@ -126,9 +126,8 @@ def find_first_orders(solver: PositionSolver) -> list[EliminationOrder] | None:
 class OrderTrial:
     """An elimination order of a group, with the determinants that it gives at test inputs.
 
-    A group consists of links that are placed together by equations for unknown angles. An
-    order works if all determinants are finite. If they differ between the solutions of an
-    earlier group, the group depends on that earlier group.
+    A group consists of links that are placed together by equations for unknown angles.
+    Elimination can fail in some orders. Then some determinants are NaN.
 
     Attributes
     ----------
@@ -136,8 +135,9 @@ class OrderTrial:
         The order in which the angles are eliminated. None for a train of wheels, which has
         one mode and needs no elimination.
     determinants
-        (test inputs, modes) determinants of the derivatives of the equations. A mode is a
-        solution of the group, combined with a solution of each group that is placed before.
+        (test inputs, modes) determinants of the derivatives of the equations with respect
+        to the unknown angles. A mode is a solution of the group, combined with a solution
+        of each group that is placed before.
     """
 
     order: EliminationOrder | None
@@ -202,8 +202,9 @@ class ModeCoalescence:
         """Return an elimination order that works for a group at the test inputs.
 
         An elimination order states in which order the unknown angles of the group (bodies
-        placed together) are eliminated. It works if all determinants are finite. If no
-        order works, the last one is returned, and the functions of this class are NaN.
+        placed together) are eliminated from its equations. An order works if the
+        determinants of the derivatives of the equations are finite, and not NaN. If no
+        order works, the last one is returned.
 
         Parameters
         ----------
@@ -213,8 +214,11 @@ class ModeCoalescence:
         """
         # Shape (test inputs, inputs): the inputs of a test differ from each other.
         test_inputs = np.add.outer(TEST_INPUTS_RAD, np.arange(len(self.solver.driven)))
-        orders: Sequence[EliminationOrder | None] = (None,)
-        if position not in self.solver.wheel_trains:
+        orders: Sequence[EliminationOrder | None]
+        if position in self.solver.wheel_trains:
+            # Gear ratios give the angles of a train of wheels, without elimination.
+            orders = (None,)
+        else:
             orders = find_elimination_orders(self.groups[position])
         for order in orders:
             # It is not known yet on which earlier groups the determinants depend. So all
@@ -276,6 +280,9 @@ class ModeCoalescence:
         if the product exceeds float64.
         """
         with np.errstate(over="ignore", invalid="ignore"):
+            # The order in which the unknown angles are eliminated from the equations, and
+            # the earlier groups on whose modes the determinants depend. The product runs
+            # over the modes of these groups, too.
             determinants = self._compute_determinants(
                 position,
                 self._orders[position],
@@ -308,15 +315,16 @@ class ModeCoalescence:
         group_count = len(self.groups)
         all_groups = frozenset(range(group_count))
         with np.errstate(all="ignore"):
-            body_from_link = self._place_links(group_count, q[None], all_groups)
-            # All links now belong to one body, so both frames of a pair are in the same
-            # axes. The frames differ only by the angle of the pair.
+            body_from_link = self._place_links(
+                group_count, q=q[None], combined_groups=all_groups
+            )
+            # All groups are placed, so all links are in the same axes now. The two frames
+            # of a pair, one in each of its links, differ only by the angle of the pair.
             pairs = range(len(self.solver.joints))
-            # Axes: value of the inputs (only one here), mode, rows and columns of a frame.
-            # Before them comes the pair.
+            # (pairs, 1, modes, 3, 3). The second axis is the value of the inputs.
             first_frames, second_frames = self._pair_frames(pairs, body_from_link)
             angles = measure_complex_angles(first_frames[:, 0], second_frames[:, 0])
-            return angles.T
+            return angles.T  # (modes, pairs)
 
     def _compute_determinants(
         self,
@@ -357,8 +365,9 @@ class ModeCoalescence:
         group = self.groups[position]
         # Modes that could not be computed are NaN; NumPy must not warn of them.
         with np.errstate(all="ignore"):
-            # (n, earlier combinations, 3, 3) rotation of each link. An earlier combination
-            # has one mode of each earlier group.
+            # For each link the rotation (n, earlier combinations, 3, 3) from its axes to
+            # those of its body. The links that were joined before form a body. An earlier
+            # combination has one mode of each earlier group.
             body_from_link = self._place_links(position, q, combined_groups)
             if order is None:
                 combination_count = body_from_link[0].shape[1]
@@ -438,12 +447,13 @@ class ModeCoalescence:
     def _form_geometry(
         self, group: Group, body_from_link: Sequence[Complexes]
     ) -> GroupGeometry:
-        """Return the equations of a group, in each mode of the earlier groups.
+        """Return the pair frames of a group, from which its equations are formed.
 
-        A group is a set of bodies that are placed together, and a mode is one solution of
-        its equations. The result has one axis for the n values of the inputs and the modes.
-        On this axis, all modes at the first value come first, then those at the second.
-        `separate_inputs` divides results by value of the inputs again.
+        A pair frame is the rotation from the axes of a pair to those of a body. The frames
+        depend on the inputs, and on the modes (solutions) of the groups placed before. The
+        result has one axis for both. On this axis, all modes at the first value of the
+        inputs come first, then those at the second. `separate_inputs` divides results by
+        value of the inputs again.
 
         Parameters
         ----------

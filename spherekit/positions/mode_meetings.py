@@ -185,12 +185,13 @@ class ModeMeeting:
             Name of the input pair.
         passed
             Whether the user wants modes to follow their smooth curves through crossings
-            (option "pass"). With "end", a mode keeps the signs of its dyads (groups of two
-            links), and no mode with other signs continues it.
+            (option "pass"). With the other option, "end", a mode does not change its
+            number at a crossing.
         """
         # `modes` has one tuple for each configuration at which curves cross: the indices of
         # the modes that meet there. A tuple of two or more numbers becomes a text such as
         # "0 and 1". `dict.fromkeys` drops repeated tuples and keeps the order.
+        # Without any such tuple, the sentence names no modes.
         meeting_modes = []
         for numbers in dict.fromkeys(self.modes):
             if len(numbers) > 1:
@@ -223,7 +224,6 @@ def find_mode_meetings(
 ) -> tuple[ModeMeeting, ...]:
     """Return the inputs at which modes meet, with the modes that continue each other.
 
-    An assembly mode is one way to assemble the mechanism.
     The configurations of a mode form a curve over the input. Two modes meet where their
     curves cross. All crossings at the same input belong to one meeting.
 
@@ -238,15 +238,13 @@ def find_mode_meetings(
 
     Returns
     -------
-    One meeting for each input at which curves cross, in rising order of the inputs. The
-    result is empty if there are no crossings.
+    One meeting for each input at which curves cross, in rising order of the inputs.
     """
 
     def input_of(crossing: Crossing) -> float:
         """Return the value of the input (rad) at a crossing."""
         return float(crossing.values[solver.input_variable])
 
-    # One list for each input at which curves cross, with the crossings at this input.
     crossings_by_input: list[list[Crossing]] = []
     for crossing in sorted(crossings, key=input_of):
         # Inputs that differ only by the errors of the search count as equal.
@@ -259,12 +257,11 @@ def find_mode_meetings(
         else:
             crossings_by_input.append([crossing])
     inputs = np.array([input_of(at_input[0]) for at_input in crossings_by_input])
-    # Distances between neighbouring inputs; gaps[k] is below input k, gaps[k + 1] above it.
+    # gaps[k] is the distance below input k, gaps[k + 1] the distance above it.
     gaps = np.diff(inputs, prepend=-np.inf, append=np.inf)
     meetings = []
     for k, crossings_at_input in enumerate(crossings_by_input):
-        # The modes just below the input are compared with those just above it. The distance
-        # stays below the gap to the next meeting.
+        # Modes are compared at this distance below and above the input.
         distance = min(
             COMPARISON_DISTANCE_RAD, MAX_COMPARISON_RATIO * min(gaps[k], gaps[k + 1])
         )
@@ -373,7 +370,7 @@ def _find_coincident_modes(values: Floats) -> Bools:
 
 
 def _measure_misses(nodes: InputPathNodes, step: float, values: Floats) -> Floats:
-    """Return how far each mode, continued to another input, is from given configurations.
+    """Return how far modes, continued to another value of the input, miss configurations.
 
     The mode is continued by its Taylor polynomial of second order. A small distance shows
     that a configuration lies on the same smooth curve as the mode.
@@ -381,12 +378,12 @@ def _measure_misses(nodes: InputPathNodes, step: float, values: Floats) -> Float
     Parameters
     ----------
     nodes
-        Configuration of each mode at one input, with its first derivatives `slope` and
-        second derivatives `bend` with respect to the input.
+        Configuration of each mode at one value of the input, with its first derivatives
+        `slope` and second derivatives `bend` with respect to the input.
     step
-        Difference (rad) of the other input from this one, with its sign.
+        Change of the input (rad) from this value to the other one, with its sign.
     values
-        (k, variables) configurations (rad) at the other input.
+        (k, variables) the given configurations (rad) at the other value of the input.
 
     Returns
     -------

@@ -133,9 +133,10 @@ class ModeSearch:
         """
         self.solver = solver
         self.input_grid = input_grid
-        # Results. `claim` says how complete the modes are, `methods` how those of each
-        # group were found, `probes` at how many values of the inputs they were searched. At
-        # the configurations `crossings` curves of modes cross.
+        # Results. `claim` says how complete the modes are (without a search, only the mode
+        # of the reference pose is known). `methods` says how those of each group were
+        # found, and `probes` at how many values of the inputs they were searched. Curves of
+        # modes cross at the configurations `crossings`.
         self.claim = REFERENCE_ONLY
         self.groups = solver.assembly.groups
         self.assembly_modes: list[AssemblyMode] = []
@@ -144,12 +145,14 @@ class ModeSearch:
         self.crossings: tuple[Crossing, ...] = ()
         if solver.has_closed_form:
             self._find_closed_form_modes(search)
+        # Modes are followed from sample to sample of several inputs, or along the range of
+        # a single input.
         elif len(solver.driven) > 1:
             self._find_modes_over_samples(search, independent)
         else:
             self._find_modes_over_range(search)
-        # Without any mode, a motion is an error. Independent samples get an empty mode, so
-        # that each has a row that states that it has no configuration.
+        # Without any mode, a motion is an error. Independent samples get a mode without
+        # configurations, so that a row of the results says so for each sample.
         if not self.assembly_modes:
             if not independent:
                 raise SolveError(_explain_failure(solver, input_grid))
@@ -183,8 +186,8 @@ class ModeSearch:
         Raises
         ------
         PlanError
-            If a group has redundant constraints, and the rank of the velocity equations
-            shows another number of degrees of freedom than there are inputs.
+            If the mechanism has another number of degrees of freedom than inputs. This is
+            tested only with redundant constraints, by the rank of the velocity equations.
         """
         # The constructor runs the search.
         sampled_modes = SampledModes(
@@ -195,24 +198,24 @@ class ModeSearch:
         self.claim = sampled_modes.claim
         # Number of samples at which modes were searched.
         self.probes = sampled_modes.probes
+        # `mobilities` are degrees of freedom at the starts of the search.
         self._check_mobilities(sampled_modes.mobilities)
 
     def _check_mobilities(self, mobilities: Sequence[int]) -> None:
         """Raise an error if the mechanism has another mobility than it has inputs.
 
-        The mobility is known at the start configurations of a search. The mobility is
-        compared with the number of inputs in two cases: if the first start has fewer
-        degrees of freedom than there are inputs, or if no mode was found. The least
-        mobility of all starts counts, because singular configurations have more degrees of
-        freedom than the mechanism, but never fewer.
+        A search follows modes only from starts at which the mobility is the number of
+        inputs. So the mobility is tested if no mode was found. It is also tested if the
+        first start has fewer degrees of freedom than there are inputs. The least mobility
+        of all starts counts, because singular configurations have more degrees of freedom
+        than the mechanism, but never fewer.
 
         Parameters
         ----------
         mobilities
             Degrees of freedom at the starts, from the rank of the velocity equations. The
-            first start is the reference pose, if there is one. Empty if no group has
-            redundant constraints; then the mobility follows from the numbers of links and
-            pairs.
+            first start is the reference pose, if there is one. Empty without redundant
+            constraints; then the mobility follows from the numbers of links and pairs.
 
         Raises
         ------
@@ -287,8 +290,9 @@ class ModeSearch:
     def _find_closing_signs(self, q: Floats) -> list[tuple[int, ...]]:
         """Return the combinations of signs with which the mechanism closes at some input.
 
-        A dyad (group of two links) closes in two ways, told apart by its sign. One
-        combination of signs of all groups is one assembly mode.
+        A dyad (group of two links) closes in two ways, told apart by its sign 1 or -1. Any
+        other group has the sign 0. One combination of signs of all groups is one assembly
+        mode.
 
         Parameters
         ----------
@@ -302,6 +306,8 @@ class ModeSearch:
         `MAX_ASSEMBLY_MODES`. The extra mode shows the caller that there are too many.
         """
         all_signs = []
+        # Counting links and pairs has shown the mobility (degrees of freedom), unless
+        # constraints are redundant. Then it is computed in configurations of each mode.
         has_redundant_group = any(group.redundant for group in self.groups)
         for first in range(0, len(q), PROBED_TOGETHER):
             inputs = q[first : first + PROBED_TOGETHER]
@@ -364,16 +370,16 @@ class ModeSearch:
         return turning_points.probes(step)[:, None], turning_points.claim(step)
 
     def _select_samples(self) -> tuple[Floats, Completeness]:
-        """Return a limited number of samples of several inputs, spread over all of them.
+        """Return the samples of the inputs at which assembly modes will be searched.
 
-        The assembly modes (ways to assemble the mechanism) are searched at these samples.
+        These are all samples, or `MAX_PROBED_SAMPLES` of them at equal distances.
 
         Returns
         -------
         q
             (k, inputs) values of the inputs (rad).
         claim
-            How complete the modes found at these samples are, with the reason in words.
+            How complete the modes are after the search, with the reason in words.
         """
         grid = self.input_grid
         q = grid.q[spread_rows(len(grid), MAX_PROBED_SAMPLES)]

@@ -154,8 +154,8 @@ class ModesOverRange:
         self.input_grid = input_grid
         # Results. `claim` says how complete the modes are. `methods` says how each group
         # (links that are placed together) was solved. `probes` is the number of inputs at
-        # which modes were searched. At the configurations `crossings` curves of modes
-        # cross.
+        # which modes were searched. Curves of modes cross at the configurations
+        # `crossings`.
         self.groups = solver.assembly.groups
         self.assembly_modes: list[AssemblyMode] = []
         self.methods: list[SolutionMethod | None] = [None] * len(self.groups)
@@ -172,6 +172,7 @@ class ModesOverRange:
         # are computed only with redundant constraints, where counting links and pairs is
         # wrong.
         self._mobilities: list[int] = []
+        # Number of steps along the curves of modes so far. It is limited.
         self._steps_along_modes = 0
         # Number of modes that `_follow_modes_beyond_their_ends` has treated, from the first
         # on.
@@ -184,7 +185,8 @@ class ModesOverRange:
         # If no mode was found, the mobility (number of degrees of freedom) may not be 1.
         # `check_mobility` then raises an error. If the mobility is 1, the mechanism just
         # has no mode in the range. Singular configurations have a larger mobility than
-        # others, so the least one counts. If none was computed, links and pairs give 1.
+        # others, so the least one counts. The list is empty without redundant constraints.
+        # Counting links and pairs has given 1 then.
         if not self.assembly_modes:
             mobility = min(self._mobilities, default=1)
             check_mobility(solver, mobility)
@@ -236,13 +238,14 @@ class ModesOverRange:
         (curve,) = self._follow_configurations(values)
         self._add_mode(curve)
         # A mechanism with wheels may have no period, so the pose can remain outside the
-        # range. Its mode may then end, where the input turns back, before the range begins.
-        # Other modes continue the curve of configurations there, and may reach the range.
+        # range. Its mode may end before the range begins, because the input turns back.
+        # Another mode continues the curve of configurations there, and may reach the range.
         has_wheels = solver.gear_phases is not None
         if not self.assembly_modes and has_wheels:
             self._add_modes_on_curve(values[0])
-        # `_follow_configurations` has stored the degrees of freedom of the pose, if a group
-        # has redundant constraints. More than one degree is no error here, because a
+        # With redundant constraints, `_follow_configurations` has stored the degrees of
+        # freedom of the pose. Otherwise the list is empty, because counting links and pairs
+        # has given one degree of freedom. More than one is no error here, because a
         # singular pose has more than other configurations.
         if self._mobilities:
             mobility_of_pose = self._mobilities[0]
@@ -351,9 +354,8 @@ class ModesOverRange:
         solver = self.solver
         # `gear_phases` is None for a mechanism without wheels.
         if solver.gear_phases is not None and not self.assembly_modes:
-            # Mechanisms with wheels need a first mode. Here the reference pose
-            # (configuration in the file) has given none, so all configurations at the first
-            # sample are computed.
+            # The reference pose (configuration in the file) has given no mode. With wheels,
+            # the search then begins with all configurations at the first sample.
             self._compute_modes_at(self.input_grid.q[:1])
         if self._has_free_wheels:
             return self._find_with_free_wheels()
@@ -385,12 +387,12 @@ class ModesOverRange:
         # configurations, with one or more modes.
         statistics = self._search_from_random_starts()
         if not self.assembly_modes:
-            # Random starts leave out configurations near a dead centre. Solving all groups
-            # at the middle sample also finds these.
+            # Random starts leave out configurations near a dead centre, where two modes
+            # nearly coincide. Solving all groups at the middle sample also finds these.
             q = self.input_grid.q
             self._compute_modes_at(q[len(q) // 2][None])
-        # Two texts for users say how likely something was missed. `Guarantee.SAMPLED` means
-        # that it is possible.
+        # Two texts for users say how likely a mode was missed. `Guarantee.SAMPLED` means
+        # that modes may have been missed.
         reason = statistics.describe("components")
         sentence = statistics.sentence(len(self.assembly_modes))
         return Completeness(Guarantee.SAMPLED, reason, sentence=sentence)
@@ -402,7 +404,8 @@ class ModesOverRange:
         configurations. There are infinitely many such curves. A mode is a part of a curve
         on which the input rises or falls. These curves are followed:
 
-        - The curve of the reference pose, if its mode is in `assembly_modes` already.
+        - The curve of the reference pose (the configuration that the file describes), if
+          `_add_reference` has added its mode to `assembly_modes`.
         - Otherwise the curves through all configurations at one input. A few inputs are
           tried in turn, until one has configurations.
 
@@ -440,6 +443,7 @@ class ModesOverRange:
         How complete the modes are. None if elimination has not found all modes at an input.
         """
         low, high = self.input_grid.range
+        # The search is limited: `max_cost_s` for one evaluation, `max_time_s` in all.
         turning_points = find_input_turning_points(
             self.solver, low, high, max_cost_s=RUN_COST_S, max_time_s=RUN_TIME_S
         )
@@ -452,8 +456,9 @@ class ModesOverRange:
         if not all_complete(self.methods):
             return None
         completeness = turning_points.claim(step)
-        # The gap is the widest interval in which turning points may have been missed.
-        if not turning_points.gap(step):
+        # Width of the widest interval in which turning points may have been missed.
+        doubtful_width = turning_points.gap(step)
+        if doubtful_width == 0.0:
             return completeness
         # A mode that begins and ends between two examined inputs is still missing. Two
         # searches may find it: along the curves beyond the ends of known modes, and from
@@ -493,7 +498,7 @@ class ModesOverRange:
     def _add_new_modes(
         self,
         values: Floats,
-        component: int | None = None,
+        new_component: int | None = None,
         batch_size: int = STARTS_FOLLOWED_TOGETHER,
     ) -> Indices:
         """Follow configurations that are on no known mode, and add their assembly modes.
@@ -506,9 +511,9 @@ class ModesOverRange:
         ----------
         values
             (n, variables) closed configurations (rad).
-        component
+        new_component
             Index of the component (connected curve of configurations, of one or more modes)
-            to which all new modes belong. None if it is not known.
+            to which all new modes belong. None if this component is not known.
         batch_size
             Number of configurations that are followed together. Larger: fewer array
             operations, but more curves that turn out to be the same.
@@ -528,7 +533,8 @@ class ModesOverRange:
                 # An earlier configuration of the batch may have added the mode of this
                 # configuration.
                 if components[row] < 0 and not self._has_enough_modes:
-                    self._add_mode_of_row(row, curve, values, components, component)
+                    # This also fills in `components` for all configurations on new modes.
+                    self._add_mode_of_row(row, curve, values, components, new_component)
             waiting_rows = waiting_rows[batch_size:]
             # Drop those that the new modes contain.
             waiting_rows = waiting_rows[components[waiting_rows] < 0]
@@ -542,11 +548,12 @@ class ModesOverRange:
         components: Indices,
         new_component: int | None,
     ) -> None:
-        """Add the assembly mode of one configuration; find which others are on it.
+        """Add the assembly mode of one configuration, and further modes of its component.
 
         A component is a connected curve of configurations. Where the input turns back on
-        it, one mode ends and another begins. If the mode ends inside the range, the other
-        modes of its component are added, too.
+        it, one mode ends and another begins. All modes of the component that are in the
+        range are added. Nothing is added if the curve does not reach the range. At the end,
+        `components` is updated for all configurations on the new modes.
 
         Parameters
         ----------
@@ -564,8 +571,8 @@ class ModesOverRange:
             gets the number of a new component.
         """
         first_new_mode = len(self.assembly_modes)
-        is_in_range = self._add_mode(curve, new_component)
-        if not is_in_range:
+        was_added = self._add_mode(curve, new_component)
+        if not was_added:
             return
         # Add the other modes of the component.
         self._follow_modes_beyond_their_ends()
@@ -658,7 +665,8 @@ class ModesOverRange:
             # `guide` is the curve of known configurations of the mode. If both its ends are
             # OK, the mode covers the whole range.
             guide = assembly_mode.guide
-            if not isinstance(guide, ModeCurve) or guide.ends == (Status.OK, Status.OK):
+            assert isinstance(guide, ModeCurve)  # modes of one input have a curve
+            if guide.ends == (Status.OK, Status.OK):
                 continue
             # The curve is followed from the middle, because the ends may be singular.
             middle_values = guide.values[len(guide.values) // 2]
@@ -667,9 +675,10 @@ class ModesOverRange:
                 for followed_curve in self._curves
             )
             if not was_followed:
-                self._add_modes_on_curve(
-                    middle_values, component=self._components[assembly_mode.number]
-                )
+                # All modes on the curve belong to the component of this mode. `_components`
+                # has the index of the component of each mode.
+                component = self._components[assembly_mode.number]
+                self._add_modes_on_curve(middle_values, component=component)
 
     def _add_modes_on_curve(self, values: Floats, component: int | None = None) -> None:
         """Add the modes in the range that are on the curve through a configuration.
@@ -684,8 +693,9 @@ class ModesOverRange:
         component
             Index of the component (connected curve) of the new modes. None if it is new.
         """
-        # With free wheels, configurations need not repeat, so the curve can be endless. A
-        # shorter part of it is followed.
+        # The input does not determine how far free wheels have rolled. With them, the
+        # configurations need not repeat, so the curve can be endless. A shorter part of it
+        # is followed.
         longest = MAX_CURVE_LENGTH_RAD
         if self._has_free_wheels:
             longest = MAX_ROLLED_CURVE_LENGTH_RAD

@@ -159,7 +159,7 @@ class SampledModes:
 
         An assembly mode is one way to assemble the mechanism. Configurations are nodes of a
         graph, and verified steps between neighbouring samples join them to modes. All nodes
-        that such steps reach from one start are called a sheet.
+        that such steps reach from one start are called a sheet: a mode, or a part of one.
 
         Parameters
         ----------
@@ -176,9 +176,9 @@ class SampledModes:
         self.solver = solver
         self.input_grid = input_grid
         # Results. `claim` says how complete the modes are. `methods` says how each group of
-        # links was solved. `probes` is the number of samples at which all was computed,
-        # plus the number of random starts. `mobilities` are degrees of freedom at starts of
-        # sheets.
+        # links was solved. `probes` is the number of samples at which configurations were
+        # computed, plus the number of random starts. `mobilities` are degrees of freedom at
+        # starts of sheets.
         self.claim = REFERENCE_ONLY
         self.groups = solver.assembly.groups
         self.methods: list[SolutionMethod | None] = [None] * len(self.groups)
@@ -194,6 +194,8 @@ class SampledModes:
         if search:
             reference_node = self._search_all()
         else:
+            # Only the reference pose is followed. The configurations at the samples were
+            # not computed before (enumerated).
             reference_node = self._reach_reference(is_enumerated=False)
             if reference_node is None:
                 # Without a mode of the reference pose, the search continues for any other
@@ -204,14 +206,15 @@ class SampledModes:
     def _search_all(self) -> int | None:
         """Search all assembly modes, and return a node of the mode of the reference pose.
 
-        A node of the graph is one configuration at one sample. The result is None if the
-        mode of the reference pose is not known.
+        Configurations are stored as nodes of a graph. A node is one configuration at one
+        sample. The result is None if the mode of the reference pose is not known. The
+        attribute `claim` is set: how complete the modes are.
 
         If possible, all configurations at all samples are computed (enumerated). Otherwise
         modes are searched, first from the reference pose, then from random starts.
         """
         if self._can_enumerate:
-            self._enumerate()  # sets `claim`
+            self._enumerate()  # sets `claim`, too
             return self._reach_reference(is_enumerated=True)
         reference_node = self._reach_reference(is_enumerated=False)
         self.claim = self._search_modes()
@@ -229,9 +232,10 @@ class SampledModes:
         """Whether all configurations can be computed at one sample or more.
 
         Each group of links must be a dyad (two links) or a train of wheels, which have
-        formulas, or reduce to a polynomial by elimination. This is impossible in two cases:
-        with redundant equations, and with free wheels. Free wheels roll by amounts that the
-        inputs do not determine, so there are infinitely many configurations.
+        formulas, or reduce to a polynomial by elimination. Two kinds of mechanisms are
+        excluded. With redundant equations, the Jacobian is not square, so the signs of its
+        determinant cannot check the result. Free wheels roll by amounts that the inputs do
+        not determine, so there are infinitely many configurations.
         """
         solver = self.solver
         gear_phases = solver.gear_phases
@@ -399,8 +403,8 @@ class SampledModes:
     def _assign_solutions(self, values: Floats, samples: Indices) -> Indices:
         """Return the indices of the solutions to which configurations belong.
 
-        A search from random starts counts with them how often it reaches each solution. A
-        configuration that belongs to none becomes part of a new solution.
+        A search from random starts counts how often it reaches each solution. A
+        configuration that belongs to no known solution is the start of a new one.
 
         Parameters
         ----------
@@ -411,7 +415,8 @@ class SampledModes:
 
         Returns
         -------
-        (m,) index of the solution of each configuration, or -1 if it has none.
+        (m,) index of the solution of each configuration. -1 if it belongs to none, and a
+        new solution could not be followed from it.
         """
         return np.array(
             [
@@ -446,8 +451,8 @@ class SampledModes:
             sheet = self._follow_sheet(values[None])
             if sheet is not None:
                 self._add_sheet(sheet)
-                # The configuration is a node now if a step has reached its own sample. A
-                # step is rejected if tests cannot exclude that it leads to another mode.
+                # The sheet has only configurations at the ends of steps that passed their
+                # tests. So the given one is a node now only if a step has reached it.
                 node = self._find_node(values, sample)
         if node < 0:
             return -1
@@ -476,8 +481,8 @@ class SampledModes:
         """Search assembly modes from random starts, and return how complete they are.
 
         This method is used if not all configurations can be computed. Each start that
-        closes gives a sheet: all configurations that verified steps reach from it, at most
-        one at each sample of the inputs.
+        closes gives a sheet: all configurations that steps reach from it, at most one at
+        each sample of the inputs. Each step is tested, so that it stays in the mode.
         """
         # `gear_phases` has the lengths that wheels have rolled on each other, as functions
         # of the inputs. It is None for a mechanism without wheels.
@@ -489,16 +494,16 @@ class SampledModes:
         has_reference_mode = self._solutions.count > 0
         has_wheels = gear_phases is not None
         if has_wheels and not has_reference_mode:
-            # Mechanisms with wheels need a first mode. The reference pose has given none,
-            # so all groups of links are solved at the first sample.
+            # The reference pose has given no mode. With wheels, the search then begins with
+            # all groups of links solved at the first sample.
             self._search_sample(0)
         self.methods = [
             CLOSED_FORM if group.is_dyad else RANDOM_SEARCH for group in self.groups
         ]
         statistics = self._search(np.arange(len(self.input_grid)))
         if not self._solutions.count:
-            # Random starts leave out configurations near a dead centre. Solving all groups
-            # at the middle sample also finds these.
+            # Random starts leave out configurations near a dead centre, where two modes
+            # nearly coincide. Solving all groups at the middle sample also finds these.
             self._search_sample(len(self.input_grid) // 2)
         reason = statistics.describe("modes")
         if self._is_sheet_limit_reached:
@@ -530,6 +535,7 @@ class SampledModes:
             self._search_sample(sample)
             if self._solutions.count:
                 break
+        # `probes` is the number of samples of the inputs that were searched.
         reason = f"modes found at {counted(self.probes, 'input')}"
         return Completeness(Guarantee.SAMPLED, reason)
 
@@ -560,17 +566,18 @@ class SampledModes:
 
         Returns
         -------
-        How often each solution was reached. A solution is a sheet, or a single
-        configuration that was computed before. The search ends if these counts make a
-        missing solution unlikely, or at the limit of sheets.
+        How often each solution was reached. A solution is a sheet. If `_enumerate` has
+        computed configurations at the samples, each of them is a solution, too. The search
+        ends if these counts make a missing solution unlikely, or at the limit of sheets.
         """
         q = self.input_grid.q
+        # The range of the inputs, in which the samples are.
         low = np.min(q, axis=0)
         high = np.max(q, axis=0)
         starts = random_starts(self.solver, low, high, samples=q[samples])
-        variables = len(self.solver.mechanism.variable_owners)
+        variable_count = len(self.solver.mechanism.variable_owners)
         # With more variables each start takes longer, so fewer starts are allowed.
-        statistics = SearchStatistics(variables, min_rounds=RANGE_ROUNDS)
+        statistics = SearchStatistics(variable_count, min_rounds=RANGE_ROUNDS)
         while statistics.needs_more_starts and not self._is_sheet_limit_reached:
             # Number of starts of this round, the closed configurations to which they led,
             # and the index in `samples` of each configuration.
@@ -597,10 +604,10 @@ class SampledModes:
             A node of the mode of the reference pose, which becomes mode 0. None if there is
             no such node.
         shares_numbers
-            Whether to unite modes that have no sample in common and equal signs of all
-            groups of links, so that there are fewer. A dyad (two links) has the sign of the
-            determinant of its three axes, another group the sign of the determinant of its
-            velocity equations.
+            Whether to unite modes whose groups of links all have equal signs, if there is a
+            gap between their samples. This gives fewer modes. A dyad (two links) has the
+            sign of the determinant of its three axes, another group the sign of the
+            determinant of its velocity equations.
         """
         graph = self._graph
         # The largest modes come first.
@@ -702,16 +709,16 @@ class SampledModes:
             (n,) the configuration of the mode at each sample of the inputs, as its number
             in the graph of all configurations; -1 if the mode has none there.
         group_signs
-            (groups,) sign of a determinant of each group in this mode. It differs between
-            two ways to place a group that meet at a singularity.
+            (groups,) sign of the determinant of the velocity equations of each group. For a
+            dyad (two links) it is the determinant of its three axes. A sign is constant in
+            a mode.
         """
         return AssemblyMode(
             number=number,
-            # A dyad (group of two links) is placed by a formula in two ways; its sign
-            # selects one.
+            # A dyad is placed by a formula in two ways; its sign selects one.
             signs=self._select_dyad_solutions(group_signs),
-            # Groups without a formula are placed by Newton's method, which starts at these
-            # configurations.
+            # The configurations at the samples. Groups without a formula are placed by
+            # Newton's method, which starts from them.
             guide=self._collect_configurations(configuration_numbers),
             # A result with another sign than this belongs to another mode and is rejected.
             group_signs=tuple(group_signs.tolist()),

@@ -90,11 +90,18 @@ def is_mobile_by_rank_only(mechanism: Mechanism) -> bool:
 
     Raises
     ------
-    PlanError, SolveError
-        As `assembly_by_count_or_rank`.
+    PlanError
+        If the degrees of freedom, by counting or else by rank, are not the number of
+        inputs.
+    SolveError
+        If the mechanism cannot be assembled anywhere.
     """
     try:
         plan_assembly(mechanism)
-    except CountError:
-        return position_analysis_of(driven_at(mechanism)).by_rank
+    except CountError:  # counting gives another number of degrees of freedom than inputs
+        # Without names of inputs, `driven_at` returns the mechanism itself. It raises an
+        # error if a pair that the mechanism names as input cannot be driven.
+        checked_mechanism = driven_at(mechanism)
+        # `by_rank` says whether the degrees of freedom follow from the rank.
+        return position_analysis_of(checked_mechanism).by_rank
     return False

@@ -138,8 +138,9 @@ class PositionSolver:
         for pair in assembly.inputs:
             driven += mechanism.variables_of(pair)
         self.driven = tuple(driven)
-        # The angles of a motion may exceed a revolution. Their count starts at the anchor
-        # inputs, where all angles that are not inputs are in (-pi, pi].
+        # The angles of a motion may exceed a revolution. Whole revolutions are counted from
+        # the configuration at the anchor inputs. There all angles that are not inputs are
+        # in (-pi, pi].
         self.anchor_inputs = np.zeros(len(self.driven))
         # Configurations that are known up to rounding: the reference pose, and crossings of
         # curves, which callers add. Near a singular configuration, a computed result has
@@ -211,8 +212,11 @@ class PositionSolver:
         shifted[:, list(self.driven)] = q
         if self.gear_phases is not None:
             input_growth = q - values[:, list(self.driven)]
-            variables = list(self.gear_phases.variables)
-            shifted[:, variables] += input_growth @ self.gear_phases.ratios.T
+            # The variables that are rolled lengths, and their derivatives (lengths, inputs)
+            # with respect to the inputs.
+            rolled_variables = list(self.gear_phases.variables)
+            ratios = self.gear_phases.ratios
+            shifted[:, rolled_variables] += input_growth @ ratios.T
         return shifted
 
     def shift_near_samples(self, values: Floats, sampled_inputs: Floats) -> Floats:
@@ -288,11 +292,11 @@ class PositionSolver:
     def place_wheel_train(
         self, state: AssemblyState, position: int, q: Floats
     ) -> Linearisation:
-        """Place the bodies of a train of wheels, and make them one rigid body.
+        """Place the bodies of a train of wheels at given inputs, and unite them.
 
-        A body is a set of links that are rigid relative to each other. The angles of the
-        wheels follow from the inputs by gear ratios. These angles give the orientations of
-        all bodies. Newton's method starts there and closes the loops of the train, which
+        A body is a set of links with known relative orientations. The angles of the wheels
+        follow from the inputs by gear ratios. These angles give the orientations of all
+        bodies. Newton's method starts there and closes the loops of the train, which
         contain the contacts of the wheels.
 
         Parameters
@@ -313,7 +317,8 @@ class PositionSolver:
         """
         group = self.assembly.groups[position]
         # For each body of the train the rotation from its axes to those of the first body.
-        # `ends` has the indices of the two links of each pair.
+        # `ends` has the indices of the two links of each pair. `body_from_link` has the
+        # rotation of each link relative to its body.
         rotations = place_train_bodies(
             group,
             body_from_link=state.body_from_link,
@@ -471,10 +476,11 @@ class PositionSolver:
         # The results of the pieces are joined in the order of the pieces. `order` lists the
         # samples in this order, and `argsort(order)` puts the results back.
         order = np.argsort(piece_numbers, kind="stable")
-        results_of_pieces = [
-            self.evaluate(mode, q[piece_numbers == number])
-            for number, (_, mode) in enumerate(assembly_mode.pieces)
-        ]
+        results_of_pieces = []
+        # A piece is the input at which it begins, and its mode.
+        for number, (_first_input, mode) in enumerate(assembly_mode.pieces):
+            inputs_of_piece = q[piece_numbers == number]
+            results_of_pieces.append(self.evaluate(mode, inputs_of_piece))
         return ModeConfigurations.concatenate(results_of_pieces).rows(np.argsort(order))
 
     def _place_without_sign(

@@ -82,13 +82,15 @@ class LoopEvaluation:
     Attributes
     ----------
     rotations
-        For each body the rotation (n, 3, 3) from its axes to those of body 0, in quad
-        precision.
+        For each body the rotation (n, 3, 3) from its axes to those of body 0, the first
+        body of the group, in quad precision.
     residual
-        (n, m) rotation vectors (rad, to first order) by which the loops are open, in quad
-        precision. Each loop has three components, so m is three times the number of loops.
+        (n, m) rotation vectors by which the loops are open, in quad precision. A vector has
+        the sine of the rotation angle as its length. Each loop has three components, so m
+        is three times the number of loops.
     jacobian
-        (n, m, pairs) derivatives of the residual with respect to the variables, in float64.
+        (n, m, pairs) derivatives of the residual with respect to the variables, one for
+        each pair, in float64.
     """
 
     rotations: list[Array]
@@ -130,11 +132,12 @@ class GroupFold:
     ) -> Array:
         """Estimate the configuration that belongs to an assembly mode near a fold.
 
-        At a fold two configurations of a group meet, so Newton's method works badly near
-        it. If the variables move from the fold by x (rad) along the unit vector
-        `direction`, the loops open by f(x) = e + h x^2 / 2 (rad). Here e is `residual` and
-        h is `curvature`. The roots x = +- sqrt(-2 e / h) belong to two modes (ways to
-        assemble). The determinants of their Jacobians have opposite signs.
+        A group is a set of bodies that are placed together. At a fold two of its
+        configurations meet, so Newton's method works badly near it. If the variables move
+        from the fold by x (rad) along the unit vector `direction`, one component of the
+        loop equations is f(x) = e + h x^2 / 2 (rad). Here e is `residual` and h is
+        `curvature`. The roots x = +- sqrt(-2 e / h) belong to two modes (ways to assemble).
+        The determinants of their Jacobians have opposite signs.
 
         There are n configurations (rows). Rows without a fold (`is_known` is false) may be
         NaN.
@@ -260,9 +263,10 @@ class GroupLoops:
     ) -> Array:
         """Return the rotation vectors (n, 3) in rad by which one loop is open.
 
-        A chord is a pair that closes a loop. Its frame is computed from each of the two
-        bodies that it joins. The rotation vector leads from the frame of the second body to
-        that of the first. The vector is zero if the loop is closed.
+        A chord is a pair that closes a loop. It has a frame in each of the two bodies that
+        it joins. The frame in the first body, rotated by the angle of the pair, coincides
+        with the frame in the second body if the loop is closed. The rotation vector leads
+        from the latter frame to the rotated one.
 
         Parameters
         ----------
@@ -271,9 +275,10 @@ class GroupLoops:
         chord
             The pair that closes the loop.
         rotated_frame
-            (n, 3, 3) the second frame of this pair, in the axes of its first body.
+            (n, 3, 3) the rotated frame in the first body, in the axes of this body.
         """
         first_body, second_body = self.group.ends[chord]
+        # Both frames in the axes of body 0.
         from_first_body = multiply_matrices(rotations[first_body], rotated_frame)
         from_second_body = multiply_matrices(
             rotations[second_body], self.pair_frames[chord].in_second_body

@@ -74,13 +74,14 @@ class QuadConfigurations(NamedTuple):
     values
         (n, variables) pair variables (rad) in float64.
     error
-        (n,) bound (rad) of the difference of `values` from the exact variables for the
-        decimal link sizes in the file. Rounding to float64 is included. Infinite if they
-        are not reliable.
+        (n,) bound (rad) of the difference of `values` from the exact variables. Exact means
+        for the decimal link sizes in the file and for the float64 inputs. Infinite if
+        `values` are not reliable.
     status
-        (n,) status of each configuration. OUT_OF_REACH: a group cannot be closed, even
-        if the inputs are changed by their rounding errors. AT_SINGULARITY: a group may be
-        at its dead centre for such inputs, or the error bound is too large. Otherwise OK.
+        (n,) status of each configuration. OUT_OF_REACH: a group cannot be closed, even if
+        the inputs are changed by their rounding errors. AT_SINGULARITY: a group is at its
+        dead centre, up to the rounding errors of the inputs, or the error bound is too
+        large. Otherwise OK.
     exact_values
         (n, variables) pair variables (rad) in quad precision.
     rotations
@@ -292,9 +293,10 @@ class QuadAssembly:
         """
         mechanism = self.mechanism
         identity = np.broadcast_to(np.eye(3).astype(quad()), (len(values), 3, 3))
-        # Each body has the axes of one of its links. This link keeps the identity, and the
-        # body has the index of this link.
+        # Each body has the axes of one of its links, and the index of this link. This link
+        # keeps the identity.
         body_from_link = dict.fromkeys(range(len(mechanism.links)), identity)
+        # The body of each link. As indices of links, these are the links with body axes.
         links_with_body_axes = self.assembly.body_of_link
         # From there, each input pair leads from an oriented link (parent) to the next one
         # (child).
@@ -511,10 +513,10 @@ class QuadAssembly:
 def _cosine_difference(
     arc: HalfAngle, sum_square: Array, difference_square: Array
 ) -> Array:
-    """Return cos(arc) - a . c for two unit vectors a and c, without cancellation.
+    """Return cos(arc) - a . c for two unit vectors a and c, the outer axes of a dyad.
 
-    Here a and c are the outer pair axes of a dyad. Of two equal formulas, the one for small
-    arcs is used if the half arc has the smaller sine, otherwise the one for large arcs.
+    Near an arc of 0 or 180 deg, a cosine has few digits of its small distance from 1 or -1.
+    So these distances are computed and subtracted instead of the cosines.
 
     Parameters
     ----------
@@ -523,9 +525,18 @@ def _cosine_difference(
     sum_square, difference_square
         (n,) squares |a + c|^2 and |a - c|^2 of the sum and the difference of the axes.
     """
-    first = 0.5 * difference_square - 2.0 * (arc.sine * arc.sine)
-    second = 2.0 * (arc.cosine * arc.cosine) - 0.5 * sum_square
-    return np.where(np.abs(arc.sine) < np.abs(arc.cosine), first, second)
+    # Distances from 1: 1 - a . c and 1 - cos(arc).
+    axes_below_one = 0.5 * difference_square
+    arc_below_one = 2.0 * (arc.sine * arc.sine)
+    # Distances from -1: 1 + cos(arc) and 1 + a . c.
+    arc_above_minus_one = 2.0 * (arc.cosine * arc.cosine)
+    axes_above_minus_one = 0.5 * sum_square
+    is_arc_below_90_deg = np.abs(arc.sine) < np.abs(arc.cosine)
+    return np.where(
+        is_arc_below_90_deg,
+        axes_below_one - arc_below_one,
+        arc_above_minus_one - axes_above_minus_one,
+    )
 
 
 def _sine_of_arc(arc: HalfAngle) -> Floats:

@@ -429,10 +429,12 @@ class DistinctConfigurations:
     def __init__(self, closure: Closure) -> None:
         """Begin without configurations of the group of bodies with the loops `closure`."""
         self.closure = closure
+        # True as soon as a new configuration is left out because there are too many.
         self.is_truncated = False
         self._configurations: list[ClosedConfiguration] = []
-        # Lengths by which wheels have rolled on each other. The lengths show which
-        # configurations differ only by whole revolutions of wheels.
+        # Lengths by which wheels have rolled on each other. They show which configurations
+        # differ only by whole revolutions of wheels. The circumference of a profile is the
+        # length of a revolution. `wheels` are the bodies that have these profiles.
         ends = closure.tree.ends
         self._rolled_lengths = [
             RolledLength(
@@ -454,8 +456,9 @@ class DistinctConfigurations:
     def add(self, values: Floats) -> Indices:
         """Add those of the given closed configurations of a group that are new.
 
-        A configuration is left out if contact profiles enter each other, or end before the
-        contact point. Each configuration is stored with two numbers:
+        A group is a set of bodies that are placed together. A configuration is left out if
+        contact profiles enter each other, or are too short to reach the contact point. Each
+        configuration is stored with two numbers:
 
         - `copy_tolerance`: a configuration that differs by less counts as the same.
         - `is_singular`: whether the group may be movable although the inputs are locked.
@@ -534,8 +537,9 @@ class DistinctConfigurations:
     def _find_copy(self, configuration: ClosedConfiguration) -> int | None:
         """Return the index of the first stored configuration that is the same, or None.
 
-        Two configurations are the same if all bodies are oriented alike, or if only whole
-        revolutions of wheels differ.
+        Two configurations are the same if all bodies are oriented alike, or if wheels have
+        rolled on by whole revolutions. When one wheel has made a whole revolution, another
+        wheel that touches it can be oriented otherwise.
         """
         if not self._configurations:
             return None
@@ -566,7 +570,8 @@ class DistinctConfigurations:
           the turned wheel.
         """
         # One repetition for each contact at which wheels have rolled on, with the indices
-        # of its two wheels. Empty if such a contact has no repeated wheel.
+        # of its two wheels. The list is empty if at some contact neither wheel touches at
+        # the same point again.
         repetitions = self._find_repetitions(configuration.values - stored.values)
         if not repetitions:
             return False
@@ -579,7 +584,7 @@ class DistinctConfigurations:
         if any(self._joint_counts[wheel] > 2 for wheel in turned_wheels):
             return False
         # All bodies except turned wheels must have the same orientations relative to each
-        # other. One of them, a repeated wheel, is the reference of the comparison.
+        # other. They are compared relative to the repeated wheel of the last contact.
         repeated_wheel = repetitions[-1].repeated_wheel
         return _have_equal_orientations(
             configuration.rotations,
@@ -589,9 +594,10 @@ class DistinctConfigurations:
         )
 
     def _find_repetitions(self, differences: Floats) -> list[WheelRepetition]:
-        """Return how wheels touch again, for each pair of wheels that has rolled on.
+        """Return which wheels have made whole revolutions, for each contact.
 
-        A repetition is a whole number of revolutions of one wheel, or of both.
+        A repetition says for a contact of two wheels which of them has made a whole number
+        of revolutions, so that it touches at the same point of its profile again.
 
         Parameters
         ----------
@@ -606,6 +612,7 @@ class DistinctConfigurations:
         repetitions = []
         for rolled_length in self._rolled_lengths:
             additional_length = float(differences[rolled_length.variable])
+            # `SAME_MODE` is a tolerance of angles and arc lengths (rad).
             if abs(additional_length) <= SAME_MODE:
                 continue  # These two wheels have not rolled on.
             repetition = rolled_length.find_repetition(additional_length)
@@ -671,7 +678,7 @@ def search_group(
     """Search the closed configurations of a group at fixed inputs from random starts.
 
     A group is a set of bodies that are placed together by closing their loops. The search
-    ends when each configuration was reached so often that a missing one is unlikely, or
+    ends when `SearchStatistics` says that each configuration was reached often enough, or
     when there are `MAX_MODES`.
 
     Parameters
@@ -699,7 +706,8 @@ def search_group(
         # comes first. It leads near a closed configuration, or to a minimum with open
         # loops.
         values, is_near_closed = descend_to_closure(closure, starts)
-        # Index of the configuration to which each start has led, -1 if it was left out.
+        # Index of the configuration to which each start has led. -1 if `distinct` leaves it
+        # out, for example because profiles enter each other.
         hits = distinct.add(_close_by_newton(closure, values[is_near_closed]))
         statistics.add(STARTS_PER_ROUND, hits=hits, total=len(distinct.values))
         progress.report_if_due(lambda: statistics.progress_text("modes"))

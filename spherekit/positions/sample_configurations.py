@@ -229,13 +229,16 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
 
     A group is a set of links that are placed together, such as a dyad (two links). Groups
     are placed one after the other. Each partial configuration is continued in all ways to
-    place the next group. The errors of the groups add up; the caller reduces them.
+    place the next group. The errors of the groups add up. The caller reduces them by a
+    further step of Newton's method.
     """
+    # (n,) whether all configurations of a sample were found, and why not (the first
+    # reason).
+    is_complete = np.ones(len(q), dtype=bool)
+    problem = ""
     # A row is one partial configuration of one sample. `sample` has the sample of each row,
     # and `state` the bodies that are placed in it.
-    is_complete = np.ones(len(q), dtype=bool)
     sample = np.arange(len(q))
-    problem = ""
     with np.errstate(all="ignore"):
         state = solver.start(q)
         for position, group in enumerate(solver.assembly.groups):
@@ -246,9 +249,9 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
             else:
                 placement = _place_by_elimination(state, group, sample)
             is_complete[sample[~placement.is_complete]] = False
-            # The rows of the next group: one for each way to place this group at each old
-            # row.
             problem = problem or placement.problem
+            # The rows of the next group: one for each way to place this group at each old
+            # row. `parent` has the old row of each new row.
             state = placement.state
             sample = sample[placement.parent]
     return SampleConfigurations(
@@ -280,6 +283,7 @@ def _place_both_modes(state: AssemblyState, group: Group) -> GroupPlacement:
         # The sine of a dyad is zero at the dead centre, where its three axes are in one
         # plane.
         sine = place_dyad(placed, group, sign)
+        # `is_open` marks the rows at which the dyad does not close.
         closes = ~placed.is_open
         # In a flat dyad both signs give the same configuration; it is counted for sign 1
         # only.
@@ -293,6 +297,7 @@ def _place_both_modes(state: AssemblyState, group: Group) -> GroupPlacement:
     return GroupPlacement(
         state=AssemblyState.concatenate(states).rows(order),
         parent=parent[order],
+        # A formula misses no way to place the dyad at any old row.
         is_complete=np.ones(len(state.values), dtype=bool),
     )
 
@@ -343,7 +348,12 @@ def _place_by_elimination(
     group
         A group of revolute pairs only.
     sample
-        (n,) index of the sample of the inputs of each row, rising.
+        (n,) index of the sample of the inputs of each row, rising. Rows of the same sample
+        can have equal equations, which are then solved only once.
+
+    Returns
+    -------
+    New rows, one for each configuration of the group at each old row.
     """
     closure = group_closure(state, group)
     configurations = _eliminate_distinct_rows(group, closure, sample)
@@ -392,24 +402,26 @@ def _eliminate_distinct_rows(
 def _find_representative_rows(closure: Closure, sample: Indices) -> Indices:
     """Return, for each row (n,), the index of a row with equal equations.
 
-    The result serves to solve equal equations once. A row is one configuration of earlier
-    groups at a sample of the inputs. The result is the first row of the same sample if the
-    equations are equal there, otherwise the row itself.
+    The result serves to solve equal equations once. Groups of links are placed one after
+    the other. A row is one configuration of the groups placed so far, at one sample of the
+    inputs. The result is the first row of the same sample if the equations are equal there,
+    otherwise the row itself.
 
     Parameters
     ----------
     closure
-        The loop equations of a group of links at n rows.
+        The loop equations of the next group at n rows.
     sample
         (n,) index of the sample of each row, rising.
     """
-    # The first row of the sample of each row (`sample` is sorted).
+    # For each row the first row with the same sample (`sample` is sorted).
     first_row = np.searchsorted(sample, sample)
     # The equations differ only by the orientations of links in their bodies (sets of links
     # that are rigid relative to each other). These orientations are compared for both links
     # of all pairs.
     assert closure.body_from_links is not None
-    first_links, second_links = closure.body_from_links
+    first_links, second_links = closure.body_from_links  # (n, pairs, 3, 3) each
+    # (n,) largest difference of any number of a row.
     first_difference = max_abs(first_links - first_links[first_row], axis=(1, 2, 3))
     second_difference = max_abs(second_links - second_links[first_row], axis=(1, 2, 3))
     difference = np.maximum(first_difference, second_difference)
@@ -428,6 +440,7 @@ def _repeat_configurations(
     ----------
     solved
         Configurations of a group at m solved rows, which are numbered from 0.
+        `is_complete` (m,) says for each row whether all were found.
     solved_row
         (n,) for each row the index of the solved row with the same equations.
 
@@ -435,10 +448,10 @@ def _repeat_configurations(
     -------
     Configurations at the n rows.
     """
+    solved_row_count = len(solved.is_complete)
     # (m + 1,) where the configurations of each solved row begin. Example: [0, 4, 6] means
     # that row 0 has the configurations 0 to 3, and row 1 has 4 and 5.
-    row_count = len(solved.is_complete)
-    first_configurations = np.searchsorted(solved.row, np.arange(row_count + 1))
+    first_configurations = np.searchsorted(solved.row, np.arange(solved_row_count + 1))
     copied_indices = [
         np.arange(first_configurations[row], first_configurations[row + 1])
         for row in solved_row
@@ -593,9 +606,9 @@ def _solve_real_roots(
     placed together. Its pairs (joints) form t closed loops, where t is 2 or 3. The
     equations are formed in three steps:
 
-    1. Remove t links that have two pairs each. The other bodies form a tree without loops.
+    1. Remove t bodies that have two pairs each. The other bodies form a tree without loops.
     2. The angles of the t pairs of the tree are the unknowns.
-    3. Each removed link gives an equation: the arc between its two axes is known.
+    3. Each removed body gives an equation: the arc between its two axes is known.
 
     All unknowns but one are eliminated. A root of the remaining polynomial is exp(i angle),
     so real angles belong to roots on the unit circle.
@@ -605,7 +618,8 @@ def _solve_real_roots(
     geometry
         The geometry of the group at n rows (configurations of earlier groups).
     order
-        The t unknown angles and the equations, in an order that can be solved.
+        The t unknown angles in the order in which they are eliminated, and the removed
+        bodies.
 
     Returns
     -------

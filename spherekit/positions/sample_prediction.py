@@ -36,8 +36,8 @@ NODES_PER_BLOCK = 1024
 class ModeSpline(NamedTuple):
     """A spline through successive nodes of one assembly mode (one way to assemble).
 
-    A node is a sample of the inputs that is solved exactly, every n-th one. The spline
-    predicts the samples between the nodes, which saves time.
+    A node is a sample of the inputs that is solved exactly. Only one of every few samples
+    is a node. The spline predicts the samples between the nodes, which saves time.
 
     Attributes
     ----------
@@ -46,8 +46,8 @@ class ModeSpline(NamedTuple):
     first, last
         Indices of the samples that are the first and the last node.
     evaluate
-        Function that returns the passive variables (n, passive) rad, which are not inputs,
-        at samples with the indices (n,).
+        Function that takes the indices (n,) of samples. It returns the passive variables
+        (n, passive) in rad there: all variables that are not inputs.
     """
 
     mode: int
