@@ -290,7 +290,8 @@ def estimate_compile_seconds(
     if not available():
         heyoka()  # raises an error that says how to install it
     # Look for the equation in the cache. The values in torque tables and joint limits are
-    # parameters of an equation. Mechanisms that differ only in them share an equation.
+    # parameters of an equation. Mechanisms that differ only in them share an equation. The
+    # key has the inputs of the user, whose singularities the equation reports.
     step_tolerance = _limit_tolerance(tolerance, coordinates)
     common_mechanism = _remove_run_data(mechanism, coordinates)
     if FUNCTION_CACHE.has(common_mechanism, _cache_key(mechanism, step_tolerance, compact)):

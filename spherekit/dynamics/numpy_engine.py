@@ -1050,9 +1050,10 @@ class Collocation:
             if np.any(dynamics.motion.status == status):
                 return SimulationEnd(kind, t, message)
         values = step.state[: equation.variable_count]
+        # The reciprocal condition number of the closure equations is 0 at a crossing.
         condition = reciprocal_condition(equation.closure, values, equation.freedoms)
         # `is_near_crossing` was set if the closure determinant became small. At a crossing
-        # the determinant is zero.
+        # this determinant is zero, too.
         if self.is_near_crossing or condition < MIN_CROSSING_CONDITION:
             return SimulationEnd("singularity", t, CROSSING_MESSAGE)
         message = f"no step is short enough (iteration error {error:.2g}); {JUMP_MESSAGE}"

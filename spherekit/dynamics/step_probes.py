@@ -137,9 +137,9 @@ def _find_critical_places(
         return argument_rows
 
     def evaluate_differences(steps: Indices, places: Floats) -> Floats:
-        """Return differences of the arguments that vanish at extrema, (n, arguments).
+        """Return central differences (n, arguments) of the arguments at n places.
 
-        These are central differences at n places (fractions of a step).
+        They vanish at extrema of the arguments.
         """
         # Over this distance an argument changes by more than its rounding error.
         small_distance = END_DISTANCE
