@@ -131,10 +131,12 @@ def _find_angles_beyond(
 ) -> Floats:
     """Return angles (n,), rad, just beyond the points where arcs leave a region.
 
-    The margin that is negative there is the one that ends the region. On each arc, a search
-    has narrowed an interval around the border until the interval was tiny. Its outer end is
-    then just beyond the border. A search that met a margin of exactly 0 has stopped early,
-    and a small step beyond the crossing is taken instead.
+    Margins are functions that are at least 0 in the region. The margin that ends the region
+    is negative just beyond the border, so the caller evaluates the margins there.
+
+    On each arc, a search has narrowed an interval around the border until the interval was
+    tiny. The outer end of the interval is just beyond the border. A search that met a
+    margin of exactly 0 has stopped early. Its angle is a small step beyond the crossing.
 
     Parameters
     ----------

@@ -301,30 +301,29 @@ class BorderSegments(ArrayRows):
     def empty() -> "BorderSegments":
         """Return an object without segments (pieces of the border of a region).
 
-        A search for the border begins with this object. Each field is an array with one row
-        for each segment, so here every field has no rows.
+        A search for the border begins with this object. Each field (see the class) is an
+        array with one row for each segment, so here every field has no rows.
         """
-        # A chord is the great-circle arc between the ends of a segment. The height of the
-        # segment above its chord (rad) is a polynomial along the chord. The polynomial is
-        # stored by its values at nodes, one more than the degree of the polynomial. The
-        # last of the `ORDERS` is the largest degree.
-        max_node_count = ORDERS[-1] + 1
+        # `height` has one column for each node of a polynomial. The polynomial with the
+        # highest degree has one node more than this degree.
+        highest_degree = ORDERS[-1]
+        max_node_count = highest_degree + 1
         no_index = np.zeros(0, np.intp)
         no_number = np.zeros(0)
         no_flag = np.zeros(0, dtype=bool)
         return BorderSegments(
-            frames=np.zeros((0, 3, 3)),  # axes of the chord
-            length=no_number,  # arc of the chord
-            margin=no_index,  # number of the function that is zero on it
-            triangle=no_index,  # number of the mesh triangle that contains it
-            start=no_index,  # where the border enters the triangle
-            stop=no_index,  # where the border leaves the triangle
-            is_leading=no_flag,  # False if another segment comes first in the triangle
-            is_sound=no_flag,  # whether the border was found
-            order=no_index,  # degree of the polynomial
+            frames=np.zeros((0, 3, 3)),
+            length=no_number,
+            margin=no_index,
+            triangle=no_index,
+            start=no_index,
+            stop=no_index,
+            is_leading=no_flag,
+            is_sound=no_flag,
+            order=no_index,
             height=np.zeros((0, max_node_count)),
-            area=no_number,  # area that the chord cuts off
-            error=no_number,  # estimated error of this area
+            area=no_number,
+            error=no_number,
         )
 
     @staticmethod
@@ -564,7 +563,7 @@ class BorderSegments(ArrayRows):
     def reject_excluded_segments(
         self, evaluate: MarginEvaluator, selected: Indices
     ) -> None:
-        """Replace new segments by their chords if another margin excludes a part of them.
+        """Replace segments by their chords if another margin excludes a part of them.
 
         A segment is a piece of the border of a region, on which one margin (the border
         margin) is zero. Margins are functions of the direction that are at least 0 in the
@@ -577,42 +576,45 @@ class BorderSegments(ArrayRows):
         evaluate
             The margins.
         selected
-            (k,) indices of the segments, whose polynomials have degree 4.
+            (k,) indices of segments that `find` has made. `raise_order` has not changed the
+            degree of their polynomials since.
         """
         # (k, samples, margins) each margin minus the border margin, at equally spaced
-        # points of each segment. The computed border has small errors, so the border margin
-        # is only nearly zero there.
-        excess = self._sample_excess(evaluate, selected)
+        # points of each segment. The border margin would be 0 on a segment without error.
+        # The difference cancels most of the error.
+        differences = self._sample_differences(evaluate, selected)
         # A minimum between samples is found by a parabola through three of them.
-        is_negative = parabola_minima(excess) < -evaluate.rounding_errors
+        is_negative = parabola_minima(differences) < -evaluate.rounding_errors
         has_excluded_part = np.any(is_negative, axis=(1, 2))
         self._replace_by_chords(selected[has_excluded_part])
 
-    def _sample_excess(self, evaluate: MarginEvaluator, selected: Indices) -> Floats:
-        """Return the differences of all margins from the border margin along new segments.
+    def _sample_differences(self, evaluate: MarginEvaluator, selected: Indices) -> Floats:
+        """Return the differences of all margins from the border margin along segments.
 
         A segment is a piece of the border of a region, on which one margin (the border
-        margin) is zero. Where another margin is negative, the segment is outside the
-        region. On the computed segment, a polynomial, the border margin is only nearly
-        zero. All margins are therefore compared with the border margin and not with zero.
+        margin) should be zero. Where another margin is negative, the segment is outside the
+        region. The computed segment is a polynomial of degree 4 with a small error. There
+        the border margin is not exactly zero. All margins are therefore compared with the
+        border margin: a negative difference shows that the segment is outside.
 
         Parameters
         ----------
         evaluate
             The margins: functions of the direction that are at least 0 in the region.
         selected
-            (k,) indices of the segments, whose polynomials have degree 4.
+            (k,) indices of the segments.
 
         Returns
         -------
         (k, samples, margins) differences at equally spaced points of each segment.
         """
+        # The chord is the great-circle arc between the ends of a segment. The parameter u
+        # runs along the chord. The height of the segment over the chord is a polynomial in
+        # u. It is interpolated from its values at degree + 1 nodes.
         u = np.linspace(-1.0, 1.0, CHECK_STEPS + 1)
-        # The height of a segment over the chord (arc between its ends) is a polynomial. It
-        # is interpolated from its values at degree + 1 nodes.
-        order = ORDERS[1]  # degree 4
-        nodes_to_samples = interpolation_matrix(order, u)
-        height = self.height[selected, : order + 1] @ nodes_to_samples.T
+        degree = ORDERS[1]  # 4, the degree with which `find` creates segments
+        nodes_to_samples = interpolation_matrix(degree, u)
+        height = self.height[selected, : degree + 1] @ nodes_to_samples.T
         points = self._points_at(selected, u, height)  # (k, samples, 3)
         margins = evaluate(points.reshape(-1, 3))
         margins = margins.reshape(len(selected), len(u), margins.shape[1])
@@ -675,8 +677,8 @@ class BorderSegments(ArrayRows):
         Parameters
         ----------
         number
-            Index of a segment (piece of the border) that has the highest order and is
-            sound: the border was found on all of it.
+            Index of a segment (piece of the border). It must be a polynomial of the highest
+            degree, 16.
         direction
             (3,) unit vector.
 
@@ -685,14 +687,16 @@ class BorderSegments(ArrayRows):
         (m, 3) unit vectors at which the derivative of the distance along the segment is
         zero. The ends of the segment are not examined.
         """
-        order = ORDERS[-1]
+        degree = ORDERS[-1]
         segment = np.array([number])  # the methods take arrays of numbers
-        # The cosine of the distance as a Chebyshev series in the parameter u, which runs
-        # from -1 to 1 along the chord.
+        # The chord is the great-circle arc between the ends of the segment. The parameter u
+        # runs from -1 to 1 along the chord. The cosine of the distance becomes a Chebyshev
+        # series in u.
         cosine = np.vecdot(self.node_points(segment).points, direction)
-        cosine_series = coefficient_matrix(order) @ cosine
+        cosine_series = coefficient_matrix(degree) @ cosine
         u = find_real_zeros(chebyshev.chebder(cosine_series))
-        height = self.height[segment] @ interpolation_matrix(order, u).T
+        # `self.height` has the angles of the segments above their chords at the nodes.
+        height = self.height[segment] @ interpolation_matrix(degree, u).T
         (points,) = self._points_at(segment, u, height)
         return points
 
@@ -702,9 +706,10 @@ def find_nearest_point(
 ) -> Floats:
     """Return the point of a border that is nearest to a direction.
 
-    The border consists of segments (smooth pieces). The nearest point is the end of a
-    segment, or a point within it at which the distance has a minimum. Of segments on which
-    the border was not found, only the ends are examined.
+    The border consists of segments (smooth pieces) between known points. The nearest point
+    is the end of a segment, or a point within a segment at which the distance has a
+    minimum. If a search did not find the border between both ends of a segment, the segment
+    is not sound. Only its ends are then examined.
 
     Parameters
     ----------
@@ -720,6 +725,8 @@ def find_nearest_point(
     (3,) unit vector.
     """
     nearby = _select_nearby_segments(segments, direction)
+    # Segments are polynomials of degree 1, 4, 8 or 16. The highest degree is the most
+    # accurate one. The method may find that a segment is not sound.
     nearby.raise_to_highest_order(evaluate)
     candidates = [nearby.ends.reshape(-1, 3)]
     for number in np.flatnonzero(nearby.is_sound):

@@ -185,16 +185,16 @@ class MovingFit:
         The spline. Its numbers carry derivatives with respect to the design variable as
         complex steps: the imaginary part of a number is its derivative times a tiny number.
     arc_length_rate
-        Derivative of the arc length with respect to the design variable, at a fixed
-        parameter.
-    piece_length_rates
-        (panels,) derivatives with respect to the design variable of the lengths of the
-        pieces of the curve between successive points.
+        The derivative of the arc length with respect to the design variable, as a function
+        of the parameter of the spline. The parameter is fixed.
+    panel_length_rates
+        (panels,) derivatives, with respect to the design variable, of the lengths of the
+        panels. A panel is the part of the curve between successive points.
     """
 
     path: SplinePath
     arc_length_rate: ArcLength
-    piece_length_rates: Floats
+    panel_length_rates: Floats
 
 
 def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
@@ -224,14 +224,14 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
         # `moving_fit` is the same spline, with derivatives with respect to the design
         # variable.
         moving_fit = _differentiate_fit(spline, moving_points, knot_step_rates)
-        knot_step_rates = moving_fit.piece_length_rates
+        knot_step_rates = moving_fit.panel_length_rates
     # The last fit is the curve.
     _, arc_length = fits[-1]
     return PathVariation(
         path=moving_fit.path,
         arc_length=arc_length,
         arc_length_rate=moving_fit.arc_length_rate,
-        length_rate=float(np.sum(moving_fit.piece_length_rates)),
+        length_rate=float(np.sum(moving_fit.panel_length_rates)),
         closed=closed,
     )
 
@@ -269,15 +269,15 @@ def _differentiate_fit(
         imaginary part of a number is its derivative times a tiny number.
     knot_step_rates
         (panels,) derivatives of the differences of successive knots. Knots are the
-        parameters of the points.
+        parameters of the points. All derivatives are with respect to the design variable.
     """
     # The first knot is 0 and does not move. SciPy has no splines with complex knots, so
     # `quintic_panels` computes the same spline.
     knot_rates = np.append(0.0, np.cumsum(knot_step_rates))
     moving_knots = add_complex_step(path.knots, knot_rates)
     spline = quintic_panels(moving_knots, moving_points, path.closed)
-    # The coefficients of the spline now depend on the moving knots. Arc lengths are first
-    # differentiated at fixed parameters, so the path gets the fixed knots.
+    # The function `spline` contains the moving knots. The path object also stores knots,
+    # but computes nothing from them, so it gets the real ones.
     moving_path = SplinePath(spline, path.knots, path.closed)
 
     # The arc lengths s(u, x) at the knots u depend on the design variable x in two ways:
@@ -287,9 +287,9 @@ def _differentiate_fit(
     rate_at_fixed_parameter = arc_length_rate.evaluate_at_edges(path.knots)
     rate_by_moving_knots = path.speed(path.knots) * extract_derivative(moving_knots)
     length_rates = rate_at_fixed_parameter + rate_by_moving_knots
-    # The length of a piece is the difference of the arc lengths at its ends.
-    piece_length_rates = np.diff(length_rates)
-    return MovingFit(moving_path, arc_length_rate, piece_length_rates)
+    # The length of a panel is the difference of the arc lengths at its ends.
+    panel_length_rates = np.diff(length_rates)
+    return MovingFit(moving_path, arc_length_rate, panel_length_rates)
 
 
 def _integrate_speed_rate(path: Path, edges: Floats) -> ArcLength:
@@ -372,8 +372,9 @@ class CurveDerivative:
 
         The arc lengths (rad) are fixed. The derivatives follow step by step:
 
-        1. The arc length on the path is +s or -s plus a number of laps, each of the length
-           of the path. Only this length depends on the design variable.
+        1. A curve that runs against its path has the arc length -s there. A multiple of the
+           length of the path is added, which gives an arc length on the path. Only the
+           length of the path depends on the design variable.
         2. The arc length determines the parameter u of the path.
         3. The path at u gives tangent, point and curvature. They change because the path
            changes and because u does.
@@ -392,9 +393,11 @@ class CurveDerivative:
         u = variation.find_parameters(path_lengths)
         u_rates = variation.find_parameter_rates(u, path_length_rates)
 
-        # The numbers of the path carry its own derivative, and u carries u', both as scaled
-        # imaginary parts (complex step). The results have the sum of both effects.
-        frames = variation.path.frames(add_complex_step(u, u_rates))
+        # The path has complex numbers: the imaginary part is the derivative with respect to
+        # the design variable, times a tiny factor. The same holds for `moving_u`. The
+        # imaginary parts of the frames have the sum of the two effects in step 3.
+        moving_u = add_complex_step(u, u_rates)
+        frames = variation.path.frames(moving_u)
         return self._differentiate_points(frames)
 
     def _count_laps(self, signed_lengths: Floats) -> Floats:

@@ -383,18 +383,21 @@ def _find_parts(
 def _split_into_arcs(segments: BorderSegments, loop: Indices) -> tuple[BorderArc, ...]:
     """Return the smooth arcs of a closed border curve.
 
-    The curve is a chain of segments, given by their numbers (n,). A region is bounded by
-    several margins (functions that are at least 0 inside). An arc ends where another margin
-    becomes 0 on the border.
+    The curve is a chain of segments (pieces), given by their numbers (n,). The region has
+    several margins, functions that are at least 0 inside. One of them is 0 on each segment.
+    An arc consists of successive segments on which the same margin is 0.
     """
+    # (n,) number of the margin that is 0 on each segment.
     margin = segments.margin[loop]
-    # The loop is rotated so that it begins where the margin changes.
-    loop = np.roll(loop, -np.argmax(margin != np.roll(margin, 1)))
-    changes = np.flatnonzero(np.diff(segments.margin[loop])) + 1
-    return tuple(
-        BorderArc(int(segments.margin[chain[0]]), segments.polyline(chain))
-        for chain in np.split(loop, changes)
-    )
+    # The loop is rotated so that an arc begins at its first segment.
+    begins_arc = margin != np.roll(margin, 1)
+    loop = np.roll(loop, -np.argmax(begins_arc))
+    later_starts = np.flatnonzero(np.diff(segments.margin[loop])) + 1
+    arcs = []
+    for chain in np.split(loop, later_starts):
+        margin_of_arc = int(segments.margin[chain[0]])
+        arcs.append(BorderArc(margin_of_arc, segments.polyline(chain)))
+    return tuple(arcs)
 
 
 def _find_excluding_sets(

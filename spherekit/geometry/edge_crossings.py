@@ -39,7 +39,10 @@ class EdgeCrossings:
         inside: Indices,
         outside: Indices,
     ) -> Indices:
-        """Return the indices of the crossings of some edges, and compute the new ones.
+        """Return the indices of the points where mesh edges cross the border of a region.
+
+        Each edge joins a vertex inside the region to a vertex outside. Crossings that are
+        not known yet are computed and stored in `points` and `margins`.
 
         Parameters
         ----------
@@ -52,14 +55,14 @@ class EdgeCrossings:
 
         Returns
         -------
-        (n,) indices of crossings.
+        (n,) indices of the crossings in `points`.
         """
         # The key of an edge is an integer that contains the indices of both vertices.
         keys = _edge_keys(inside, outside)
         new_keys = np.setdiff1d(keys, self._keys)
         new_inside = _inside_vertices(new_keys)
         new_outside = _outside_vertices(new_keys)
-        # Of each new crossing, the point and the index of the margin that is zero there.
+        # The points, and the index of the margin that is zero at each of them.
         points, zero_margins = find_crossings(
             evaluate, vertices[new_inside], vertices[new_outside]
         )

@@ -118,10 +118,11 @@ class Orientations:
 
 
 def _interpolation_matrix(points: Floats) -> Floats:
-    """Return the matrix (m, 27) that interpolates margins in a cell from 27 samples.
+    """Return the matrix (m, 27) that interpolates a function in a cell from 27 samples.
 
-    A cell is a cube in the space of orientations, sampled at 3 x 3 x 3 points. The product
-    of the matrix and the samples gives the values at m points.
+    A cell is a cube in the space of orientations, sampled at a grid of 3 x 3 x 3 points,
+    the last coordinate fastest. The product of the matrix and the samples gives the values
+    at m points.
 
     Parameters
     ----------
@@ -129,7 +130,8 @@ def _interpolation_matrix(points: Floats) -> Floats:
         (m, 3) coordinates from 0 to 1 in the cell.
     """
     u = points.T
-    # Lagrange polynomials of degree 2 for the nodes 0, 1/2 and 1 of each axis.
+    # (3, m, 3) for each coordinate the Lagrange polynomials of degree 2, which belong to
+    # the nodes 0, 1/2 and 1 (last axis).
     factors = np.stack([(1 - u) * (1 - 2 * u), 4 * u * (1 - u), u * (2 * u - 1)], axis=2)
     return np.einsum("ma,mb,mc->mabc", *factors).reshape(-1, 27)
 
@@ -291,12 +293,13 @@ class _MeasuredVolumes:
 class _MeasuredCells(ArrayRows):
     """n cells of the space of orientations, each with the volume of its part of a set.
 
-    The set consists of the orientations at which all margins are at least 0.
+    The set consists of the orientations at which all margins (functions of the orientation)
+    are at least 0.
 
     Attributes
     ----------
     boxes
-        The cells, cubic boxes.
+        The cells. Each is a cube in three coordinates of orientations (see `_Boxes`).
     volume
         (n,) volume of the part of the set in each cell. All orientations together have the
         volume 8 pi^2.
@@ -383,14 +386,15 @@ class _OrientationCells:
     """
 
     def __init__(self, evaluate: MarginEvaluator) -> None:
-        """Divide the space of orientations into the first cells, and measure these.
+        """Divide the space of orientations into cells, and measure the set in each of them.
 
         `evaluate` returns margins (n, k) at unit quaternions (n, 4). The set to be measured
         consists of the orientations at which all margins are at least 0. The depth of an
         orientation is its smallest margin.
         """
         self.evaluate = evaluate
-        # The deepest orientation so far and its depth. Any evaluated orientation is deeper.
+        # The deepest orientation so far, a quaternion xyzw, and its depth. The first
+        # orientation that is evaluated replaces these values.
         self.deepest = np.array([0.0, 0.0, 0.0, 1.0])
         self.depth = -np.inf
 
@@ -398,8 +402,8 @@ class _OrientationCells:
         measured = self._measure(boxes)
         # In an uncertain cell, the set may fill nothing or the whole cell. The volume of
         # the cell is therefore the largest possible error.
-        whole_volume = _subcell_volumes(boxes).sum(axis=1)
-        error = np.where(measured.is_certain, 0.0, whole_volume)
+        cell_volume = _subcell_volumes(boxes).sum(axis=1)  # sum over parts of each cell
+        error = np.where(measured.is_certain, 0.0, cell_volume)
         self.cells = _MeasuredCells(boxes, measured.volume, error)
 
     def halve(self, selected: Indices) -> None:
@@ -420,9 +424,10 @@ class _OrientationCells:
         """Return the volumes of the set in n cells.
 
         The set has the orientations at which all margins are at least 0. In each cell a
-        margin is interpolated from 27 samples. The volume of a cell is certain if no margin
-        can change its sign there. Any other cell is divided into a grid of subcells, and
-        the part of each subcell that belongs to the set is estimated.
+        margin is interpolated from 27 samples. A cell is outside the set if some margin is
+        negative everywhere in the cell, and inside if none can be negative. Any other cell
+        is divided into a grid of subcells. The part of each subcell that belongs to the set
+        is estimated.
 
         Parameters
         ----------
@@ -447,10 +452,9 @@ class _OrientationCells:
     def _evaluate_margins(self, boxes: _Boxes) -> Floats:
         """Return the k margins at 31 points of each of n cells.
 
-        Neighbouring cells share points, at which margins are evaluated only once. The
-        deepest orientation so far is updated.
-
-        Margins are functions of the orientation that are at least 0 in the measured set.
+        Margins are functions of the orientation. Neighbouring cells share points, at which
+        margins are evaluated only once. If the smallest margin of an orientation is larger
+        than at all orientations before, the orientation is stored in `deepest`.
 
         Parameters
         ----------
@@ -459,8 +463,8 @@ class _OrientationCells:
 
         Returns
         -------
-        (31, n, k) margins: at a grid of 3 x 3 x 3 points in each cell, then at four check
-        points between these. NaN where a margin is not defined.
+        (31, n, k) margins: at a grid of 3 x 3 x 3 points in each cell, then at four other
+        points, which later show the interpolation error. NaN where a margin is not defined.
         """
         point_count = len(_SAMPLE_QUARTERS)
         cell_count = len(boxes.width)
@@ -565,16 +569,17 @@ def _replace_nan_margins(margins: Floats) -> Floats:
 def _bound_margins(samples: Floats, checks: Floats) -> _MarginRange:
     """Return lower and upper bounds of k margins in each of n cells.
 
-    The bounds tell whether a cell is inside or outside the measured set. In a cell a margin
-    is interpolated by a polynomial of degree 2 in each coordinate. The bounds of the
-    polynomial are widened by an estimate of the interpolation error, so they are no proof.
+    Margins are functions of the orientation. In a cell each margin is interpolated by a
+    polynomial of degree 2 in each coordinate. The bounds are those of the polynomial,
+    widened by an estimate of the interpolation error. They are therefore no proof.
 
     Parameters
     ----------
     samples
         (27, n, k) margins at a grid of 3 x 3 x 3 points of each cell.
     checks
-        (4, n, k) margins at the four check points `_CHECK_QUARTERS` between these.
+        (4, n, k) margins at four other points of each cell. `_CHECK_QUARTERS` has their
+        coordinates, in quarters of the width of the cell.
     """
     # A polynomial stays between its smallest and largest Bernstein coefficients.
     bernstein = np.tensordot(_CUBE_BERNSTEIN, samples, axes=1)
@@ -684,15 +689,15 @@ def _curvature_correction(
     A. Primes denote derivatives with respect to t. L is the Laplacian of f. The subcell is
     a unit cube.
 
-    1. Let t take all values from -S/2 to S/2. A subcell with the value f at its centre is
-       counted, f > t, for the fraction 1/2 + f / S of these values. So the sum of all
-       fractions is the mean of V(t). By the Taylor series V(0) + V' t + V'' t^2 / 2, this
-       mean is V(0) + V'' S^2 / 24. The last term is the error of the sum.
+    1. Let t take all values from -S/2 to S/2. At the centre of a subcell, f > t holds for
+       the fraction 1/2 + f / S of these values. So the sum of all fractions is the mean of
+       V(t). By the Taylor series V(0) + V' t + V'' t^2 / 2, this mean is
+       V(0) + V'' S^2 / 24. The last term is the error of the sum.
     2. If t rises by dt, the border moves by dt / g along its unit normal, so V' = -A / g.
        The area of a moving surface grows per distance by A times the divergence of the
-       unit normal. The normal is the gradient divided by g, so the divergence is L / g. It
-       follows that A' = A L / g^2 and V'' = -A L / g^3. The sum is too small by
-       A L S^2 / (24 g^3).
+       unit normal. The normal is the gradient divided by g. As g is assumed constant, the
+       divergence is L / g. So A' = A L / g^2, and with constant g V'' = -A L / g^3. The sum
+       is too small by A L S^2 / (24 g^3).
     3. The Laplacian follows from d, because the mean of f over a unit cube exceeds the
        value at its centre by L / 24. So the sum is too small by A d S^2 / g^3.
     4. Fractions between 0 and 1 belong to a layer at the border with the thickness S / g

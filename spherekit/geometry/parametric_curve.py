@@ -306,19 +306,20 @@ class SplinePath:
 
         Notes
         -----
-        The geodesic curvature is det(p, p', p'') / |p'|^3. Parts of p' and p'' along x do
-        not change the determinant. So with p = x / |x|,
+        The geodesic curvature is det(p, p', p'') / |p'|^3 with p = x / |x|. The vector p'
+        is x' / |x| plus a part along x. The vector p'' is x'' / |x| plus parts along x and
+        x'. These parts do not change the determinant, so
 
             k = q^3 D,  q = |x| / |x cross x'|,  D = det(x, x', x'') = (x cross x') . x''.
 
         The derivatives with respect to the parameter are
 
             k' = q^3 D' + 3 q^2 q' D,
-            D' = (x cross x') . x''', as two determinants of the product rule have equal
-            columns,
+            D' = (x cross x') . x''',
             q' / q = (x . x') / |x|^2 - (x cross x') . (x cross x'') / |x cross x'|^2.
 
-        dk/ds is k' divided by the speed |x cross x'| / |x|^2.
+        The product rule gives D' two more determinants, which are 0 because two of their
+        vectors are equal. dk/ds is k' divided by the speed |x cross x'| / |x|^2.
         """
         size = np.sqrt(dot(x, x))
         normal = cross(x, x1)

@@ -72,14 +72,16 @@ def check_colatitude(path: FourierPath) -> None:
 def _find_extremum_azimuths(path: FourierPath) -> Floats:
     """Return azimuths (m,), rad, among which are all extrema of the colatitude of a curve.
 
-    The colatitude (angle from the centre) is a Fourier series. Its slope at the azimuth a
-    is the sum of c_k cos(k a) + s_k sin(k a). With z = e^(i a) the slope is the sum of b_k
-    z^k for k from -n to n, with b_k = (c_k - i s_k) / 2 and b_(-k) the conjugate of b_k.
-    Times z^n it is a polynomial. The extrema are at the angles of its roots with |z| = 1.
+    The colatitude (angle from an axis through the curve) is a Fourier series of the azimuth
+    about this axis. Its slope at the azimuth a is the sum of c_k cos(k a) + s_k sin(k a)
+    for k from 1 to n. With z = e^(i a) the slope is the sum of b_k z^k for k from -n to n.
+    Here b_k is (c_k - i s_k) / 2, b_(-k) its conjugate, and b_0 = 0. The slope times z^n is
+    a polynomial. The extrema are at the angles of its roots with |z| = 1.
     """
     cosines, sines = path.derivative_coefficients[1]  # those of the first derivative
     # `np.roots` divides by the first coefficient that is not 0. If it is tiny, this can
     # overflow. Coefficients too small to change the colatitude are therefore rounded to 0.
+    # The arrays of `derivative_coefficients` begin with k = 0, where a slope has zeros.
     not_negative = np.round(0.5 * (cosines - 1j * sines), ROOT_DIGITS)  # k = 0, 1, ..., n
     negative = np.conj(not_negative[1:])  # k = -1, ..., -n
     highest_first = np.concatenate([not_negative[::-1], negative])
@@ -213,8 +215,9 @@ def _sample_panels(path: SplinePath, samples_per_panel: int) -> Floats:
 def _find_close_arcs(starts: Floats, ends: Floats) -> tuple[Indices, Indices]:
     """Return pairs of arcs of a closed chain of arcs that are near enough to meet.
 
-    Two arcs can meet only if their middles are closer than the length of the longer arc.
-    Successive arcs share an end, so such pairs are left out.
+    Two arcs can meet only if the middles of their chords (straight lines between the ends)
+    are closer than the longer chord. Successive arcs share an end, so such pairs are left
+    out. A pair can be returned in both orders.
 
     Parameters
     ----------
@@ -228,9 +231,10 @@ def _find_close_arcs(starts: Floats, ends: Floats) -> tuple[Indices, Indices]:
     from scipy.spatial import cKDTree
 
     middles = 0.5 * (starts + ends)
-    lengths = np.sqrt(dot(ends - starts, ends - starts))
-    # The middles within the length of each arc. The factor covers rounding.
-    neighbours = cKDTree(middles).query_ball_point(middles, lengths * (1.0 + 1e-9))
+    chord_lengths = np.sqrt(dot(ends - starts, ends - starts))
+    # For each arc, the numbers of the arcs whose middles are not farther away than its
+    # chord is long. The factor covers rounding.
+    neighbours = cKDTree(middles).query_ball_point(middles, chord_lengths * (1.0 + 1e-9))
     neighbour_counts = [len(numbers) for numbers in neighbours]
     arc_count = len(starts)
     i = np.repeat(np.arange(arc_count), neighbour_counts)

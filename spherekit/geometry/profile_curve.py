@@ -302,12 +302,13 @@ def spline_fits(points: ArrayLike, closed: bool) -> Iterator[tuple[SplinePath, A
     closed
         Whether the curve returns to its first point.
     """
+    # In a closed curve, the first point is repeated at the end.
     unit_points = normalised_points(points, closed)
     steps = arc(unit_points[:-1], unit_points[1:])
     for _ in range(1 + SPLINE_REFITS):
         knots = np.append(0.0, np.cumsum(steps))
         path = SplinePath(quintic(knots, unit_points, closed), knots, closed)
-        table = measure_arc_length(path, knots)
-        yield path, table
-        # `table` integrates the speed between the knots, its edges.
-        steps = np.diff(table.evaluate_at_edges(knots))
+        arc_length = measure_arc_length(path, knots)
+        yield path, arc_length
+        # The next steps are the arc lengths between successive knots.
+        steps = np.diff(arc_length.evaluate_at_edges(knots))

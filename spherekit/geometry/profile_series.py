@@ -67,22 +67,26 @@ class ProfileSeries:
 
     @staticmethod
     def fit(curve: Curve) -> "ProfileSeries":
-        """Return the series of a curve, with errors as small as rounding allows.
+        """Return Chebyshev series of the properties of a contact profile.
 
-        The eight columns are functions of the arc length s: the tangent (3), the point (3),
-        the geodesic curvature k and dk/ds. Error bounds of velocities
-        (`spherekit.velocities.carried_vectors`) also need a bound of |d2k/ds2|.
+        The profile is a curve on the unit sphere. The series have eight columns, functions
+        of the arc length s: the tangent (3), the point (3), the geodesic curvature k and
+        dk/ds. Error bounds of velocities (`spherekit.velocities.carried_vectors`) also need
+        a bound of |d2k/ds2|.
         """
-        samples = _evaluate_columns(
-            curve, np.linspace(0.0, curve.length, PROFILE_SCALE_SAMPLES)
-        )
-        # Errors are relative to the largest sampled value of each column, at least to 1.
+        sampled_lengths = np.linspace(0.0, curve.length, PROFILE_SCALE_SAMPLES)
+        samples = _evaluate_columns(curve, sampled_lengths)
+        # Errors are relative to these scales: the largest sampled value of each column, or
+        # 1 if that value is smaller.
+        scales = np.maximum(1.0, max_abs(samples, axis=0))
         series = PiecewiseChebyshev.fit(
             lambda s: _evaluate_columns(curve, s),
             low=0.0,
             high=curve.length,
             tolerance=SERIES_ERROR,
-            scales=np.maximum(1.0, max_abs(samples, axis=0)),
+            scales=scales,
+            # The arc lengths between which the curve is analytic. The fit halves cells that
+            # are not accurate enough.
             first_cells=curve.edges,
             degree=PROFILE_SERIES_DEGREE,
             max_cells=MAX_PROFILE_CELLS,

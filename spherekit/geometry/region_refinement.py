@@ -88,23 +88,23 @@ class TriangleDivision:
     has_extra_triangle: Bools
 
     def fan_triangles(self, node: Indices, segment: Indices) -> Indices:
-        """Return the triangles of the fans as vertex numbers (n, 3).
+        """Return the triangles of the fans as point numbers (n, 3).
 
         A segment is the border of the region in one triangle of the mesh, a curve given by
-        nodes. Its fan joins the apex (a vertex of the mesh inside the region) to the curve.
-        The fans are needed for the area of the region.
+        nodes. Its fan consists of triangles between its apex (a vertex of the mesh inside
+        the region) and two successive nodes. Vertices and nodes share one numbering.
 
         Parameters
         ----------
         node
-            (m,) indices of the nodes of all segments, in the order of the segments.
+            (m,) point numbers of the nodes of all segments, in the order of the segments.
         segment
             (m,) index of the segment of each node.
         """
-        # A triangle joins the apex to a node and to the next node of the same segment.
-        has_next_node = segment[:-1] == segment[1:]
-        corners = [self.apex[segment[:-1]], node[:-1], node[1:]]
-        return np.stack(corners, axis=1)[has_next_node]
+        apex_of_node = self.apex[segment]
+        corners = np.stack([apex_of_node[:-1], node[:-1], node[1:]], axis=1)
+        are_on_same_segment = segment[:-1] == segment[1:]
+        return corners[are_on_same_segment]
 
     def extra_triangles(self, start_node: Indices) -> Indices:
         """Return the extra triangles as vertex numbers (n, 3).
@@ -205,8 +205,8 @@ class RegionRefinement:
             if not cost or self.evaluate.evaluations + cost > max_evaluations:
                 break
             self._cut(is_cut)
-        # `_choose_triangles` finds the border only if no large triangle has to be cut. If
-        # the limit of evaluations ends the loop, the border can be missing in triangles.
+        # The border is completed in all triangles that it crosses. Parts are missing if the
+        # limit of evaluations has ended the loop.
         self._find_border()
 
     def _choose_triangles(self, tolerance: float, feature: float) -> Bools:
@@ -382,11 +382,10 @@ class RegionRefinement:
         r"""Return how the border divides the triangles that it crosses.
 
         A segment is a smooth piece of the border in one triangle, with the region on its
-        left. A triangle has one segment, or two that meet at a corner of the border. Its
-        vertices follow counter-clockwise: the odd one, then the second and the third one.
-        The odd one is the only vertex inside, or the only one outside::
+        left. Its nodes (*) run from start to stop. The vertices follow counter-clockwise:
+        odd, second, third. The odd vertex is the only one inside, or the only one outside::
 
-            one vertex inside               two vertices inside
+            inside: odd                     inside: second and third
 
                   odd                               odd
                   /|\                               / \
@@ -395,10 +394,10 @@ class RegionRefinement:
                /       \                         / _.-'   \
             second --- third                second ------- third
 
-        The part inside the region is a fan of triangles from the apex to the segment. The
-        apex is a vertex inside: the odd one, or else the second one. If two vertices are
-        inside, the triangle of second, third and start is added. If there are two segments,
-        it is added to the first (leading) one only.
+        With one vertex inside, the region is a fan of triangles between the apex, odd, and
+        the nodes. With two inside, the apex of the fan is second. The dashed line separates
+        the fan from an extra triangle: second, third and start. At a corner of the border,
+        two segments meet in a triangle. Each has a fan, the leading one the extra triangle.
         """
         # (T,) for every triangle of the mesh.
         inside_count = self.is_inside[self.triangles].sum(axis=1)
@@ -410,8 +409,7 @@ class RegionRefinement:
         return TriangleDivision(
             inside_count=inside_count,
             apex=np.where(has_one_inside, odd, second),
-            # Used only if there is an extra triangle.
-            other_inside=third,
+            other_inside=third,  # used only for extra triangles
             has_extra_triangle=has_extra_triangle,
         )
 
@@ -559,7 +557,9 @@ class RegionRefinement:
         self.segments = BorderSegments.concatenate([self.segments, segments])
 
     def _find_edge_crossings(self, first: Indices, second: Indices) -> Indices:
-        """Return the numbers (n,) of the points at which edges cross the border.
+        """Return the indices (n,) of the points at which mesh edges cross the border.
+
+        The points are items of `crossings`. Those not known yet are computed and added.
 
         Parameters
         ----------
@@ -577,13 +577,15 @@ class RegionRefinement:
     def _reduce_error(self, tolerance: float) -> Bools:
         """Reduce the error of the area, and return a mask (T,) of the triangles to be cut.
 
-        Two causes contribute to the error, each up to half of the tolerance (sr). The
-        border is approximated by polynomials, and open triangles may hide parts of the
-        region.
+        Two causes contribute to the error, each up to half of the tolerance (sr):
+
+        - The border in a triangle (a segment) is approximated by a polynomial. Its order is
+          the degree of the polynomial.
+        - A triangle is open if a part of the region, or a hole, may be hidden in it.
         """
         max_error = 0.5 * tolerance
         self._raise_orders(max_error)
-        # Segments of the border that are not accurate enough with the highest order.
+        # Segments that are not accurate enough even with the highest order.
         is_poor = self._find_poor_segments(max_error)
         is_cut = np.zeros(len(self.triangles), dtype=bool)
         is_cut[self.segments.triangle[is_poor]] = True
@@ -662,13 +664,14 @@ class RegionRefinement:
         """Cut the triangles for which `is_cut` (T,) is true.
 
         A neighbour is cut too if a new vertex would otherwise be in the middle of its edge.
-        All other triangles retain what is known about them: the class (`TriangleClass`,
-        such as inside or outside of the region), the longest edge, whether the signs of
-        several margins are uncertain, and the segments (pieces of the border).
+        All other triangles retain what is known about them. Margins are functions of the
+        direction that are at least 0 inside the region. `has_several_uncertain` says
+        whether several margins may have either sign in a triangle.
         """
         mesh = bisect_triangles(self.points, self.triangles, is_cut)
         new_points = mesh.points[len(self.points) :]
-        self.values = np.concatenate([self.values, self.evaluate(new_points)])
+        new_margins = self.evaluate(new_points)
+        self.values = np.concatenate([self.values, new_margins])
         self.points = mesh.points
         self.triangles = mesh.triangles
 
@@ -679,6 +682,7 @@ class RegionRefinement:
         self.has_several_uncertain = _carry_over(
             self.has_several_uncertain, mesh.origin, False
         )
+        # Segments are the pieces of the border in single triangles.
         self._renumber_segments(mesh.origin, old_count=len(is_cut))
 
     def _renumber_segments(self, origin: Indices, old_count: int) -> None:

@@ -226,7 +226,7 @@ def log_rate_change(vector: Floats, rate: Floats, w: Floats) -> Floats:
     """Return second time derivatives of rotation vectors at constant angular velocity.
 
     A rotation vector d is the axis times the angle. Its first derivative (`log_rate`) at
-    the angular velocity w is
+    the angular velocity w, in fixed axes, is
 
         d' = w - d x w / 2 + c d x (d x w),    c = (1 - (a / 2) cot(a / 2)) / a^2,
 
@@ -249,6 +249,7 @@ def log_rate_change(vector: Floats, rate: Floats, w: Floats) -> Floats:
     """
     square = _square(vector)
     square_rate = 2.0 * np.sum(vector * rate, axis=1, keepdims=True)
+    # The factor c is a polynomial of a^2, and `_SECOND_ORDER_SLOPE` its derivative.
     c = _SECOND_ORDER_FACTOR(square)
     c_rate = _SECOND_ORDER_SLOPE(square) * square_rate
     product = cross(vector, w)

@@ -79,8 +79,9 @@ def icosahedron(spacing: float) -> tuple[Floats, Indices]:
     )
     is_inward = np.linalg.det(points[faces]) < 0.0
     faces[is_inward] = faces[is_inward, ::-1]
-    # The mesh is rotated, so that no vertex is on a coordinate axis. Mechanisms are often
-    # symmetric about these axes, and corners of their regions lie there.
+    # The mesh is rotated, so that no vertex is on a coordinate axis. Regions on the sphere
+    # often have corners there, because mechanisms are symmetric. At a vertex on a border,
+    # rounding would decide whether the vertex is inside.
     return quarter_until_short(points @ _MESH_ROTATION.T, faces, spacing)
 
 

@@ -167,16 +167,17 @@ class DyadClosure:
     Attributes
     ----------
     first_rotation, second_rotation
-        (n, 3, 3) rotations from the axes of each body to base axes. If the outer axes lie
-        on one line, the whole dyad can rotate about this line. One of infinitely many
-        orientations is then returned.
+        (n, 3, 3) rotations from the axes of each body to the axes in which the outer axes
+        are known. If the outer axes lie on one line, the dyad can rotate about this line.
+        One of infinitely many orientations is then returned. If a dyad does not close, its
+        bodies have different middle axes.
     sine
         (n,) sine of the angle between the arcs of the two bodies at the middle axis. The
         sine is 0 at a dead centre of the dyad, and if an arc is too short to have a
         direction.
-    slenderness
-        (n,) smallest over largest sine of the three sides of the triangle. The smaller it
-        is, the larger is the relative rounding error of the direction of the shortest side.
+    side_ratio
+        (n,) smallest over largest sine of the three sides of the triangle. A small ratio
+        means that the direction of the shortest side has a large relative rounding error.
     closes
         (n,) whether the arcs reach each other at the middle axis.
     """
@@ -184,7 +185,7 @@ class DyadClosure:
     first_rotation: Floats
     second_rotation: Floats
     sine: Floats
-    slenderness: Floats
+    side_ratio: Floats
     closes: Bools
 
 
@@ -279,8 +280,8 @@ def close_dyad(
     )
     all_sines = np.array([base_sine, *np.broadcast_arrays(*np.abs(side_sines))])
     largest = np.max(all_sines, axis=0)
-    slenderness = np.min(all_sines, axis=0) / np.where(largest > 0.0, largest, 1.0)
-    return DyadClosure(first_rotation, second_rotation, sine, slenderness, angles.closes)
+    side_ratio = np.min(all_sines, axis=0) / np.where(largest > 0.0, largest, 1.0)
+    return DyadClosure(first_rotation, second_rotation, sine, side_ratio, angles.closes)
 
 
 def _body_frame(outer: Floats, middle: Floats) -> Floats:

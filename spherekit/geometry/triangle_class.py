@@ -102,20 +102,22 @@ def _bernstein_matrix() -> Floats:
 def _slope_matrix(bernstein: Floats) -> Floats:
     """Return the matrix (3, 2, 6) from samples in a triangle to derivatives at corners.
 
-    A function is known at six samples, the vertices and the midpoints of the edges. They
-    determine a polynomial of degree 2, which the matrix differentiates.
+    A function is known at six samples, the vertices 1, 2, 3 and the midpoints of the edges.
+    They determine the polynomial b1 p^2 + b2 q^2 + b3 r^2 + 2 b12 p q + 2 b23 q r +
+    2 b31 r p. Here p, q, r are barycentric coordinates, and the b Bernstein coefficients.
 
     Parameters
     ----------
     bernstein
-        (6, 6) matrix from the samples to the Bernstein coefficients of the polynomial.
+        (6, 6) matrix from the samples to b1, b2, b3, b12, b23 and b31.
 
     Returns
     -------
     The matrix. Axis 0 is the vertex 1, 2 or 3. Axis 1 is the direction: along the edge from
-    1 to 2, or from 1 to 3, with this edge as unit of length. Axis 2 is the sample. For
-    example, at vertex 2 the derivative along the edge 13 is 2 (b23 - b12).
+    1 to 2, or from 1 to 3, with this edge as unit of length. Axis 2 is the sample.
     """
+    # From 1 to 2, q grows and p shrinks. From 1 to 3, r grows and p shrinks. The derivative
+    # of the polynomial from 1 to 2 at vertex 1 (p = 1, q = r = 0) is 2 (b12 - b1).
     # Each b is a row of the matrix: the factors of the samples that give the coefficient.
     b1, b2, b3, b12, b23, b31 = bernstein
     at_vertex_1 = [b12 - b1, b31 - b1]
@@ -134,8 +136,11 @@ def _check_matrix(bernstein: Floats) -> Floats:
     Parameters
     ----------
     bernstein
-        (6, 6) matrix from the samples to the Bernstein coefficients of the polynomial.
+        (6, 6) matrix from the samples to the coefficients b1, b2, b3, b12, b23 and b31 of
+        the polynomial (Bernstein coefficients).
     """
+    # The barycentric coordinates p, q, r of the seven points. The polynomial is b1 p^2 +
+    # b2 q^2 + b3 r^2 + 2 b12 p q + 2 b23 q r + 2 b31 p r.
     p, q, r = CHECK_TWELFTHS.T / 12.0
     terms = np.stack([p * p, q * q, r * r, 2 * p * q, 2 * q * r, 2 * p * r], axis=1)
     return terms @ bernstein

@@ -173,15 +173,14 @@ class EliminantSamples:
     Attributes
     ----------
     values
-        (n, m) values of the eliminants.
+        (n, m) values of the eliminants; real numbers if the equations are real.
     magnitude_limits
-        (n, m) limits that the magnitudes of these values cannot exceed, by the sizes of the
-        equations. An eliminant far below its limits at all m angles counts as zero
-        everywhere.
+        (n, m) limits that the magnitudes of these values cannot exceed. An eliminant far
+        below its limits at all m angles counts as zero everywhere.
     can_eliminate
-        (n,) whether the second angle can be eliminated. Of three equations, the first is
-        solved for the second angle, and must depend on this angle. Always true for two
-        equations.
+        (n,) whether the angles can be eliminated. This is always true for two equations. Of
+        three equations, the first must depend on the second angle, which is eliminated by
+        it.
     """
 
     values: Complexes
@@ -225,7 +224,8 @@ class SecondAngleZeros:
     factors
         (n, r, 2, 3) values 1, cos(y) and sin(y) at both zeros of equation 1.
     denominators
-        (n, r) c1^2 + c2^2, the denominator of these cosines and sines.
+        (n, r) c1^2 + c2^2, the number by which these cosines and sines were divided. If the
+        number is 0, equation 1 does not determine y.
     last_forms
         (n, r, 2, 2, 3) coefficients b0, b1, b2. Axis 2 belongs to the zeros of equation 1,
         axis 3 to the equations 2 and 3.
@@ -302,7 +302,7 @@ def eliminant_degree(incidence: Bools) -> int:
 
     With t = 3, R is the resultant of the last two equations: z is eliminated from them. p
     is the degree of R in y. The first equation is a0 + a1 cos(y) + a2 sin(y) = 0, with the
-    zeros y1 and y2. R(y1) R(y2) is a fraction, and the last factor removes its denominator.
+    zeros y1 and y2. R(y1) R(y2) is a fraction with the denominator (a1^2 + a2^2)^p.
 
     Parameters
     ----------
@@ -311,7 +311,8 @@ def eliminant_degree(incidence: Bools) -> int:
 
     Returns
     -------
-    The degree, or 0 if the angles cannot be eliminated in their order.
+    The degree, or 0 if the equations do not contain the angles that are to be eliminated
+    from them (see `_can_eliminate_in_order`).
     """
     if not _can_eliminate_in_order(incidence):
         return 0
@@ -322,10 +323,12 @@ def eliminant_degree(incidence: Bools) -> int:
     resultant_degree = _resultant_degree(incidence, first_angle)
     if equation_count == 2:
         return resultant_degree
-    # R(y1) and R(y2) both have the degree of the resultant in x, if y1 and y2 are taken as
-    # constant. In fact the cosines and sines of y1 and y2 are fractions of the coefficients
-    # a. Without denominators, each term has 2 p factors a, because (a1^2 + a2^2)^p has as
-    # many. The coefficients a have degree 1 in x if the first equation contains x.
+    # The eliminant R(y1) R(y2) (a1^2 + a2^2)^p contains x in two ways:
+    # 1. Directly, if y1 and y2 are taken as constant. Each R has the degree of the
+    #    resultant.
+    # 2. By the coefficients a. If all a are multiplied by k, then y1 and y2 stay the same,
+    #    and the eliminant is multiplied by k^(2p). So each term has 2 p factors a. An a has
+    #    degree 1 in x if the first equation contains x.
     power = _resultant_degree(incidence, second_angle)
     degree_of_first_coefficients = int(incidence[0, first_angle])
     return 2 * resultant_degree + 2 * power * degree_of_first_coefficients
@@ -356,9 +359,10 @@ def _can_eliminate_in_order(incidence: Bools) -> bool:
 def _resultant_degree(incidence: Bools, angle: int) -> int:
     """Return the degree, in one angle, of the resultant of the last two equations.
 
-    The resultant is what remains of both equations when the last angle is eliminated. Each
-    term is a product with two coefficients of each equation. So each equation that contains
-    the angle adds 2 to the degree.
+    The degree counts factors cosine and sine of the angle. The resultant is what remains of
+    the two equations when the last angle is eliminated. Each of its terms is a product of
+    four coefficients, two of each equation. A coefficient has the degree 1 if its equation
+    contains the angle, otherwise 0. So each equation that contains the angle adds 2.
 
     Parameters
     ----------
@@ -586,23 +590,23 @@ def _eliminate(equations: Numbers, incidence: Bools, starts_per_root: int) -> Ro
     incidence
         (t, t) whether an equation (row) contains an angle (column).
     starts_per_root
-        Largest number of starts of Newton's method for each root. The other angles have
-        several possible values: there are 2 starts for two equations and 4 for three. Those
-        with the smallest residuals are used.
+        Largest number of starts of Newton's method for each root. Two equations have 2
+        possible starts, and three equations have 4. The starts with the smallest errors of
+        the equations are used.
 
     Returns
     -------
     The angles to which each start leads, and two marks for each. `is_solution`: whether
-    Newton's method has converged to a solution of the root. `is_flat`: whether the Jacobian
-    is almost singular there, so that several solutions may coincide. If a root of a system
-    is zero or infinite, it has no angle. The system then has no complete set of solutions,
-    so it is not solved: its angles are NaN and all marks are false.
+    Newton's method has converged to a solution with the first angle of the root. `is_flat`:
+    whether the Jacobian is almost singular there. A root that is zero or infinite gives no
+    angle. A system with such a root is not solved: its angles are NaN and all marks false.
     """
     roots = _find_eliminant_roots(equations, incidence).roots
     has_angle = np.isfinite(roots) & (roots != 0.0)  # (n, roots)
     is_solved = np.all(has_angle, axis=1)
     solved = _solve_at_roots(equations[is_solved], roots[is_solved], starts_per_root)
 
+    # `start_count` is the number of all starts of a system.
     start_count, angle_count = solved.angles.shape[1:]
     shape = (len(equations), start_count)
     solutions = RootSolutions(
@@ -631,9 +635,8 @@ def _solve_at_roots(
     roots
         (n, k) values of e^(ix), x the first angle.
     starts_per_root
-        Largest number s of starts of Newton's method for each root. The other angles have
-        several possible values: there are 2 starts for two equations and 4 for three. Those
-        with the smallest residuals are used.
+        Number s of starts of Newton's method for each root, at most 2 for two equations and
+        4 for three. The starts with the smallest errors of the equations are used.
     """
     # (n, k * s, t) angles, the starts of a root one after another.
     starts = _choose_starts(equations, roots, starts_per_root)
@@ -643,7 +646,8 @@ def _solve_at_roots(
     first_angle_changes = np.abs(result.angles[:, :, 0] - starts[:, :, 0])  # (n, k * s)
     is_near_root = first_angle_changes < ROOT_CLUSTER_RAD
     is_converged = result.residual < MAX_SOLUTION_RESIDUAL
-    # At flat angles the Jacobian is almost singular. Several solutions may coincide there.
+    # `is_flat` says whether the Jacobian is almost singular. Several solutions may coincide
+    # there.
     return RootSolutions(result.angles, is_converged & is_near_root, result.is_flat)
 
 
@@ -726,10 +730,10 @@ def _angles_from_factors(factors: Complexes) -> Complexes:
 def _find_form_zeros(form: Numbers) -> FormZeros:
     """Return the zeros of equations c0 + c1 cos(y) + c2 sin(y) = 0 in one angle y.
 
-    With w = c1^2 + c2^2 and r = sqrt(w - c0^2), a form has two zeros, one for each sign of
-    r: cos(y) = (-c0 c1 - r c2) / w and sin(y) = (-c0 c2 + r c1) / w. A zero is stored as
-    the three values 1, cos(y) and sin(y). They are the factors of c0, c1 and c2 in the
-    equation. The zero is inserted into other equations by the same three factors.
+    With w = c1^2 + c2^2 and r = sqrt(w - c0^2), the equation has two zeros, one for each
+    sign of r: cos(y) = (-c0 c1 - r c2) / w and sin(y) = (-c0 c2 + r c1) / w. A zero is
+    stored as the three factors of c0, c1 and c2: the values 1, cos(y) and sin(y). The
+    denominators w are returned too, because y is not determined where w is 0.
 
     Parameters
     ----------
@@ -740,11 +744,11 @@ def _find_form_zeros(form: Numbers) -> FormZeros:
     c0, c1, c2 = np.moveaxis(form.astype(complex), -1, 0)
     w = c1 * c1 + c2 * c2
     r = np.sqrt(w - c0 * c0)
-    # (..., 3) the values 1, cos(y) and sin(y) at each of the two zeros, times w.
-    first_zero = np.stack([w, -c0 * c1 - r * c2, -c0 * c2 + r * c1], axis=-1)
-    second_zero = np.stack([w, -c0 * c1 + r * c2, -c0 * c2 - r * c1], axis=-1)
-    both_zeros = np.stack([first_zero, second_zero], axis=-2)  # (..., 2, 3)
-    return FormZeros(factors=both_zeros / w[..., None, None], denominators=w)
+    # (..., 3) the numerators of 1, cos(y) and sin(y) at each of the two zeros.
+    first_numerators = np.stack([w, -c0 * c1 - r * c2, -c0 * c2 + r * c1], axis=-1)
+    second_numerators = np.stack([w, -c0 * c1 + r * c2, -c0 * c2 - r * c1], axis=-1)
+    numerators = np.stack([first_numerators, second_numerators], axis=-2)  # (..., 2, 3)
+    return FormZeros(factors=numerators / w[..., None, None], denominators=w)
 
 
 def _insert_first_angle(equations: Numbers, first_angles: Numbers) -> Complexes:
@@ -792,17 +796,18 @@ def _second_angle_forms(equations: Numbers, first_angles: Numbers) -> Complexes:
 def _select_second_angle_form(remaining: Complexes) -> Complexes:
     """Return the first of three equations as an equation (n, r, 3) in the second angle y.
 
-    The result has the coefficients of 1, cos(y) and sin(y).
+    The result has the coefficients of 1, cos(y) and sin(y). Systems are ordered so that the
+    last angle z is not in their first equation.
 
     Parameters
     ----------
     remaining
-        (n, r, 3, 3, 3) coefficients of the three equations in y and z that remain at r
-        values of the first angle. Axis 2 counts the equations, axis 3 belongs to y, and the
-        last axis to z: indices 0, 1 and 2 are the factors 1, cosine and sine.
+        (n, r, 3, 3, 3) coefficients of the equations of n systems, with r values of the
+        first angle inserted. Axis 2 counts the equations. Axis 3 belongs to y and axis 4 to
+        z: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
     """
     first_equation = remaining[:, :, 0]
-    # The first equation does not contain z, so its factors of cos(z) and sin(z) are 0.
+    # The coefficients of cos(z) and sin(z), indices 1 and 2 of the last axis, are 0.
     return first_equation[:, :, :, 0]
 
 
@@ -810,10 +815,10 @@ def _solve_second_angle(equations: Numbers, first_angles: Numbers) -> SecondAngl
     """Return the second angle y of systems of three equations at given first angles.
 
     The first of three equations does not contain the last angle z. With a first angle
-    inserted, it is c0 + c1 cos(y) + c2 sin(y) = 0 and gives two values of y. Each of them
-    is inserted into the other two equations, in which only z remains. The result also has
-    the denominator c1^2 + c2^2 of cos(y) and sin(y), because callers need to know whether
-    it is zero.
+    inserted, it is the form c0 + c1 cos(y) + c2 sin(y) = 0. Its two zeros are values of y.
+    Each of them is inserted into the other two equations, in which only z remains. The
+    result also has the denominator c1^2 + c2^2 of cos(y) and sin(y), because callers need
+    to know whether it is zero.
 
     Parameters
     ----------
@@ -825,7 +830,8 @@ def _solve_second_angle(equations: Numbers, first_angles: Numbers) -> SecondAngl
         (n, r) values of the first angle (rad).
     """
     remaining = _insert_first_angle(equations, first_angles)
-    zeros = _find_form_zeros(_select_second_angle_form(remaining))
+    second_angle_form = _select_second_angle_form(remaining)
+    zeros = _find_form_zeros(second_angle_form)
     other_equations = remaining[:, :, 1:]
     # The sum over y inserts its factors 1, cos(y) and sin(y). Letters: n system, r value of
     # the first angle, k equation, y and z factors of these angles, s zero of the form.
@@ -858,12 +864,13 @@ def _sample_eliminants(
         samples = _sample_eliminants_of_two(equations, all_first_angles)
     else:
         # When the third angle is eliminated from the last two equations, their resultant
-        # remains. To eliminate the second angle too, the degree of the resultant in this
-        # angle is needed.
+        # remains. Its degree in the second angle is the exponent of a factor of the
+        # eliminant.
         resultant_degree = _resultant_degree(incidence, angle=1)
         samples = _sample_eliminants_of_three(equations, all_first_angles, resultant_degree)
     if np.isrealobj(equations):
-        # The imaginary parts are rounding errors.
+        # The eliminant of real equations is real. Intermediate results are complex, so
+        # rounding leaves imaginary parts, which are removed. The type stays complex.
         real_values = samples.values.real.astype(complex)
         samples = replace(samples, values=real_values)
     return samples
@@ -887,24 +894,24 @@ def _sample_eliminants_of_two(
         (n, m) values of the first angle (rad).
     """
     forms = _insert_first_angle(equations, first_angles)  # (n, m, equations, 3)
-    return EliminantSamples(
-        values=_resultants(forms),
-        # The product of the squared norms of both forms limits the resultant.
-        magnitude_limits=np.prod(_squared_norms(forms), axis=2),
-        can_eliminate=np.ones(len(equations), dtype=bool),
-    )
+    # A resultant cannot be larger than the product of the squared norms of its two forms.
+    magnitude_limits = np.prod(_squared_norms(forms), axis=2)
+    # Only a second angle of three equations can be impossible to eliminate.
+    can_eliminate = np.ones(len(equations), dtype=bool)
+    return EliminantSamples(_resultants(forms), magnitude_limits, can_eliminate)
 
 
 def _sample_eliminants_of_three(
-    equations: Numbers, first_angles: Numbers, power: int
+    equations: Numbers, first_angles: Numbers, resultant_degree: int
 ) -> EliminantSamples:
     """Return values of the eliminants of systems of three equations in three angles.
 
     With a value of the first angle inserted, the first equation has two zeros of the second
-    angle. At each of them, the other two equations are forms c0 + c1 cos + c2 sin = 0 in
+    angle y. At each of them, the other two equations are forms c0 + c1 cos + c2 sin = 0 in
     the last angle. Their resultant is zero if they have a common zero. The product of both
-    resultants is therefore zero at the solutions. The zeros have a denominator w, so the
-    product is a fraction with the denominator w^power. The eliminant is its numerator.
+    resultants is therefore zero at the solutions. The zeros, cos(y) and sin(y), have the
+    same denominator w. If a resultant has the degree p in them, the product is a fraction
+    with the denominator w^p. The eliminant is its numerator.
 
     Parameters
     ----------
@@ -914,12 +921,13 @@ def _sample_eliminants_of_three(
         sine.
     first_angles
         (n, m) values of the first angle (rad).
-    power
-        Degree of the resultant in the second angle.
+    resultant_degree
+        The degree p.
     """
     zeros = _solve_second_angle(equations, first_angles)
+    # `last_forms` are the two forms in the last angle, at each zero.
     resultants = _resultants(zeros.last_forms)  # (n, m, zeros)
-    values = np.prod(resultants, axis=2) * zeros.denominators**power
+    values = np.prod(resultants, axis=2) * zeros.denominators**resultant_degree
     # Limits that the magnitudes of the values cannot exceed. Compared with its limit, an
     # eliminant that is zero but for rounding can be recognised. The limit of a resultant is
     # the product of the squared norms of its forms.
@@ -928,7 +936,8 @@ def _sample_eliminants_of_three(
     denominator_sizes = np.abs(zeros.denominators)
     return EliminantSamples(
         values=values,
-        magnitude_limits=denominator_sizes**power * resultant_limits,
+        magnitude_limits=denominator_sizes**resultant_degree * resultant_limits,
+        # The second angle can only be eliminated if the first equation determines it.
         can_eliminate=_determines_second_angle(equations, zeros.denominators),
     )
 
@@ -937,21 +946,22 @@ def _determines_second_angle(equations: Numbers, denominators: Complexes) -> Boo
     """Return a mask (n,) of the systems whose first equation determines the angle y.
 
     A system has three equations, and y is the second angle. The first equation, with a
-    value of the first angle inserted, is the form c0 + c1 cos(y) + c2 sin(y) = 0. If the
-    part with y is too small at all values of the first angle, the zeros of the form have no
-    meaning.
+    value of the first angle inserted, is c0 + c1 cos(y) + c2 sin(y) = 0. Its solution has
+    the denominator c1^2 + c2^2. If the denominator is nearly 0 at all values of the first
+    angle, the equation does not determine y.
 
     Parameters
     ----------
     equations
         (n, 3, 3, 3, 3) coefficients of n systems of three equations.
     denominators
-        (n, m) c1^2 + c2^2 at m values of the first angle: the square of the part with y.
+        (n, m) c1^2 + c2^2 at m values of the first angle.
     """
     first_equations = equations[:, 0].reshape(len(equations), -1)
     first_norms = np.linalg.norm(first_equations, axis=1)
-    smallest_part = UNDETERMINED_RATIO * first_norms
-    return max_abs(denominators, axis=1) > smallest_part**2
+    # The denominator is quadratic in the coefficients, so the limit is too.
+    smallest_denominator = (UNDETERMINED_RATIO * first_norms) ** 2
+    return max_abs(denominators, axis=1) > smallest_denominator
 
 
 def _resultants(forms: Complexes) -> Complexes:
@@ -982,10 +992,10 @@ def _squared_norms(forms: Complexes) -> Floats:
 def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoots:
     """Return the roots of the eliminants of n systems of two or three equations.
 
-    The eliminant is the polynomial in the first angle x that remains when the other angles
-    are eliminated. It is sampled at equally spaced values of x. A Fourier transform gives
-    its coefficients. The eigenvalues of the companion matrix are the roots, values of
-    e^(ix).
+    The eliminant is the trigonometric polynomial in the first angle x that remains when the
+    other angles are eliminated. Its terms are e^(ikx) with k from -degree to degree. It is
+    sampled at equally spaced values of x. A Fourier transform gives its coefficients. The
+    eigenvalues of the companion matrix are the roots, values of e^(ix).
 
     Parameters
     ----------
@@ -1005,6 +1015,7 @@ def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoot
     # - FIRST_SAMPLE_RAD)). The factor turns the roots into values of e^(ix).
     highest_first = coefficients.by_order[:, ::-1]
     roots = _polynomial_roots(highest_first) * np.exp(1j * FIRST_SAMPLE_RAD)
+    # For each system, why its roots do not give its solutions, or "".
     problems = _find_problems(equations, samples)
     return EliminantRoots(roots, coefficients.relative_errors, problems)
 
@@ -1156,9 +1167,10 @@ def _start_angles_of_two(equations: Numbers, first_angles: Complexes) -> Complex
 def _start_angles_of_three(equations: Numbers, first_angles: Complexes) -> Complexes:
     """Return starts of Newton's method for systems of three equations.
 
-    With the first angle inserted, the first equation gives two values of the second angle.
-    With one of these inserted, one of the last two equations gives two values of the last
-    angle (`_last_angles` chooses this equation).
+    The first equation does not contain the last angle. With the first angle inserted, it
+    gives two values of the second angle. With one of these inserted, one of the last two
+    equations gives two values of the last angle. Either equation would do; `_last_angles`
+    takes the more accurate one.
 
     Parameters
     ----------
@@ -1191,7 +1203,8 @@ def _last_angles(forms: Complexes) -> Complexes:
     """Return two values of the last angle, from two equations that contain only it.
 
     A form (c0, c1, c2) is an equation c0 + c1 cos + c2 sin = 0 in one angle, with two
-    zeros. At a solution of the system, both forms have one zero in common.
+    zeros. At a solution of the system, both forms have one zero in common. Which of the
+    returned zeros this is, the caller finds by their residuals.
 
     Parameters
     ----------
@@ -1200,15 +1213,14 @@ def _last_angles(forms: Complexes) -> Complexes:
 
     Returns
     -------
-    (..., 2) both zeros (rad) of one of the forms.
+    (..., 2) both zeros (rad) of the form that gives them more accurately.
     """
-    # The form with the larger coefficients of cosine and sine gives the common zero more
-    # accurately.
+    # This is the form with the larger coefficients of cosine and sine.
     angle_parts = np.linalg.norm(forms[..., 1:], axis=-1)
     better = np.argmax(angle_parts, axis=-1)[..., None, None]
     better_forms = np.take_along_axis(forms, better, axis=-2)[..., 0, :]
     zeros = _find_form_zeros(better_forms)
-    # The factors of the coefficients are 1, the cosine and the sine of the angle.
+    # `zeros.factors` has the values 1, cosine and sine of the angle at each zero.
     return _angles_from_factors(zeros.factors)
 
 

@@ -264,17 +264,17 @@ class DyadsWithClosingLink:
             # The columns of a rotation are the images of the three axes of the link.
             for column, unit_vector in enumerate(np.eye(3)):
                 rotations[:, link, :, column] = mode.vector(link, unit_vector).T
-        # The closing link is placed by the axes of its two pairs. They are known in its
-        # neighbours (outer) and in its own axes (inner).
-        first_outer, second_outer = (
+        # The closing link is placed by the axes of its two pairs. They are known in the
+        # axes of the base, because its neighbours are placed, and in its own axes.
+        first_in_base, second_in_base = (
             np.broadcast_to(axis, (3, n)).T for axis in self._end_axes(mode)
         )
-        first_inner, second_inner = (
+        first_in_link, second_in_link = (
             self.chain.axis_in(pair, self.link) for pair in self.pairs
         )
-        outer_frame = frame_toward(first_outer, second_outer)
-        inner_frame = frame_toward(first_inner, second_inner)
-        rotations[:, self.link] = outer_frame @ inner_frame.T
+        frame_in_base = frame_toward(first_in_base, second_in_base)
+        frame_in_link = frame_toward(first_in_link, second_in_link)
+        rotations[:, self.link] = frame_in_base @ frame_in_link.T
         return rotations
 
     def _end_axes(self, mode: WorkingMode) -> tuple[Floats, Floats]:
@@ -293,15 +293,16 @@ class DyadsWithClosingLink:
         return dot_columns(p, q) - self.arc_cosine
 
     def residual_rate(self, mode: WorkingMode) -> RateFraction:
-        """Return the rate of the residual f per unit angular velocity of the output.
+        """Return the rate of the residual f for any angular velocity w of the output.
 
         The closure error of the closing link is f = p . q - cos(arc), with the axes p and q
-        of its two pairs (joints). The rate is a fraction: a numerator (3, n), multiplied by
-        the angular velocity, and a denominator (n,).
+        of its two pairs (joints). The rate is the fraction ``numerator . w / denominator``.
+        The two parts, (3, n) and (n,), are finite also where the rate is infinite.
         """
         p, q = self._end_axes(mode)
-        # f' = (p x q) . (w_p - w_q) with the angular velocities of both neighbours. The
-        # normal p x q is at right angles to the axes of both pairs.
+        # f' = (p x q) . (w_p - w_q) with the angular velocities of the links that carry p
+        # and q. A rotation of these links about p or q adds nothing, because p x q is at
+        # right angles to p and q. So `self.pairs` are passed as pairs to be ignored.
         normal = cross_columns(p, q)
         first_link, second_link = self.neighbours
         first_rate = mode.angular_velocity_along(normal, first_link, self.pairs)
@@ -349,10 +350,12 @@ class DyadsWithClosingLink:
             directions.
             """
             row_directions = directions[:, rows]
-            mode = self.place_dyads(row_directions, turns[:, 0], signs)
-            step = -self.residual(mode) / self.slope(mode, row_directions)
-            # Out of reach, or where the slope is 0, there is no step. A step of 0 ends the
-            # iteration of this row.
+            placed = self.place_dyads(row_directions, turns[:, 0], signs)
+            residual = self.residual(placed)
+            slope = self.slope(placed, row_directions)  # derivative df/d(turn)
+            step = -residual / slope
+            # The step is not finite if a dyad cannot be placed at this turn, or if the
+            # slope is 0. A step of 0 ends the iteration of this row.
             return np.where(np.isfinite(step), step, 0.0)[:, None]
 
         values, _ = newton(
@@ -593,7 +596,7 @@ def _merge_equal_turns(row: Indices, turn: Floats) -> tuple[Indices, Floats]:
     """Return the different turns of each direction, ordered by direction and turn.
 
     A turn is a solution: the angle of the output link about the direction at which it
-    points. The search can find a solution twice.
+    points. The search can find a solution twice. Turns near -pi and pi are not compared.
 
     Parameters
     ----------

@@ -177,9 +177,9 @@ class DyadChain:
         assembly
             Its groups of links, all of which are dyads, in the order of placing.
         base
-            Number of the link that is fixed. Vectors are in its axes.
+            Number of the link in whose axes all vectors are given. It counts as fixed.
         posed_link
-            Number of the link that each pose places.
+            Number of the link whose position is given by a pose of the output.
         """
         # Numbers of the first and second link of each pair.
         self.ends = mechanism.ends
@@ -302,7 +302,8 @@ class DyadChain:
         source_pair = pair
         source_link = link
         sense = 1.0
-        # The base and the posed link belong to no dyad and have no support.
+        # Only links of dyads have a support. Two other links are placed before all dyads:
+        # the base and the link whose pose is given.
         while source_link in self.dyad_of_link:
             outer_pair, support = self.support_of(source_link)
             if not self.is_coaxial(source_pair, outer_pair, source_link):
@@ -411,12 +412,12 @@ class InputRates:
 
 
 def invert_jacobian(jacobian: Floats, directions: Floats | None) -> InputRates:
-    """Return how fast the inputs must move, from how fast each input turns the output.
+    """Return the inverse of a Jacobian: the rates of the inputs for any output velocity.
 
     The Jacobian has the angular velocity of the output for each input. It is inverted by
     Cramer's rule: each row of the inverse is a cross product of two columns, divided by the
-    determinant. At a singularity the determinant is 0, so the division is left to the user
-    of the result.
+    determinant. At a singularity the determinant is 0. Numerators (n, inputs, 3) and
+    denominators (n, 1) are therefore returned separately.
 
     Parameters
     ----------
@@ -430,7 +431,6 @@ def invert_jacobian(jacobian: Floats, directions: Floats | None) -> InputRates:
     columns = np.swapaxes(jacobian, 1, 2)
     # For two inputs, the direction is the third column, which makes the Jacobian square.
     cross_products, determinant = reciprocal_vectors(columns, directions)
-    # The determinant is the same for all inputs.
     return InputRates(numerators=cross_products, denominators=determinant[:, None])
 
 

@@ -53,8 +53,8 @@ class DyadKinematics(ClosedKinematics):
 
         A dyad is two links with three R pairs. To hold the output in a pose, the inverse
         kinematics adds virtual links and pairs between the output link and its reference
-        link. A dyad of the mechanism can end at such a virtual pair, which users do not
-        know. The leg then gets the name of a real pair with the same axis, if there is one.
+        link. A dyad can end at such a virtual pair, which users do not know. In the name of
+        the leg, a real pair with the same axis then replaces this pair, if there is one.
 
         Parameters
         ----------
@@ -74,8 +74,8 @@ class DyadKinematics(ClosedKinematics):
         self.dyads = kinematics.dyads.dyads
         legs = []
         for dyad in self.dyads:
-            # A virtual pair is named after the pair of the output link with the same axis.
-            names = [self.name_of(self._find_real_pair(pair)) for pair in dyad.pairs]
+            real_pairs = [self._find_real_pair(pair) for pair in dyad.pairs]
+            names = [self.name_of(pair) for pair in real_pairs]
             legs.append(f"the leg of pairs {', '.join(names)}")
         self.legs = tuple(legs)
 
@@ -384,25 +384,29 @@ class _GearedMode:
         negative there, so that the limit can be searched from both sides.
 
         The mechanism without wheels has entry pairs, at which the wheels or the inputs
-        drive it. This mechanism gives the continued square for each entry pair. If an entry
-        pair has unit rate, an input has the rate r, the derivative of the input with
-        respect to the angle of the pair. Per unit rate of the input, the square is
-        therefore divided by r^2.
+        drive it. This mechanism gives a continued square per unit rate of each entry pair.
+        Let r be the derivative of an input with respect to the angle of the entry pair.
+        While the pair has the rate 1, the input has the rate r. Per unit rate of the input,
+        the square is therefore divided by r^2.
 
-        A pose is out of reach if a single entry pair is. So the least quotient counts.
+        A pose is out of reach if the square of any entry pair is negative. So the least
+        quotient counts.
 
         Returns
         -------
         (n, inputs) the least quotient of all entry pairs that have an effect on the input,
         but at most 0. It is 0 within reach.
         """
-        entry_squares = self.wheelless_mode.type_1_square  # (n, entry pairs)
-        continuation = np.zeros(entry_squares.shape)  # (n, inputs), as many as entry pairs
+        # There are as many entry pairs as inputs. Both arrays have n rows.
+        entry_squares = self.wheelless_mode.type_1_square  # a column for each entry pair
+        continuation = np.zeros(entry_squares.shape)  # a column for each input
+        # Each row of `inverse_ratios` has the derivatives of one input with respect to the
+        # angles of all entry pairs.
         for number, derivatives in enumerate(self.kinematics.inverse_ratios):
-            for entry_number, derivative_square in enumerate(derivatives**2):
-                # Otherwise the angle of the entry pair has no effect on the input.
-                if derivative_square > 0.0:
-                    quotient = entry_squares[:, entry_number] / derivative_square
+            for entry_number, squared_derivative in enumerate(derivatives**2):
+                # If it is 0, the entry pair has no effect on the input.
+                if squared_derivative > 0.0:
+                    quotient = entry_squares[:, entry_number] / squared_derivative
                     continuation[:, number] = np.minimum(continuation[:, number], quotient)
         return continuation
 
@@ -416,29 +420,31 @@ def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics 
     """Return the closed form of an output that wheels drive, None if it has none.
 
     The wheels and the links that only support wheels are removed. Some of the remaining
-    pairs are *entry pairs*: they are inputs, or the wheels turn them. The linkage gives the
-    angles of the entry pairs from the pose of the output. The wheels give the inputs from
-    these angles. There are four conditions:
+    pairs are *entry pairs*: they are inputs, or the wheels turn them. From a pose of the
+    output, the mechanism without wheels gives the angles of the entry pairs. From these
+    angles, the ratios of the wheels give the inputs. There are four conditions:
 
     1. All pairs are R pairs or contacts of wheels.
     2. There are as many entry pairs as inputs, and their angles are independent linear
        functions of the inputs.
-    3. No pair that was removed with the wheels has joint limits.
+    3. No pair that was removed with the wheels has joint limits, because the closed form
+       would not check them.
     4. If the output is held in a pose, the mechanism without the wheels consists of dyads
        (two links and three R pairs).
     """
     driven = list(driven_pairs(mechanism))
+    # `mechanism.angles` has the names of the R pairs.
     r_pairs = {mechanism.pair_number[name] for name in mechanism.angles}
     # 1. R pairs and contacts are all pairs.
     train = find_gear_train(mechanism, driven)
     if train is None or len(r_pairs) + len(train.contacts) < len(mechanism.pairs):
         return None
     # 2. The entry pairs are among the pairs that remain without the wheels.
-    pairs_without_wheels = _find_carrying_pairs(mechanism, output, r_pairs)
+    pairs_without_wheels = _find_pairs_without_wheels(mechanism, output, r_pairs)
     entry_pairs = _choose_entry_pairs(train, driven, pairs_without_wheels)
     if entry_pairs is None:
         return None
-    # 3. Joint limits of removed pairs could not be checked later.
+    # 3. Joint limits.
     limited_pairs = {mechanism.pair_number[limit.pair] for limit in mechanism.joint_limits}
     if not limited_pairs <= pairs_without_wheels:
         return None
@@ -458,8 +464,8 @@ def _solve_without_wheels(
 ) -> DyadKinematics | None:
     """Return the closed form of a mechanism without its wheels, None if it has none.
 
-    It is driven at its entry pairs: pairs that are inputs of the whole mechanism, or that
-    the wheels turn.
+    The closed form gives the angles of the entry pairs from a pose of the output. Entry
+    pairs are inputs of the whole mechanism, or pairs that the wheels turn.
 
     Parameters
     ----------
@@ -473,11 +479,12 @@ def _solve_without_wheels(
         Numbers of the entry pairs, which become the inputs.
     """
     # The names of assembly modes belong to the whole mechanism, so they are left out.
+    # Inputs range over one turn.
     entry_inputs = tuple(
         Input(mechanism.pairs[pair].name, 0.0, TURN) for pair in entry_pairs
     )
-    # An error means that the mechanism without wheels is not valid, or that holding its
-    # output leaves links that can move or that hinder each other.
+    # An error means that the mechanism without wheels is not valid, or that a pose of the
+    # output does not place its links.
     try:
         driven_at_entry_pairs = replace(mechanism, inputs=entry_inputs, modes={})
         part = of_pairs(driven_at_entry_pairs, carrying_pairs)
@@ -518,7 +525,9 @@ def _choose_least_inputs(entry_angles: Floats, inverse_ratios: Floats) -> Floats
     return possible_inputs[np.arange(len(possible_inputs)), best]
 
 
-def _find_carrying_pairs(mechanism: Mechanism, output: Output, pairs: set[int]) -> set[int]:
+def _find_pairs_without_wheels(
+    mechanism: Mechanism, output: Output, pairs: set[int]
+) -> set[int]:
     """Return the pairs of the links through which the output is joined to the ground.
 
     Wheels and their supports are left out. Without the contacts between wheels, a wheel has

@@ -330,8 +330,8 @@ class FollowedRotation(RotationPath):
         theta
             (n,) angles (rad).
         deviation
-            The configurations at these angles. The output link is as near as possible to
-            the target, an orientation that turns exactly about the axis.
+            The configurations at these angles, with the deviation of the output link from
+            its target. The target is an orientation that turns exactly about the axis.
 
         Returns
         -------
@@ -349,8 +349,8 @@ class FollowedRotation(RotationPath):
                 last_theta,
             )
             is_near = (theta > low) & (theta < high)
-            # The Chebyshev points are in [-1, 1]. They avoid the leap in the middle, since
-            # their number is even.
+            # The Chebyshev points are in [-1, 1]. Their number is even, so none is in the
+            # middle, where the leap usually is.
             points = 0.5 * (low + high) + 0.5 * (high - low) * chebyshev_points
             guess, _ = self.nodes.interpolate(points)
             deviation_at_points, _ = self.find_nearest(points, guess)
@@ -358,7 +358,7 @@ class FollowedRotation(RotationPath):
             # The interval from low to high becomes -1 to 1.
             x = (2.0 * theta[is_near] - low - high) / (high - low)
             degree = LEAP_CHEBYSHEV_POINTS - 1
-            # `result` is changed in place.
+            # The first derivatives are replaced, then the second ones.
             for samples, result in (
                 (rates_at_points.first, rates.first),
                 (rates_at_points.second, rates.second),

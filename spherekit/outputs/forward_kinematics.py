@@ -256,6 +256,11 @@ class ForwardKinematics:
             The requested modes, each with the sign, 1 or -1, of every dyad (a group of two
             links that can be placed in two ways); all modes by default.
 
+        Returns
+        -------
+        Orientations (modes, n, 3, 3) of the output link. If the output declares a direction
+        in its link, also the directions (modes, n, 3) at which it points.
+
         Raises
         ------
         SolveError
@@ -311,7 +316,7 @@ class ForwardKinematics:
 
         Mechanisms of dyads (groups of two links and three R pairs) are computed in closed
         form, and no configuration is missed. Others are solved for one set of inputs after
-        another.
+        another. The returned inputs are reduced to (-pi, pi].
 
         Parameters
         ----------
@@ -323,9 +328,11 @@ class ForwardKinematics:
         SolveError
             If the inputs are not finite or not as many as the mechanism has.
         """
+        # `make_path` checks the number of inputs, and that they are finite.
         q = make_path(np.asarray(inputs, dtype=float), len(self.solver.driven)).q
         if not self.solver.assembly.has_closed_form:
             return find_configurations(self.solver, self.output, q)
+        # A mode is a tuple of signs, one for each dyad.
         configurations = self._evaluate(q, self._modes)
         # `T` changes the axes from (modes, n) to (n, modes), so that all modes of one set
         # of inputs follow each other.

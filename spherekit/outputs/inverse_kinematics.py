@@ -148,15 +148,14 @@ class Inverse:
         Raises
         ------
         SolveError
-            If the normals, from which the Jacobian is computed, were not asked for. With
-            one input locked, the output can still have some angular velocities. The normal
-            of this input is perpendicular to all of them.
+            If the normals, from which the Jacobian is computed, were not asked for.
         """
         if self.normals is None:
             raise SolveError("the Jacobian needs the normals; solve with normals=True")
-        # With the unit normal n_i of input i, the output turns about n_i at `type_1` per
-        # unit rate of this input: n_i . w = type_1 q_i'. So q_i' = (n_i / type_1) . w, and
-        # n_i / type_1 is row i of the inverse Jacobian.
+        # The unit normal n_i of input i has these properties: n_i . w is 0 for all angular
+        # velocities w of the output while this input is locked. While it has the rate q_i',
+        # n_i . w is type_1 q_i'. So q_i' = (n_i / type_1) . w, and n_i / type_1 is row i of
+        # the inverse Jacobian.
         inverse_rows = self.normals / self.type_1[..., None]
         third_row = None
         if inverse_rows.shape[2] == 2:
@@ -167,8 +166,10 @@ class Inverse:
             third_row = np.cross(inverse_rows[..., 0, :], inverse_rows[..., 1, :])
         # The columns of the inverse of a matrix are the cross products of its rows,
         # divided by the determinant.
-        columns, determinant = reciprocal_vectors(inverse_rows, third_row)
-        return np.swapaxes(columns, -1, -2) / determinant[..., None, None]
+        cross_products, determinant = reciprocal_vectors(inverse_rows, third_row)
+        # From (m, n, inputs, 3) to (m, n, 3, inputs).
+        columns = np.swapaxes(cross_products, -1, -2)
+        return columns / determinant[..., None, None]
 
 
 class InverseKinematics:
@@ -378,10 +379,10 @@ class InverseKinematics:
                     [mode.output_normal(pair) for pair in mode.driven]
                 )
             if has_closing_link:
-                # The output link can turn about its direction. This turn follows from the
-                # arc of one link, the closing link: it must be the angle between the two
-                # axes of this link. The slope is the derivative of the cosine of the angle
-                # with respect to the turn. It shows how accurate the turn is.
+                # The output link can turn about its direction. At the right turn, the two
+                # pair axes of one link (the closing link) enclose an angle equal to the arc
+                # of this link. The slope is the derivative of the cosine of the angle with
+                # respect to the turn. A small slope means a large error of the turn.
                 results["slope"] = mode.slope
             return results
 
@@ -422,9 +423,9 @@ class InverseKinematics:
         poses
             (n, 3, 3) orientations or (n, 3) directions of the output.
         starts
-            (n, 3, 3) orientations of the output link, or (n, 0) if they are not needed.
-            They are needed if Newton's method searches the turn of the output link about
-            its direction.
+            (n, 3, 3) orientations of the output link from which Newton's method starts, or
+            (n, 0) if they are not needed. They are needed if the poses are directions, and
+            the turn of the output link about its direction has to be searched.
         modes
             The signs of the dyads (groups of two links) in each of m modes.
         read_results
@@ -440,13 +441,13 @@ class InverseKinematics:
         with np.errstate(all="ignore"):
             for start in range(0, pose_count, POSES_PER_BLOCK):
                 rows = slice(start, start + POSES_PER_BLOCK)
-                results_of_modes = [
-                    read_results(mode)
-                    for mode in self._place_modes(poses[rows], starts[rows], modes)
-                ]
+                placed_modes = self._place_modes(poses[rows], starts[rows], modes)
+                results_of_modes = [read_results(mode) for mode in placed_modes]
                 block: dict[str, Array] = {}
-                for name in results_of_modes[0] if results_of_modes else ():
-                    block[name] = np.stack([results[name] for results in results_of_modes])
+                if results_of_modes:
+                    for name in results_of_modes[0]:
+                        arrays = [results[name] for results in results_of_modes]
+                        block[name] = np.stack(arrays)
                 blocks.append(block)
         return {
             name: np.concatenate([block[name] for block in blocks], axis=-1)
@@ -561,11 +562,11 @@ class InverseKinematics:
 
     @checked(SolveError)
     def solutions(self, poses: ArrayLike) -> PoseSolutions:
-        """Return every configuration found at poses, of any mechanism.
+        """Return every configuration found at some poses; the mechanism may be of any kind.
 
-        The mechanism is solved with its output held by virtual links. Dyads are solved in
-        closed form, other groups of links by elimination or search, which take milliseconds
-        to seconds for each pose.
+        Links are added that hold the output in its pose (virtual links). The remaining
+        links are then placed in groups. Dyads are solved in closed form, other groups by
+        elimination or search, which take milliseconds to seconds for each pose.
 
         Parameters
         ----------
@@ -579,9 +580,9 @@ class InverseKinematics:
             If the poses are not rotations or directions.
         """
         pose_array = self._check_poses(poses)
-        # Some mechanisms with a pointing output consist of dyads once one link is taken out
-        # (closing link) and the turn of the output about its direction is assumed. The
-        # turns at which this link fits in are searched.
+        # Some mechanisms with a pointing output consist of dyads and one further link, the
+        # closing link. The turn of the output about its direction then is an unknown. The
+        # turns at which the closing link fits between the dyads are searched.
         if self._closing_link is not None:
             with np.errstate(all="ignore"):
                 return self._solve_all_turns(self._closing_link, pose_array)
@@ -766,7 +767,7 @@ class InverseKinematics:
         """Return the signs of the chosen working modes, or of all if `modes` is None.
 
         A working mode is one way to assemble the mechanism at a pose. It has one sign for
-        each group of links (see `legs`), usually 1 or -1.
+        each group of links (see `legs`): 1 or -1, or 0 for a group without a closed form.
 
         Raises
         ------
@@ -795,8 +796,8 @@ def _close_mode(
     The output link points in a direction and can turn about it. All other links but one are
     dyads (groups of two links) that follow. The remaining one, the closing link, joins two
     of them: the angle between its two pair axes must be its arc. The residual is the cosine
-    of this angle less the cosine of the arc. Newton's method searches the turn at which it
-    is 0.
+    of this angle less the cosine of the arc. Newton's method searches a turn at which the
+    residual is 0.
 
     Parameters
     ----------
@@ -805,24 +806,24 @@ def _close_mode(
     directions
         (3, n) directions of the output.
     near
-        (n, 3, 3) orientations of the output link from whose turns Newton's method starts.
+        (n, 3, 3) orientations of the output link. Newton's method starts at their turns.
     signs
-        The sign of each dyad, then that of the closing link: the sign of the derivative of
-        the residual with respect to the turn at the solution. Poses at which the method
-        arrives at a solution with the other sign have the status MODE_LOST.
+        The sign of each dyad, then the required sign of the slope, the derivative of the
+        residual with respect to the turn. If Newton's method arrives at a turn where the
+        slope has the other sign, the pose gets the status MODE_LOST.
     """
     dyad_signs = signs[:-1]
-    link_sign = signs[-1]
+    slope_sign = signs[-1]
     start_turns = closing_link.measure_turns(directions, near)
     turn = closing_link.solve_turn(directions, start_turns, dyad_signs)
     mode = closing_link.place_dyads(directions, turn, dyad_signs)
     slope = closing_link.slope(mode, directions)
     residual = np.abs(closing_link.residual(mode))
+    status = _closing_status(mode.status, residual, slope, slope_sign)
 
-    # `slope` is the derivative of the residual with respect to the turn alone. Rates of the
-    # inputs also need its rate for any angular velocity of the output.
+    # The rate of the residual for any angular velocity of the output. It is stored, because
+    # rates of the inputs need it.
     residual_rate = closing_link.residual_rate(mode)
-    status = _closing_status(mode.status, residual, slope, link_sign)
     state = ClosingLinkState(residual_rate, directions, status)
     return replace(mode, closing_link=state)
 

@@ -60,11 +60,11 @@ class ElbowFeet:
     def elbows(self, modes: ArrayLike) -> tuple[Floats, Floats]:
         """Return the elbows of the legs in given modes, and their triple products.
 
-        The elbow of a leg is the axis between its two links. It can be in two positions,
-        which the sign of the triple product n . (base axis x elbow) distinguishes. Here n
-        is the unit normal of the mid-plane, in which both elbows lie. `foot` is the point
-        half-way between both elbows. `direction` is the vector by which the elbow changes
-        per unit of the triple product:
+        The elbow of a leg is the axis between its two links. It is in the mid-plane, in
+        which base and end effector mirror each other. Two positions are possible, which the
+        sign of the triple product n . (base axis x elbow) distinguishes. Here n is the unit
+        normal of the mid-plane. `foot` is the point half-way between both positions.
+        `direction` is the change of the elbow per unit of the triple product:
 
             elbow = foot + triple_product * direction.
 
@@ -282,7 +282,7 @@ class MidPlane:
         -------
         The variables (n, 2) rad of both driven pairs, by the signs of their legs.
         """
-        # The middles between both elbows, from which both elbows of each leg follow.
+        # For each leg, the point halfway between the two possible positions of its elbow.
         feet = self.elbow_feet(normals)
         leg_count = len(self.arcs)
         # The variable of a base pair depends on the elbow of its own leg only. So the
@@ -291,7 +291,7 @@ class MidPlane:
         variables_by_sign = {}
         for sign in (-1, 1):
             elbows, _triple_products = feet.elbows(np.full(leg_count, sign))
-            variables_by_sign[sign] = self.readings(elbows)
+            variables_by_sign[sign] = self.readings(elbows)  # pair variables (n, legs)
         first_leg, second_leg = self.driven
         inputs_by_mode = {}
         for first_sign, second_sign in ((-1, 1), (-1, -1), (1, 1), (1, -1)):

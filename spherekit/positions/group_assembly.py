@@ -52,9 +52,9 @@ class AssemblyState:
         (n,) angle (rad) by which the sides of a triangle may miss closing. This angle is
         the error of the bodies placed so far. Nearly straight dyads enlarge it, at most to
         the square root of `REACH_SLACK`.
-    slenderness
-        (n,) least slenderness of the dyads placed so far, as
-        `spherekit.geometry.triangle.close_dyad` defines it.
+    side_ratio
+        (n,) least side ratio of the dyads placed so far (see
+        `spherekit.geometry.triangle.DyadClosure`).
     """
 
     joints: tuple[Joint, ...]
@@ -64,7 +64,7 @@ class AssemblyState:
     values: Floats
     is_open: Bools
     slack: Floats
-    slenderness: Floats
+    side_ratio: Floats
 
     @staticmethod
     def start(
@@ -110,7 +110,7 @@ class AssemblyState:
             slack=np.full(n, REACH_SLACK),
             # Second, how narrow the narrowest triangle was: its smallest sine of a side,
             # divided by the largest one. The initial value is the largest possible ratio.
-            slenderness=np.ones(n),
+            side_ratio=np.ones(n),
         )
 
     def copy(self) -> "AssemblyState":
@@ -132,7 +132,7 @@ class AssemblyState:
             values=self.values[chosen],
             is_open=self.is_open[chosen],
             slack=self.slack[chosen],
-            slenderness=self.slenderness[chosen],
+            side_ratio=self.side_ratio[chosen],
         )
 
     @staticmethod
@@ -148,7 +148,7 @@ class AssemblyState:
             values=np.concatenate([state.values for state in states]),
             is_open=np.concatenate([state.is_open for state in states]),
             slack=np.concatenate([state.slack for state in states]),
-            slenderness=np.concatenate([state.slenderness for state in states]),
+            side_ratio=np.concatenate([state.side_ratio for state in states]),
         )
 
     def merge(self, group: Group, rotations: Floats) -> None:
@@ -302,9 +302,9 @@ def place_dyad(state: AssemblyState, group: Group, sign: Floats | float) -> Floa
     max_slack = np.sqrt(REACH_SLACK)
     grown_slack = state.slack / np.maximum(closure.sine, max_slack)
     state.slack = np.minimum(grown_slack, max_slack)
-    # The slenderness is the smallest over the largest sine of the sides of the triangle.
-    # The smaller it is, the larger are the rounding errors of directions.
-    state.slenderness = np.minimum(state.slenderness, closure.slenderness)
+    # The smallest over the largest sine of the sides of the triangle. A small ratio means
+    # large rounding errors of directions.
+    state.side_ratio = np.minimum(state.side_ratio, closure.side_ratio)
     rotations = np.broadcast_arrays(
         np.eye(3), closure.first_rotation, closure.second_rotation
     )

@@ -438,7 +438,7 @@ class PositionSolver:
             # Several dyads that are nearly in line lose as many digits as one that is, and
             # so does a dyad between axes that nearly coincide.
             loses_digits = state.slack > REACH_SLACK / SINGULAR_DYAD_SINE
-            loses_digits |= state.slenderness < SINGULAR_DYAD_SINE
+            loses_digits |= state.side_ratio < SINGULAR_DYAD_SINE
             singular |= (status == Status.OK) & loses_digits
             singular_error = np.where(is_exact, EXACT_ERROR_RAD, np.nan)
             if np.any(singular):
