@@ -440,8 +440,8 @@ class ArcEquations:
         Reason: each equation says that a link fits between two axes U and W of links placed
         before, f = U . W - cos(arc of the link). Each axis is a unit vector, multiplied by
         the orientation matrices of the links along a path. C is the product of the norms of
-        these matrices, so abs(U . W) <= C. By Bernstein's inequality, a derivative with
-        respect to variable j has at most the bound of its function, times d_j.
+        these matrices, so abs(U . W) <= C. By Bernstein's inequality, each derivative with
+        respect to variable j multiplies the bound of U . W by d_j at most.
         """
         norms = self._orientation_norms
         bounds = []

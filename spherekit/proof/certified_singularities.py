@@ -105,8 +105,8 @@ class CertifiedSingularities:
             distances.append(abs(offset) - error)
         if not curves.is_full_cycle:
             distances += [q - curves.low, curves.high - q]
-        # The variable of the equations makes one turn in a cycle. So rounding errors of it
-        # are multiplied by `cycle_turns`.
+        # The equations contain the input divided by `cycle_turns`. So the input's rounding
+        # error is `cycle_turns` times that of this variable.
         rounding = curves.cycle_turns * INPUT_ROUNDING_RAD
         return max(min(distances) - rounding, 0.0)
 

@@ -665,8 +665,9 @@ class Crossings:
         1. Let F_i = 0 be the equation of the loop. A reflection in the plane of the loop
            changes the signs of all small changes of its angles, but not F_i. So the first
            derivatives of F_i are 0 in the planar configuration.
-        2. If l_i were 0, F_i = l_i g would not restrict small motions there, and the
-           surface would not be smooth. So l_i is not 0, and both slopes of g are 0.
+        2. If l_i were 0, the equation F_i = l_i g would not restrict small motions there,
+           and the equations would not give a smooth surface. So l_i is not 0. F_i = l_i g
+           then says that both slopes of g are 0, too.
         3. The planar configuration is therefore the saddle point of g, with g = 0. Two
            curves g = 0 cross at such a point.
         """

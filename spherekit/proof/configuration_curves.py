@@ -574,7 +574,7 @@ def _list_positions(chain: Chain, points: StationaryPoints) -> list[Floats]:
 def _bound_saddle_doubt(
     saddle: Saddle, quadrants: Iterable[Quadrant], variable: int
 ) -> float:
-    """Return the distance from a saddle up to which a variable may be stationary.
+    """Return how near to a saddle a variable may be stationary.
 
     Parameters
     ----------
@@ -590,8 +590,8 @@ def _bound_saddle_doubt(
 
     Returns
     -------
-    The largest change (rad) of the variable from the centre of the saddle. It is 0 if the
-    variable is not stationary near the saddle.
+    The largest change (rad) of the variable from the centre to a point where it may be
+    stationary. It is 0 if the variable is proven not to be stationary near the saddle.
     """
     distance = 0.0
     # 1. In the central zone. Curves are proven to cross if `level_sign` is 0; then they do

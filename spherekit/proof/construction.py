@@ -386,7 +386,7 @@ def find_construction(
     equation: the arc between the axes equals the arc of the link.
 
     The best order has the most preferred pairs as variables. Among such orders, it has the
-    lowest bound of the number of solutions, so that a proof needs the fewest of them.
+    lowest bound of the number of complex solutions (`mode_bound`).
 
     Parameters
     ----------

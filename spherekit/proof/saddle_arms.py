@@ -368,8 +368,7 @@ def _prove_rate_signs(
         first=_evaluate_direction(derivatives, slope_bounds.flat, relative_gradient_error),
         last=_evaluate_direction(derivatives, slope_bounds.steep, relative_gradient_error),
     )
-    # As g_u is positive for u > 0, v grows along this tangent. If this is not proven, no
-    # sign is known.
+    # If v is not proven to grow along this tangent, no sign is known.
     if not sector.is_towards_larger_v:
         return np.zeros_like(sector.signs)
     return sector.signs
