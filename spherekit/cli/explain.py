@@ -296,10 +296,7 @@ def _describe_evaluations(plan: Facts) -> str:
 
 
 def _size_table(sizes_by_table: Mapping[str, Facts]) -> ScreenTable:
-    """Return a table with the predicted sizes of the result tables of a run.
-
-    `sizes_by_table` has the sizes of each table by its name.
-    """
+    """Return a table with the predicted sizes of the result tables of a run."""
     columns = [ScreenColumn("table", "left")]
     for heading in ("rows", "columns", "CSV", "Parquet"):
         columns.append(ScreenColumn(heading, "right"))

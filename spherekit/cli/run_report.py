@@ -319,9 +319,9 @@ def _describe_dead_centres(summary: Any) -> Lines:
             subject, verb, pronoun = "Mode", "ends", "its"
         else:
             subject, verb, pronoun = "Modes", "end", "their"
+        # The swing of an output is the difference of its largest and smallest angle.
         lines.append(
             f"{subject} {number_list(numbers)} {verb} at dead centres (type II "
-            # The swing of an output is the difference of its largest and smallest angle.
             f"singularities) {where} {places} deg. The table has {pronoun} values up to "
             "the last samples, so that swings and the largest velocity ratios are lower "
             "bounds: velocity ratios grow without bound towards a dead centre."
@@ -496,8 +496,7 @@ def _describe_simulation(simulation: Any) -> Lines:
     event_count = simulation["events"]
     lines += _describe_events(event_count, simulation["event_list"])
     # At a singularity of type II a locked input does not hold the output. These three kinds
-    # of events are such singularities. At a "crossing", two
-    # curves of configurations cross.
+    # of events are such singularities. At a "crossing", curves of configurations cross.
     kinds = {event["kind"] for event in simulation["event_list"]}
     if not kinds & {"dead_centre", "type_2", "crossing"}:
         # The line is "The motion meets no singularity of type II (...).".

@@ -184,8 +184,7 @@ def _show_recording(path: Path, options: Namespace) -> int:
         sample=options.sample,
         size=_size(options.size),
         view="3D" if options.only_3d else "all",
-        front=options.front
-        or (),  # tabs that are brought to the front  # tabs that are brought to the front
+        front=options.front or (),  # tabs that are brought to the front
     )
     what = "the mechanism" if is_mechanism(options.file) else "the recording"
     sample = "" if options.sample is None else f" at sample {options.sample}"

@@ -466,8 +466,8 @@ class BlockRows:
         rows
             The n rows, as a range of rows of the block (group of samples).
         """
-        # Most configurations were already predicted from the curve. Only rows without such
-        # a prediction can be beyond the end.
+        # The configurations of most rows are already predicted, by splines through other
+        # samples. Only rows without such a prediction can be beyond the end.
         has_prediction = self._has_prediction(rows)
         is_beyond = np.zeros_like(has_prediction)
         assembly_mode = self._position_analysis.assembly_modes[mode]
@@ -1085,11 +1085,11 @@ class BatchRunner:
         )
 
     def _predict_configurations(self, samples: Indices, rows: BlockRows) -> None:
-        """Predict the configurations of a block by interpolation between known ones.
+        """Predict the configurations of a block by splines through other samples.
 
-        The known configurations come from the search for assembly modes. A block is a group
-        of samples. The method is used if configurations are not computed in closed form.
-        The predicted pair variables (joint angles) are stored in `rows`.
+        Every n-th sample of the run is solved before, and the splines go through these. A
+        block is a group of samples. The method is used if configurations are not computed
+        in closed form. The predicted pair variables (joint angles) are stored in `rows`.
 
         Parameters
         ----------

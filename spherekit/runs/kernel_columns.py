@@ -444,8 +444,8 @@ class KernelColumns:
         """
         mode, rows = row_slice
         all_columns = self._evaluate_kernel(rows)
-        # A pole is a line with two possible senses. The signs make its direction continue
-        # from row to row of the mode.
+        # A pole is a line with two possible senses. The signs choose one of them. On a path
+        # the direction then continues from row to row of the mode.
         self._apply_signs(all_columns, mode, rows)
         columns = [all_columns[self._find_column(key)] for key in keys]
         # In failed or inaccurate rows, other values replace the values of the kernel.

@@ -181,9 +181,9 @@ def _summarize_excess(output: OutputOverview) -> Facts:
 def _summarize_jacobian(plan: OverviewPlan, output: OutputOverview) -> Facts | None:
     """Return how near an output comes to singularities of type I, None if it is unknown.
 
-    At type I the smallest singular value of the output's velocity Jacobian is zero, and its
-    determinant changes sign. A place identifies a sample by its time, its first input or
-    its number.
+    At type I the smallest singular value of the output's velocity Jacobian is zero. Places
+    of type I are found where the determinant of this Jacobian changes sign. A place
+    identifies a sample by its time, its first input or its number.
     """
     if output.gain is None:
         return None

@@ -310,9 +310,9 @@ class RunPlan:
     ) -> None:
         """Store the rows of a table for a block of samples, and count them.
 
-        Failed rows are counted as failures of the analysis. Rows of samples without a
-        configuration (position) of the mechanism are not counted, as the analysis cannot
-        compute them.
+        Failed rows are counted as failures of the analysis, with one exception: The
+        analysis cannot compute a row of a sample at which the mechanism has no
+        configuration (position).
 
         Parameters
         ----------
@@ -339,8 +339,8 @@ class RunPlan:
             stored_table = table.with_names(self.mechanism)
             stored_rows = stored_table.named(rows, mode_names)
             table_store.add(analysis_name, stored_table, stored_rows)
-        # Rows of an analysis that reads only the mechanism belong to no samples. In all
-        # other tables, rows of samples without a configuration are not counted.
+        # Rows of an analysis that reads only the mechanism belong to no samples. The
+        # exception is possible only in other tables.
         names_without_samples = [
             analysis.name for analysis in self.analyses if not analysis.reads_samples
         ]
