@@ -61,8 +61,8 @@ class CarriedVector:
 
     The vector is the relative angular velocity of the two links of the pair (joint), per
     unit rate of the variable. The axis of an R pair (revolute joint) is fixed in its links.
-    The vector of a contact turns with a link, too, and slides on it as the contact moves
-    along a profile (a curve of the link).
+    The vector of a contact turns with a link, too. In addition, it changes relative to this
+    link as the contact moves along a profile (a curve of the link).
 
     Attributes
     ----------
@@ -71,15 +71,15 @@ class CarriedVector:
     link
         Index of the link that carries the vector.
     length
-        Length of `vector`.
+        Length of `vector`, as a shorter expression.
     slide
         (3,) derivative of the vector with respect to the variable, as seen from the link,
         in ground axes. None if the vector is fixed in the link.
     slide_length
-        Length of `slide`.
+        Length of `slide`, as a shorter expression.
     slide_change_bound
         Upper bound of the length of the derivative of `slide` with respect to the
-        variable. It bounds the error of `slide` at a computed configuration.
+        variable. This bound times the error of the variable bounds the error of `slide`.
     """
 
     vector: Exprs
@@ -387,8 +387,10 @@ def _vector_along_circle(
     link, placed
         Number and orientation of the link that carries the profile.
     """
-    vector = placed.direction(circle.axis) * (sign * circle.angle_per_length)
-    return CarriedVector(vector, link, length=abs(circle.angle_per_length))
+    # The angle per length is negative if the arc length grows clockwise about the axis.
+    angle_per_length = circle.angle_per_length
+    vector = placed.direction(circle.axis) * (sign * angle_per_length)
+    return CarriedVector(vector, link, length=abs(angle_per_length))
 
 
 def _vector_along_curve(
@@ -401,18 +403,19 @@ def _vector_along_curve(
     angular velocity n + k p, with the curvature k of the profile. The rotation n moves the
     point along the profile. The rotation k p turns the tangent.
 
-    The other link touches always with the same point of its own profile, so it turns with
-    the three axes. The vector is the angular velocity of the second link relative to the
-    first. So it is n + k p if the first link carries the profile, otherwise -(n + k p).
+    Only the arc length along this profile changes here. The other link therefore touches
+    with the same point of its own profile, and turns with the three axes. The vector is the
+    angular velocity of the second link relative to the first. So it is n + k p if the first
+    link carries the profile, otherwise -(n + k p).
 
     Let primes be derivatives with respect to arc length, as seen from the link with the
     profile. Because n' = -k t and p' = t,
 
-        first derivative:  k' p
-        second derivative: k' t + k'' p
+        slide, the first derivative: k' p
+        second derivative:           k' t + k'' p
 
-    The first derivative is the slide of the vector, which accelerations contain. The
-    length of the second derivative is at most ``|k'| + |k''|``, for error bounds.
+    `slide_change_bound` of the result bounds the length of the second derivative by
+    ``|k'| + |k''|``. The profile knows the largest value of ``|k''|``.
 
     Parameters
     ----------

@@ -34,9 +34,9 @@ class MotionRates:
     Attributes
     ----------
     scaled_speeds
-        The rate of each input, divided by the determinant D of the velocity equations. The
-        homogeneous rates `CoordinateRates.tau` are D times the rates per unit rate of each
-        input. Their product with `scaled_speeds` is a rate of the motion.
+        The rate of each input, divided by the determinant D of the velocity equations. To
+        avoid divisions, other expressions are D times a rate while one input moves at unit
+        rate. The sum of these, each times the scaled speed of its input, is the rate.
     variable_rates
         The rate of each pair (joint) variable.
     w

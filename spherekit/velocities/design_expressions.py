@@ -255,7 +255,6 @@ class DesignExpressions:
         ------
         EngineError
             If an expression contains the second derivative of the curvature of a profile.
-            Linearised motions contain it.
         """
         # In closed form, the pair variables are formulas of inputs and sizes. The loops
         # then stay closed by themselves.
@@ -311,14 +310,16 @@ class DesignExpressions:
         items
             The expressions.
         symbol
-            A size of the mechanism, or a symbol that describes a profile at its contact.
+            A size of the mechanism, or a number of a profile (contact curve) at its
+            contact, such as the curvature.
         by_variable
             For each pair variable, the partial derivatives of all expressions.
         """
         rates = self.coordinate_rates
-        # The growing symbol opens the loops at these rates. The variables have to close
-        # them.
-        variable_derivatives = rates.solve_loops(rates.closure_residual_rates(symbol))
+        # The rates at which the growing symbol opens the loops.
+        opening_rates = rates.closure_residual_rates(symbol)
+        # The rates of all variables that close the loops again. Those of inputs are zero.
+        variable_derivatives = rates.solve_loops(opening_rates)
         total = differentiate(items, {symbol: 1.0})
         for variable_derivative, partial in zip(
             variable_derivatives, by_variable, strict=True
@@ -637,8 +638,8 @@ class DesignExpressions:
             first, _ = self.mechanism.ends[self.mechanism.variable_owners[variable]]
             sense = 1.0 if first == other else -1.0
             return self._variable_rates[moving][variable] * sense
-        # Two links without relative motion have the velocity coefficient 0, by which the
-        # direction below would be divided.
+        # Two links that never move relative to each other have no direction of motion. In
+        # the direction below, their velocity would be divided by its length 0.
         if self._rest_together(link_name, other_name, moving):
             return 0.0
         # The relative angular velocity is c u, with the coefficient c from above. The unit
@@ -853,8 +854,8 @@ class DesignExpressions:
         """Return the motion as expressions: everything on which loads can depend."""
         rates = self.coordinate_rates
         # Angles of passive pairs are computed without whole revolutions. Loads such as
-        # springs depend on these, too. `revolution_symbols` has them as angles (rad),
-        # `LoadState` needs the number of revolutions.
+        # springs also depend on the number of revolutions. `revolution_symbols` has the
+        # revolutions as angles (rad).
         angles = self._angles()
         revolutions = {
             self._variable(pair): angle * (1.0 / TURN)
@@ -863,6 +864,8 @@ class DesignExpressions:
         return LoadState(
             mechanism=self.mechanism,
             placed=rates.placed,
+            # For each input, the rates of all variables and the angular velocities of all
+            # links while it moves at unit rate, times a determinant.
             tau=rates.tau,
             w=rates.w,
             variables=angles,
@@ -887,16 +890,17 @@ class DesignExpressions:
         and reads their tables. The example in the message reads the torque at the input
         with the index `moving`.
         """
-        # What to read, as the option expects it: "analysis.table: expression".
+        # What to read, as the option expects it: "analysis.table: expression". The
+        # analysis eksergian is the one for a single input.
         if len(self.inputs) == 1:
             torque = "eksergian.eksergian: abs(tau)"
         else:
             torque = f"dynamics.dynamics: abs(tau_{self.inputs[moving]})"
-        advice = f'runs do: --reduce "max({torque})"'
-        # The end of the message, after "its friction depends on the reaction of pair 3,
-        # which".
+        # The message is: "its friction depends on the reaction of pair 3, which a kernel of
+        # designs does not solve for; runs do: --reduce ...".
         check_no_reaction_friction(
-            self.mechanism, f"a kernel of designs does not solve for; {advice}"
+            self.mechanism,
+            f'a kernel of designs does not solve for; runs do: --reduce "max({torque})"',
         )
 
     def _angles(self) -> list[Expr]:
@@ -935,13 +939,14 @@ class DesignExpressions:
         Parameters
         ----------
         pair
-            Name of the middle pair of the dyad.
+            Name of the middle pair of the dyad. It must be the middle pair of one.
         """
         number = self.mechanism.pair_number[pair]
         dyads = (group for group in self.structure.assembly.groups if group.is_dyad)
-        # Each pair is the middle one of at most one dyad.
+        # The dyad with this middle pair. There is exactly one.
         (group,) = (dyad for dyad in dyads if dyad.middle == number)
-        # Unit vectors (3,) of the three axes of the dyad, in ground axes.
+        # Unit vectors (3,) of the three axes of the dyad, in ground axes. `vectors` has for
+        # each variable the angular velocity of its pair at unit rate, here the axis.
         dyad_axes = (
             self.coordinate_rates.vectors[self._variable_of_pair(pair_of_dyad)]
             for pair_of_dyad in group.dyad_pairs

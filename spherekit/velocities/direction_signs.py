@@ -46,19 +46,18 @@ all or (k,)."""
 class ComparedRows:
     """Rows of one assembly mode at which the computed directions of poles may be reversed.
 
-    A pole is the axis of the relative rotation of two links. Its direction is computed up
-    to its sign. Signs are chosen such that the direction is continuous from row to row. In
-    the rows after a compared row, up to the next compared row, computed directions are not
-    reversed. They get the sign of the compared row.
+    A pole is the axis of the relative rotation of two links. Its computed direction can
+    jump to the opposite direction from one row to the next. It is then multiplied by -1, so
+    that it is continuous. Such jumps are possible only at compared rows. All rows up to the
+    next compared row get the factor (1 or -1) of the compared row before them.
 
     Attributes
     ----------
     rows
-        (k,) indices of the compared rows in their block of rows, rising. The first and the
-        last row of the assembly mode (way to assemble the links) are among them.
+        (k,) indices of the compared rows among the rows of the motion, rising. The first
+        and the last row of the assembly mode (way to assemble the links) are among them.
     may_reverse
-        (k - 1,) for each compared row but the first, whether a direction may be reversed
-        there.
+        (k - 1,) for each compared row but the first, whether a direction may jump there.
     """
 
     rows: Indices
@@ -77,9 +76,9 @@ class VelocityPath:
         (k,) coordinate along the path: the input (rad) or, if there are several inputs, the
         index of the sample.
     sense
-        (k,) 1 where the input increases along the path, -1 where it decreases.
+        (k,) 1 where the moving input increases along the path, -1 where it decreases.
     v
-        (3, k) relative angular velocity if the input has the rate `sense`: 1 or -1.
+        (3, k) relative angular velocity while one input moves at the rate `sense`.
     dv
         (3, k) derivative of `v` with respect to the coordinate; 0 if there are several
         inputs, because the derivative is then not known.
@@ -113,8 +112,9 @@ class VelocityPath:
 class LastSample:
     """The last sample of a block at which the two links of a pole have relative motion.
 
-    A pole is the axis of this relative rotation. The next block of samples continues the
-    sign of its direction.
+    A pole is the axis of this relative rotation. Its direction is computed with an
+    arbitrary sign, and then multiplied by +1 or -1. The choice at this sample decides how
+    the next block of samples begins.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class LastSample:
         moves (1 or -1), `v`, and the derivative `dv` of v with respect to the
         coordinate.
     sign
-        The sign of the direction at this sample, +1.0 or -1.0.
+        The factor of the direction at this sample, +1.0 or -1.0.
     """
 
     path: VelocityPath
@@ -180,6 +180,8 @@ class SignContinuation:
             "home": [
                 [mode, axis_sum.tolist()] for mode, axis_sum in self.first_axis_sums.items()
             ],
+            # A list for each key: its three numbers, then a list of eight numbers of the
+            # sample, then the sign.
             "last": [[*key, *sample.numbers()] for key, sample in self.last.items()],
         }
 
@@ -465,9 +467,10 @@ def _add_signs_at_rest(
 ) -> Floats:
     """Return the signs (k,) of a pole direction at k rows, including rows at rest.
 
-    The sign normally follows the relative angular velocity of the two links. Where they
-    rest, the direction may still be known, as the axis of a pair (joint) is. It then gets
-    the sign that agrees with the direction at the nearest moving row.
+    A pole is the axis of the relative rotation of two links. The sign of its direction
+    normally follows their relative angular velocity. Where the links rest, the direction
+    may still be known. It then gets the sign that agrees with the direction at the nearest
+    moving row.
 
     Parameters
     ----------
@@ -484,7 +487,8 @@ def _add_signs_at_rest(
     # For each of the k rows, the position in `moving` of the last moving row up to it. It
     # is -1 if there is none.
     last_moving = np.searchsorted(moving, np.arange(len(rows)), side="right") - 1
-    # Each row first gets the sign of its last moving row, or 1 if there is none.
+    # Each row first gets the sign of its last moving row, or 1 if there is none. Moving
+    # rows get their own sign. Rows without a direction can have any sign.
     signs = np.where(last_moving >= 0, moving_signs[last_moving], 1.0)
     for k in resting:
         distances = np.abs(rows[moving] - rows[k])
@@ -557,10 +561,13 @@ def _sign_changes(path: VelocityPath) -> Floats:
     (k - 1,) -1 between two samples if v reverses an odd number of times, otherwise +1.
     """
     sign_changes = np.ones(len(path.coordinate) - 1)
+    # Only in these gaps between two samples can v have reversed.
     gaps = np.flatnonzero(dot_columns(path.v[:, 1:], path.v[:, :-1]) < 0.0)
     if len(gaps):
+        # (3, points, gaps) values of v at many points of each gap.
         v = _interpolate_in_gaps(path, gaps)
-        # v reverses where its scalar product with the next value is negative.
+        # v reverses where its scalar product with the next value is negative. The points
+        # are close, so v turns by more than 90 degrees between two of them only there.
         products = np.sum(v[:, 1:] * v[:, :-1], axis=0)
         reversal_counts = np.sum(products < 0.0, axis=0)
         sign_changes[gaps] = np.where(reversal_counts % 2 == 1, -1.0, 1.0)

@@ -320,16 +320,16 @@ def make_closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | N
     """Return formulas of all pair (joint) variables as functions of inputs and signs.
 
     A dyad is two links in series between two other links. It can be closed in two ways, and
-    a sign chooses one of them. It cannot be closed if its links are too short or too long.
-    Then the square of the triple product of its three axes, computed from its arcs, is
-    negative.
+    a sign chooses one of them. If its links are too short or too long, it cannot be closed.
+    A number shows this, the square of the triple product of its three axes. It is computed
+    from the arcs of the links, and is then negative.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     assembly
-        Its driven pairs, and its groups: sets of links that are closed together, one group
+        Its driven pairs, and its groups: sets of links that are placed together, one group
         after another.
 
     Returns
@@ -341,11 +341,15 @@ def make_closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | N
         return None
     inputs = symbols(f"q_{k + 1}" for k in range(len(assembly.inputs)))
     signs = symbols(f"sign_{k + 1}" for k in range(len(assembly.groups)))
-    # The empty tuple: only rates would need the equations of groups.
-    structure = KinematicStructure(mechanism, assembly, pair_rotations(mechanism), ())
+    # Velocity equations of the groups are not needed for positions.
+    group_equations = ()
+    structure = KinematicStructure(
+        mechanism, assembly, pair_rotations(mechanism), group_equations
+    )
     placement = place_by_inputs(structure, inputs, signs)
     input_by_pair = dict(zip(assembly.inputs, inputs, strict=True))
     variables: list[Expr] = []
+    # `variable_owners` has the pair of each variable.
     for pair in mechanism.variable_owners:
         if pair in input_by_pair:
             variables.append(input_by_pair[pair])

@@ -251,29 +251,30 @@ def _judge_candidates(
     if not rank:
         return []
     sets = [list(chosen) for chosen in combinations(loop_variables, rank)]
-    # (sets, k, 3, rank): the column of a variable in the equations is its axis.
-    axes = np.moveaxis(rows[:, :, sets], 2, 0)
-    independence = np.min(_axes_independence(axes), axis=1)
+    # (sets, k, 3, rank): for each set and configuration, the columns of its variables.
+    columns = np.moveaxis(rows[:, :, sets], 2, 0)
+    # How independent the columns of each set are at its worst configuration.
+    independence = np.min(_axes_independence(columns), axis=1)
     return [
         PivotCandidate(loop, variables, value)
         for variables, value in zip(sets, independence.tolist(), strict=True)
     ]
 
 
-def _axes_independence(axes: Floats) -> Floats:
-    """Return how far axes are from linearly dependent: 1 at right angles, 0 if dependent.
+def _axes_independence(vectors: Floats) -> Floats:
+    """Return how independent vectors are: 1 at right angles, 0 if linearly dependent.
 
-    It is the volume that the axes span (the product of their singular values), divided by
-    the product of their lengths.
+    It is the volume that the vectors span (the product of their singular values), divided
+    by the product of their lengths.
 
     Parameters
     ----------
-    axes
-        (..., 3, r) with r axes as columns.
+    vectors
+        (..., 3, r) with r vectors as columns.
     """
-    volume = np.prod(np.linalg.svd(axes, compute_uv=False), axis=-1)
-    lengths_product = np.prod(np.linalg.norm(axes, axis=-2), axis=-1)
-    # The limit prevents a division by zero if an axis is the zero vector.
+    volume = np.prod(np.linalg.svd(vectors, compute_uv=False), axis=-1)
+    lengths_product = np.prod(np.linalg.norm(vectors, axis=-2), axis=-1)
+    # The limit prevents a division by zero if a vector is zero.
     return np.asarray(volume / np.maximum(lengths_product, 1e-300))
 
 
@@ -285,10 +286,10 @@ def _choose_pivot(
 ) -> Pivot | None:
     """Choose the next pivot of an elimination: a loop and the variables solved from it.
 
-    Two aims compete: few lost digits and few products. Digits are lost if the axes of the
-    variables are nearly linearly dependent. A pivot qualifies if its independence is at
-    least `MIN_INDEPENDENCE_RATIO` times that of the best pivot. Among these, the one with
-    the lowest cost is chosen.
+    Two aims compete: few lost digits, and few products in the expressions. Digits are lost
+    if the coefficients of the variables are nearly linearly dependent vectors: their
+    independence (0 to 1) is low. A pivot qualifies if its independence is at least
+    `MIN_INDEPENDENCE_RATIO` times that of the best pivot. Of these, the cheapest is chosen.
 
     Parameters
     ----------
@@ -321,7 +322,7 @@ def _choose_pivot(
             if not candidate.independence >= MIN_INDEPENDENCE_RATIO * best_independence:
                 continue
             cost = _elimination_cost(candidate, loop_variables, contains_variable)
-            # Lowest cost first, then the most independent axes.
+            # Lowest cost first, then the highest independence.
             rank = (-cost, candidate.independence)
             if rank > best_rank:
                 best_rank = rank
@@ -430,10 +431,12 @@ def _eliminated_inverses(jacobians: Floats, order: EliminationOrder) -> Floats:
     # For each loop its three equations (n, 3, variables + equations).
     rows_by_loop = np.split(equations, equation_count // 3, axis=1)
     for loop, chosen in order:
-        axes = rows_by_loop[loop][:, :, chosen]
-        # The equations of this loop are solved for the variables of the pivot. The
-        # solution, one row per variable, replaces the equations.
-        solved_rows = _solving_matrix(axes) @ rows_by_loop[loop]
+        # (n, 3, chosen) the coefficients of the variables of the pivot.
+        coefficients = rows_by_loop[loop][:, :, chosen]
+        # The equations of this loop are multiplied by the left inverse of these
+        # coefficients. This solves them for the variables of the pivot. The solution, one
+        # row per variable, replaces the equations.
+        solved_rows = _solving_matrix(coefficients) @ rows_by_loop[loop]
         rows_by_loop[loop] = solved_rows
         # The solution is inserted into all other loops.
         for other_loop, rows in enumerate(rows_by_loop):
@@ -443,23 +446,24 @@ def _eliminated_inverses(jacobians: Floats, order: EliminationOrder) -> Floats:
     return np.asarray(solved_rows[:, :, variable_count:])
 
 
-def _solving_matrix(axes: Floats) -> Floats:
+def _solving_matrix(coefficients: Floats) -> Floats:
     """Return the matrices that solve the equations of a loop for some of its variables.
 
-    With three variables this is the inverse. With fewer variables, some of the three
-    equations follow from other loops. They are then solved by least squares (normal
-    equations).
+    With three variables this is the inverse of the coefficients. With fewer variables, some
+    of the three equations follow from other loops. The solution is then by least squares.
 
     Parameters
     ----------
-    axes
+    coefficients
         (n, 3, m) coefficients of the m variables in the three equations of the loop.
 
     Returns
     -------
     (n, m, 3) left inverses.
     """
-    if axes.shape[2] == 3:
-        return left_inverse(axes)
-    transposed = np.swapaxes(axes, 1, 2)
-    return np.asarray(left_inverse(transposed @ axes) @ transposed)
+    if coefficients.shape[2] == 3:
+        return left_inverse(coefficients)
+    # The normal equations of A x = b are A^T A x = A^T b.
+    transposed = np.swapaxes(coefficients, 1, 2)
+    inverse_of_square = left_inverse(transposed @ coefficients)
+    return np.asarray(inverse_of_square @ transposed)

@@ -150,7 +150,7 @@ class EquivalentLinkage:
 
         The linkage has R pairs only. It replaces a mechanism with contacts of circles. A
         sliding contact becomes a link between the centres of both circles. Rolling contacts
-        are left out, because angles in a constant ratio replace them.
+        give no pair here. They only couple the angles of other pairs.
 
         Each rotation from link to link is a constant rotation, the rotation by the variable
         of the pair, and another constant rotation. The constant rotations depend on the
@@ -177,7 +177,8 @@ class EquivalentLinkage:
             )
 
         remaining_rotations = iter(all_rotations)
-        # Each index is a pair of the mechanism with contacts, without rolling contacts.
+        # `constant_rotations` has an entry for each R pair and each sliding contact of the
+        # mechanism.
         for index in range(len(self.constant_rotations)):
             if index in self.sliding:
                 # A sliding contact becomes two R pairs, at the centres of the circles. The

@@ -68,9 +68,10 @@ class EquationChoice(NamedTuple):
     loop_index
         Index of the loop.
     variable
-        Index of a variable of the loop. The component is along the vector of this
-        variable. None stands for the direction perpendicular to the vectors of two private
-        variables, which occur in no other loop. This component does not contain them.
+        Index of a variable of the loop. The component is along the vector of this variable:
+        the angular velocity of its pair at unit rate. None stands for the direction
+        perpendicular to the vectors of two variables that occur in no other loop. The rates
+        of these two drop out of this component.
     """
 
     loop_index: int
@@ -271,6 +272,7 @@ class GroupEquations:
 
         The velocity equation of a loop is a vector equation. Its components along several
         directions are scalar equations. The caller chooses independent ones from them.
+        `unknowns` are the variables for whose rates this group is solved.
 
         Parameters
         ----------
@@ -281,14 +283,13 @@ class GroupEquations:
         Returns
         -------
         For each equation its coefficients (unknowns,). They are divided by the norm of the
-        coefficients of all variables. An equation that hardly contains the unknowns
-        therefore has small coefficients, and is not chosen. Equations with nothing but
-        rounding errors are left out.
+        coefficients of all variables, so that equations can be compared. Equations in which
+        all coefficients are rounding errors are left out.
         """
         row_by_equation: dict[EquationChoice, Floats] = {}
         # A loop lists its pairs, each with the sense 1 or -1 in which it is passed.
         for loop_index, loop in enumerate(self.loops):
-            # For each variable +1 or -1 if the loop passes its pair, otherwise 0.
+            # For each variable the sense of its pair, or 0 if the loop does not pass it.
             senses = np.zeros(len(vectors))
             for pair, sense in loop:
                 senses[list(self._variables_of(pair))] += sense
@@ -314,11 +315,11 @@ class GroupEquations:
 
         The equation is a sum of vectors times rates. If two variables of the loop occur in
         no other loop (private variables), there is one direction, perpendicular to their
-        vectors. The component along it does not contain them. Otherwise there is one
-        direction along the vector of each variable. These are candidates, from which the
-        caller chooses independent components. Unlike ground axes, they turn with the
-        mechanism. So components that are independent in one configuration usually remain so
-        in others.
+        vectors. The component along this direction does not contain the two rates. (The
+        other two components only determine the two rates, later.) If the loop has no
+        private variables, there is one direction along the vector of each variable. The
+        caller chooses independent components from all these. The directions turn with the
+        mechanism, so chosen components usually remain independent as it moves.
 
         Parameters
         ----------
@@ -374,8 +375,9 @@ class GroupEquations:
         """Return the rates of the variables of a group of links, times a determinant.
 
         The equation of each loop is sum of a_v x_v + c = 0. a_v are the vectors and x_v the
-        rates of its unknown variables, and c is a known vector. Cramer's rule gives D x_v
-        with the determinant D, without a division. So the result is finite where D is zero.
+        rates of its unknown variables, and c is a known vector. Components of these vector
+        equations are a square system for the unknown rates. Cramer's rule gives D x_v with
+        the determinant D, without a division. So the result is finite where D is zero.
 
         Parameters
         ----------
@@ -396,7 +398,9 @@ class GroupEquations:
         loops = self._loop_equations(vectors, known_velocities)
         equations = self._scalar_equations(vectors, loops)
         # A row for each equation, with the coefficients of the unknown rates.
-        matrix = [[x.coefficient(v) for v in self.unknowns] for x in equations]
+        matrix = [
+            [equation.coefficient(v) for v in self.unknowns] for equation in equations
+        ]
         known_terms = [equation.known_term() for equation in equations]
         scale = determinant(matrix)
         matrix_cofactors = cofactors(matrix)
@@ -409,7 +413,8 @@ class GroupEquations:
         # Each loop can have two private variables, which occur in no other loop. They were
         # eliminated from the `unknowns`, and follow from the other rates. A dyad (two links
         # joined by a pair) has one loop with three variables. One of them is left in the
-        # `unknowns`. For a dyad there are formulas with smaller rounding errors.
+        # `unknowns`. For a dyad there are formulas with smaller rounding errors, which need
+        # only the vectors of the loop.
         #
         # The functions below return rates that are multiplied by the determinant, too.
         is_dyad = len(loops) == 1 and len(self.unknowns) == 1
@@ -427,10 +432,11 @@ class GroupEquations:
     ) -> list[LoopVectorEquation]:
         """Return the velocity equation of each loop: sum of a_v x_v + c = 0.
 
-        The angular velocities of the pairs (joints) around a loop add up to zero. The
-        variables v of pairs of this group have unknown rates x_v with the vectors a_v. The
-        vector c is known. With each equation its private variables are returned. They occur
-        in no other loop.
+        The loops are those of a group of links that are placed together. The angular
+        velocities of the pairs (joints) around a loop add up to zero. The variables v of
+        pairs of this group have unknown rates x_v with the vectors a_v. The vector c is
+        known. With each equation its private variables are returned: they occur in no other
+        loop, so that they can be eliminated first.
 
         Parameters
         ----------
@@ -439,8 +445,7 @@ class GroupEquations:
             the links of its pair per unit rate.
         known_velocities
             (3,) for each pair of the mechanism the part of its relative angular velocity
-            that does not depend on the unknown rates. For pairs of this group it is usually
-            zero.
+            that does not depend on the unknown rates.
         """
         equations: list[LoopVectorEquation] = []
         for loop, private in zip(self.loops, self.private_variables, strict=True):
@@ -462,15 +467,14 @@ class GroupEquations:
         """Return the scalar equations for the unknown rates.
 
         The vector equation of a loop says that the angular velocities of its pairs add up
-        to zero.
+        to zero. A loop can have two private variables, which occur in no other loop.
 
-        - If a loop has two private variables (in no other loop), it gives one equation
-          without them.
-        - Any other loop gives three equations, along the ground axes.
         - If some equations follow from others, the constructor has chosen independent
           components of the vector equations. Only these are returned. A chosen component is
           along the vector of a variable of the loop, or at right angles to the vectors of
           both private variables.
+        - Otherwise a loop with private variables gives one equation, without these two.
+        - Any other loop gives three equations, along the ground axes.
 
         Parameters
         ----------
@@ -492,7 +496,8 @@ class GroupEquations:
                 equations.append(ScalarEquation(direction, loop))
             return equations
         for loop in loops:
-            if loop.private:
+            has_private_variables = len(loop.private) > 0
+            if has_private_variables:
                 equations.append(ScalarEquation(loop.normal_to_private(), loop))
             else:
                 equations += [ScalarEquation(axis, loop) for axis in GROUND_DIRECTIONS]
@@ -535,9 +540,10 @@ def _solve_private_rates(
 
         x a + y b + s = 0.
 
-    The known vector s is D c plus the sum of a_v (D x_v) over the other variables v. It is
-    in the plane of a and b, because its component along n = a x b is zero by another
-    equation. The scalar products of the equation with n x b and with a x n give
+    The vector s is known. It is D times `known_part`, plus the sum of a_v (D x_v) over the
+    other variables v with the vectors a_v. The component of the loop equation along
+    n = a x b was solved before, so s is at right angles to n. The scalar products of the
+    equation with n x b and with a x n give
 
         x = (n x b) . s / |n|^2,   y = (a x n) . s / |n|^2.
 
@@ -576,13 +582,13 @@ def _solve_private_rates_of_dyad(loop: LoopVectorEquation, third: int) -> dict[i
 
     A dyad (two links joined by a pair) has one loop with three unknown rates x, y and z:
     x a + y b + z d + c = 0. Here a, b and d are the vectors of the variables, and c is
-    known. The private variables, with x and y, were eliminated first. The component along
-    a x b gives z and the determinant D = (a x b) . d. By Cramer's rule
+    known. The private variables are those of x and y. The determinant is D = (a x b) . d.
+    By Cramer's rule
 
         D x = b . (c x d),   D y = -a . (c x d).
 
-    These formulas do not need z. They are more accurate than a solution by the sum z d + c,
-    in which digits may cancel.
+    The caller has already computed z. These formulas do not use z, because digits may
+    cancel in the sum z d + c.
 
     Parameters
     ----------

@@ -98,8 +98,8 @@ def _find_leaves(group: Group) -> dict[int, list[int]]:
     Bodies and pairs are numbered by their indices in the group.
     """
     leaves: dict[int, list[int]] = {}
-    # Only one of two neighbours can be a leaf: the body that is tried first. The
-    # conditions hold for any order of the bodies. The last body is tried first.
+    # Of two neighbours, the body that is tried first becomes a leaf. Any order of the
+    # bodies is possible. Here it is from the last to the first.
     for body in reversed(range(len(group.bodies))):
         body_pairs = [k for k, ends in enumerate(group.ends) if body in ends]
         neighbours: set[int] = set()

@@ -54,9 +54,8 @@ FIELD_PARTS = (*(x.name for x in POLE_QUANTITIES), *POLE_ERRORS, "w", "dw")
 class ColumnList:
     """Expressions that become the output columns of a compiled function (kernel).
 
-    The kernel evaluates all columns for many configurations at once. Equal expressions
-    share one column, which saves time. The sign of some columns is changed after the
-    evaluation. These are not shared, so that the change does not affect other quantities.
+    Equal expressions usually share one column, which saves time. The sign of some columns
+    is changed after the evaluation. These columns are not shared.
 
     Attributes
     ----------
@@ -68,11 +67,7 @@ class ColumnList:
     _indices: dict[Expr, int] = field(default_factory=dict)
 
     def add_shared(self, items: Iterable[Expr]) -> list[int]:
-        """Return the index of the column of each expression; a new one gets a new column.
-
-        Columns are the numbers that a compiled function computes for each row. Equal
-        expressions share one column, so that they are computed once.
-        """
+        """Return the index of the column of each expression, adding new columns."""
         indices: list[int] = []
         for item in items:
             if item not in self._indices:
@@ -154,11 +149,12 @@ class InputColumns:
         self._rows = rows
         self._request = request
         tree = rows.tree
-        moving_variable = rows.pair_variables[request.plan.input][0]
+        # The input pair has a single variable.
+        (moving_variable,) = rows.pair_variables[request.plan.input]
         # In the velocity equation of a loop, the angular velocities of the passive pairs
-        # add up to minus the angular velocity of the input, here at unit rate.
-        # `solve_loops` expects this right-hand side. The rate of the input, 1, is
-        # entered afterwards.
+        # add up to minus the angular velocity of the input, here at unit rate. With this
+        # right-hand side, `solve_loops` returns the rates of the passive variables, and 0
+        # for the input. The rate of the input, 1, is set afterwards.
         input_velocity = rows.vectors[moving_variable]
         self._rates = rows.solve_loops({request.plan.input: -1.0 * input_velocity})
         self._rates[moving_variable] = 1.0
@@ -371,11 +367,12 @@ class InputColumns:
         for (name, pole_or_link), items in shared_parts.items():
             self.column_indices[name][pole_or_link] = columns.add_shared(items)
 
-        # Sometimes only the relative velocities of poles are used. They are differences
-        # of the angular velocities of links. A second list has nothing but these, so it
-        # is faster to evaluate than all columns. Equal components share one entry.
+        # Sometimes only the angular velocities of links are used. A second list has nothing
+        # but their components, so it is faster to evaluate than all columns. Equal
+        # components share one entry.
         components = ColumnList()
-        # (links, 3) indices into `velocity_components`.
+        # `_w` has the angular velocity (3,) of each link. The result (links, 3) has indices
+        # into `velocity_components`.
         self._component_indices = np.array([components.add_shared(w) for w in self._w])
         self.velocity_components = components.expressions
 
@@ -426,10 +423,10 @@ class InputColumns:
         """Add the columns that change their sign with the direction of a pole.
 
         A pole is the axis of the relative rotation of two links. The sign of its direction
-        is chosen after the columns were evaluated. The columns follow each other, so that
-        all signs can be applied at once: the first component of all poles, then the second
-        of all poles, and so on. No other quantity shares these columns, as it would change
-        with the sign.
+        is chosen after the columns were evaluated. So that all signs can be applied at
+        once, the columns are in one range: the first component of all poles, then the
+        second of all poles, and so on. No other quantity shares these columns, as it would
+        change with the sign.
 
         Parameters
         ----------
@@ -440,7 +437,7 @@ class InputColumns:
         """
         first = len(columns.expressions)
         component = 0  # position in the list of each pole
-        # The components of a quantity, such as the three of a direction, follow each other.
+        # A quantity, such as the direction, has `size` components, such as three.
         for name, size in SIGNED_COMPONENTS.items():
             indices_by_pole: dict[Pole, list[int]] = {pole: [] for pole in parts}
             for _ in range(size):
@@ -452,7 +449,8 @@ class InputColumns:
         self.reversible_poles = tuple(parts)
         # All columns that were added here.
         self._reversible_slice = slice(first, len(columns.expressions))
-        # (2, poles) indices of the first and of the second link of each of these poles.
+        # A pole is a tuple of the indices of its two links. This array (2, poles) has the
+        # first and the second links.
         self._pole_ends = np.array(self.reversible_poles, dtype=np.intp).reshape(-1, 2).T
 
     def relative_velocities(
@@ -462,8 +460,8 @@ class InputColumns:
 
         A pole is the axis about which a second link turns relative to a first link. v
         is the angular velocity w of the second link minus that of the first, per unit
-        rate of the moving input. Poles that are the axis of a pair (joint) are left
-        out, because their direction is known without v.
+        rate of the moving input. The poles are the `reversible_poles`: all except those
+        that are the axis of a pair (joint), whose direction is known without v.
 
         Parameters
         ----------
@@ -477,7 +475,7 @@ class InputColumns:
 
         Returns
         -------
-        (poles, 3, ...) v of the `reversible_poles`, in their order.
+        (poles, 3, ...) v of these poles, in their order.
         """
         # (poles,) indices of the links. For the x, y and z component of w of each link,
         # `_component_indices` (links, 3) has its row in `components`.
@@ -514,11 +512,11 @@ class InputColumns:
         )
 
     def reversible_quantities(self, columns: Floats) -> dict[str, Floats]:
-        """Return directions and coefficients of the poles that have no fixed direction.
+        """Return the quantities of poles that change their sign with the pole's direction.
 
         A pole is the axis of the relative rotation of two links, with two opposite
-        directions. If the other direction is chosen, all these quantities change their
-        sign. Poles that are the axis of a pair (joint) are not included, because their
+        directions. Such quantities are the direction itself, and components of velocities
+        along it. Poles that are the axis of a pair (joint) are not included, because their
         direction is fixed.
 
         Parameters
@@ -528,9 +526,10 @@ class InputColumns:
 
         Returns
         -------
-        By the name of the quantity in `SIGNED_COMPONENTS`, an array (components, poles, n)
-        for the `reversible_poles`. The arrays are views of `columns`.
+        By the name of the quantity, an array (components, poles, n) for the
+        `reversible_poles`. The arrays are views of `columns`.
         """
+        # `SIGNED_COMPONENTS` has the number of components of each quantity by its name.
         component_counts = list(SIGNED_COMPONENTS.values())
         arrays = np.split(
             self.reversible_columns(columns), np.cumsum(component_counts)[:-1]

@@ -53,28 +53,24 @@ class MovingLink:
     def momentum(self, scaled_speeds: Sequence[Expr]) -> Exprs:
         """Return the angular momentum h = sum of s_k I y_k while all inputs move.
 
-        I is the inertia matrix of the link. y_k is its angular velocity while only input k
-        moves at unit rate, times the determinant D of the velocity equations.
-        `scaled_speeds` are s_k, the rates of the inputs divided by D.
+        I y_k are the `momenta`, with the unit of inertia of this class. `scaled_speeds` are
+        s_k, the rates of the inputs divided by the determinant D.
         """
         return np.asarray(dot(self.momenta, scaled_speeds))
 
     def acceleration_moment(self, i: int, acceleration: Exprs) -> Expr:
         """Return y_i . I b, the moment at input i, times D, of an angular acceleration b.
 
-        I is the inertia matrix of the link. y_i is its angular velocity while only input i
-        moves, per unit rate and times the determinant D of the velocity equations.
-
-        `acceleration` are the components (3,) of b along the basis of the link.
+        I y_i are the `momenta`, with the unit of inertia of this class. `acceleration` are
+        the components (3,) of b along the basis of the link.
         """
         return dot(self.momenta[i], acceleration)
 
     def gyroscopic_product(self, i: int, k: int, momentum: Exprs) -> Expr:
         """Return h . (y_i x y_k), with the angular momentum h (3,) of the link.
 
-        y_k is the angular velocity of the link while only input k moves, per unit rate and
-        times a determinant. The product is part of the gyroscopic moment at input i. It
-        changes its sign if the inputs i and k are exchanged.
+        y_i and y_k are `velocities`, each with the factor D. The product is part of the
+        gyroscopic moment at input i. It changes its sign if i and k are exchanged.
         """
         return dot(cross(self.velocities[i], self.velocities[k]), momentum)
 
@@ -137,14 +133,14 @@ class InputMoments:
 
     @property
     def matrix(self) -> list[list[Expr]]:
-        """The inertia matrix at the inputs, times D^2 / `unit`, as expressions.
+        """The inertia matrix reduced to the inputs, times D^2 / `unit`, as expressions.
 
         D is the determinant of the velocity equations. The factor D^2 avoids divisions.
         Entry (i, k) is the sum of y_i . I y_k over all links. Here y_i is D times the
         angular velocity of a link while input i moves at unit rate. I is the inertia tensor
-        of the link divided by `unit`.
+        of the link divided by `unit`, so that its numbers are near one.
         """
-        # `tau` has one entry for each input.
+        # `tau` has the rates of all variables for each input. Only its length is used.
         input_count = len(self._coordinate_rates.tau)
         matrix: list[list[Expr]] = []
         for i in range(input_count):
@@ -154,6 +150,7 @@ class InputMoments:
                 larger = max(i, k)
                 smaller = min(i, k)
                 entry: Expr = 0.0
+                # `velocities` are the y_i of a link, and `momenta` the I y_k.
                 for link in self._links:
                     entry = entry + dot(link.velocities[larger], link.momenta[smaller])
                 row.append(entry)
@@ -231,16 +228,16 @@ class InputMoments:
         speeds, accelerations
             Rates and accelerations of all inputs.
         """
-        # D is the determinant of the velocity equations. The matrix is computed as D^2 M_ik
-        # and the second part as D h_i, so that the only division comes last:
+        # The matrix is available as D^2 M_ik and the second part as D h_i, with the
+        # determinant D of the velocity equations. So
         # moment_i = (sum over k of (D^2 M_ik) (q''_k / D) + D h_i) / D.
         velocity_moment_times_d = self._velocity_moments_at(speeds)[input_index]
-        inverse_determinant = 1.0 / self._coordinate_rates.scale
+        inverse_determinant = 1.0 / self._coordinate_rates.scale  # 1 / D
         accelerations_by_d = [x * inverse_determinant for x in accelerations]
         matrix_row_times_d2 = self.matrix[input_index]
         acceleration_moment_times_d = dot(matrix_row_times_d2, accelerations_by_d)
         moment_times_d = acceleration_moment_times_d + velocity_moment_times_d
-        # The matrix and the moments are computed per unit of inertia.
+        # Matrix and moments were divided by the unit of inertia, `unit` (kg m2).
         return moment_times_d * inverse_determinant * self.unit
 
     def _velocity_moments_at(self, speeds: Sequence[Expr]) -> list[Expr]:

@@ -218,8 +218,8 @@ class KinematicStructure:
         """Return the vector (3,) of a variable in each link in which it is fixed.
 
         The vector of a variable is the relative angular velocity of the links of its pair
-        (joint), per unit rate of the variable. In link axes it is then constant, which
-        gives shorter expressions. There are three cases:
+        (joint), per unit rate of the variable. In the axes of a link in which it is fixed,
+        it is constant, which gives shorter expressions. There are three cases:
 
         - R pair (revolute joint): the vector is the axis, which is fixed in both links.
         - Sliding contact: there is one variable for each of the two profiles, the arc
@@ -234,7 +234,9 @@ class KinematicStructure:
         """
         pair = self.mechanism.variable_owners[variable]
         first_link, second_link = self.mechanism.ends[pair]
-        if pair not in self.pairs.sides:
+        # `sides` has the two profiles of each contact.
+        is_r_pair = pair not in self.pairs.sides
+        if is_r_pair:
             first_axis, second_axis = self.pairs.axes(pair)
             return {first_link: first_axis, second_link: second_axis}
         first_side, second_side = self.pairs.sides[pair]
@@ -242,18 +244,20 @@ class KinematicStructure:
         is_rolling = len(pair_variables) == 1
         if is_rolling:
             return {}
+        # The vector is the angular velocity of the second link relative to the first. Along
+        # the second profile the first link turns, so the sign is reversed.
         if variable == pair_variables[0]:
-            return _vector_about_circle(first_side, first_link, 1.0)
-        return _vector_about_circle(second_side, second_link, -1.0)
+            return _vector_about_circle(first_side, first_link, sign=1.0)
+        return _vector_about_circle(second_side, second_link, sign=-1.0)
 
 
 def _vector_about_circle(side: ProfileSide, link: int, sign: float) -> dict[int, Entries]:
-    """Return the vector of the arc length along one circular profile of a sliding contact.
+    """Return the relative angular velocity as a sliding contact moves along a circle.
 
-    The vector is the angular velocity of the second link relative to the first per unit of
-    arc length. As the arc length grows, the contact moves along the circle. The other link
-    moves with the contact, so it turns about the axis through the centre of the circle, as
-    seen from the link with the circle. The vector is along this axis.
+    One link carries the circle. The contact moves along the circle, and stays at the same
+    point of the other link. Seen from the link with the circle, the other link therefore
+    turns about the centre of the circle. The result is the angular velocity of the second
+    link relative to the first, per unit of arc length.
 
     Parameters
     ----------

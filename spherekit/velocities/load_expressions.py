@@ -114,9 +114,10 @@ def component_forces(
     divisions. The results are therefore the generalised forces times the determinant.
 
     A component of a load has a magnitude. It acts on the variable of a pair (joint), or on
-    links. Its `moments` are its actions on links, each a moment or a force. A force has an
-    `arm`, the point at which it acts. For a moment `arm` is None. The vector `direction`
-    has components along ground or link axes (`axes`).
+    links. Its `moments` are its actions on links: moments, and forces that are converted to
+    moments about the centre of the sphere. A force has an `arm`, the point at which it
+    acts. For a moment `arm` is None. The vector `direction` has components along `axes`,
+    the ground or link axes.
 
     Parameters
     ----------
@@ -144,13 +145,15 @@ def component_forces(
             key = (moment.link, moment.axes, moment.arm)
             scaled = vector([magnitude * part for part in moment.direction])
             moment_sums[key] = moment_sums[key] + scaled if key in moment_sums else scaled
-    # The power of a moment is its scalar product with the angular velocity of the link.
+    # The power of a moment about the centre is its scalar product with the angular velocity
+    # of the link.
     for (link, axes, arm), components_sum in moment_sums.items():
         number = load_state.mechanism.link_number[link]
         # Neither loads on the ground (link 0) nor forces at the centre do work.
         is_force_at_centre = arm is not None and not any(arm)
         if number and not is_force_at_centre:
             orientation = load_state.placed[number]
+            # The moment in ground axes. That of a force is the arm times the force.
             moment_vector = _ground_moment(orientation, axes, arm, components_sum)
             powers = (dot(w[number], moment_vector) for w in load_state.w)
             forces = [*map(add, forces, powers)]

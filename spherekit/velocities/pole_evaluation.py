@@ -87,9 +87,8 @@ def evaluate(
         apply_continuous_signs(
             field, motion, request, sign_continuation or SignContinuation()
         )
-    # For its report, a run counts the rows in which the velocity equations replaced the
-    # kernel. It counts the rows with this flag. On the route "equations" it has to count
-    # all rows, so the flag is set, although no row is in quad precision.
+    # The report of a run counts the rows with this flag as computed by the velocity
+    # equations. On the route "equations" these are all rows.
     if route == "equations":
         field.is_quad_precision[:] = True
     return field
@@ -393,7 +392,8 @@ def make_certified_field(
             values = columns[indices]
             # Vectors become (n, 3), single numbers (n,).
             values_by_key[pole_or_link] = values.T if len(indices) > 1 else values[0]
-    # A requested pole without columns belongs to two links that the locked inputs join.
+    # While one input moves, the others are locked, and can join two links into one body. A
+    # requested pole of two such links has no columns.
     for pole in set(request.poles) - computed_poles:
         add_locked_pole(field, motion, pole)
     return field
@@ -402,9 +402,10 @@ def make_certified_field(
 def add_locked_pole(field: PoleField, motion: Motion, pole: Pole) -> None:
     """Add the pole of two links that cannot move relative to each other.
 
-    With the locked inputs they are one body, so there is no axis of relative rotation. The
-    velocity and acceleration coefficients and their error bounds are 0. Directions and
-    other quantities are NaN. In rows that failed, all quantities are NaN.
+    While all inputs but the moving one are locked, the two links are one body. So there is
+    no axis of relative rotation. Quantities that are 0 without relative motion, such as the
+    relative angular velocity, are 0, and all others, such as directions, are NaN. In rows
+    that failed, all quantities are NaN.
 
     Parameters
     ----------

@@ -26,9 +26,9 @@ of the poles. They return a status for poles that are ill-conditioned on this ro
 class Request:
     """The poles to compute while one input moves, and the plan that gives them.
 
-    A pole is the axis about which two links turn relative to each other. The plan treats
-    links that do not move relative to each other, while the other inputs are locked, as one
-    body. It says from which other poles each pole of two bodies follows.
+    A pole is the axis about which two links turn relative to each other. Links that do not
+    move relative to each other, while the other inputs are locked, are one body. The plan
+    has bodies in place of links, and says from which other poles each pole follows.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Request:
         Bodies of the plan for which the angular velocity is computed. The ground and the
         two bodies of the input are among them.
     derivatives
-        Whether the derivatives of the velocity coefficients are requested.
+        Whether derivatives with respect to the moving input are requested, too.
     planes
         Poles for which two great circles through the pole are requested as well, for
         drawings.

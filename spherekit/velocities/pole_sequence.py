@@ -217,11 +217,12 @@ class PlannedPoles:
         )
 
     def _solve_block(self, step: BlockPoles) -> None:
-        """Add the poles of a part of the mechanism that great circles alone do not give.
+        """Add the poles of a part of the mechanism, computed from velocity equations.
 
-        The part has one degree of freedom. Its velocity equations therefore determine the
-        rates of all its pairs (joints) up to a factor. From these follows the direction of
-        each pole (axis of the relative rotation of two links).
+        A pole is the axis of the relative rotation of two links. Most poles follow from
+        others, as intersections of great circles. The poles of this part do not. The part
+        has one degree of freedom. Its velocity equations therefore determine the rates of
+        all its pairs (joints) up to a factor, and so the directions of the poles.
 
         Parameters
         ----------

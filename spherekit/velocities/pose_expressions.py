@@ -31,10 +31,11 @@ class LinkOrientation:
     basis
         (3, 3) expressions. Its columns are unit vectors in ground axes, fixed in the link.
     basis_from_link
-        (3, 3) numbers, or expressions of sizes: the rotation from link axes to the basis.
+        (3, 3) numbers, or expressions if the sizes of links are symbols: the rotation from
+        link axes to the basis.
     depth
-        Rank of the link by the length of its expressions; 0 for the ground. It grows with
-        each link that is placed on the path to this one.
+        A number that is larger if the expressions of `basis` are longer; 0 for the ground.
+        A link that is placed relative to another has a larger depth than this other link.
     """
 
     basis: Exprs

@@ -47,15 +47,14 @@ class QuadPrecisionRows:
     columns
         (columns, n) all computed quantities: velocities, poles and their error bounds.
     bounds
-        (numbers, n) numbers on the loop equations at each row: their condition number, all
-        entries of their inverse, and residuals. `RowKernel.row_bounds` describes them.
+        (numbers, n) numbers from which the accuracy of each row is judged, such as the
+        condition number of its loop equations. `RowKernel.row_bounds` describes them.
     opening_changes
-        (columns, n) by how much each column changes if the loops open. For each loop and
-        each of three axes, the absolute value of the derivative with respect to the
-        opening angle (rad) is formed. All these values are added.
+        (columns, n) by how much each column changes if the loops open, per rad. Each loop
+        can open about three axes. The absolute changes for all loops and axes are added.
     is_closed
-        (n,) whether Newton's method closed the loops. Other rows were computed at the
-        original variables.
+        (n,) whether Newton's method closed the loops in quad precision. Other rows were
+        computed at the variables in float64 from which the method started.
     """
 
     columns: Floats
@@ -68,8 +67,8 @@ def recompute_in_quad(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
     """Compute all columns (quantities) of rows in quad precision.
 
     A row is a configuration for which float64 loses too many digits. Newton's method first
-    closes its loops to 33 digits. The result also has the changes of the columns if loops
-    open a little, for error bounds.
+    closes its loops to 33 digits. The result also has numbers for error bounds, such as the
+    changes of the columns if loops open a little.
 
     Parameters
     ----------
@@ -111,42 +110,42 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
     # extrapolated to x, which is very near.
     extended = append_profile_columns(x, kernel.profiles, expansion_point=values)
     columns = kernel.all_columns.function(extended).astype(float)
-    # Among these numbers is the inverse of the loop equations: the movement of each passive
-    # variable (not an input) per unit opening of each loop about three axes.
+    # Among these numbers is the inverse of the loop equations. It has the movement of each
+    # passive variable (not an input) that closes a loop, per unit angle by which the loop
+    # is open about each of three axes.
     bounds = kernel.row_bounds.function(extended).astype(float)
     inverse = bounds[kernel.row_bounds.slices["inverse"]].reshape(
         len(kernel.passive_variables), 3 * kernel.loop_count, values.shape[1]
     )
-    # Because sizes are rounded to float64, the loops of the exact mechanism are open by
-    # tiny angles. `opening_changes` says by how much each column changes per unit of these
-    # angles. The inverse gives the movements of the variables that close the loops, and
-    # the columns are differentiated along these movements.
+    # Arcs and angles of links are rounded to float64. With the exact numbers, the loops
+    # would be open by tiny angles at this configuration. By how much would each column
+    # change if the variables moved to close the loops?
     opening_changes = _sum_opening_changes(kernel, x.astype(float), inverse)
     return QuadPrecisionRows(columns, bounds, opening_changes, is_closed)
 
 
 def _close_loops(kernel: RowKernel, values: Floats) -> tuple[Array, Bools]:
-    """Close the loops of rows by Newton's method in quad precision.
+    """Close the loops of n configurations by Newton's method in quad precision.
 
-    A row is a configuration. Steps are computed for all rows together, until all steps are
-    small or `MAX_NEWTON_STEPS` are done. The method fails in a row if its last step was not
-    small. It also fails if the row has moved by more than `MAX_QUAD_CORRECTION_RAD`,
-    possibly to another solution.
+    Steps are computed for all configurations together, until all steps are small or
+    `MAX_NEWTON_STEPS` are done. The method fails for a configuration if its last step was
+    not small. It also fails if the variables have changed by more than
+    `MAX_QUAD_CORRECTION_RAD`, possibly to another solution.
 
     Parameters
     ----------
     kernel
-        The functions of all output columns, and of a step of Newton's method.
+        The kernel, which has the function of a step of Newton's method.
     values
         (variables, n) nearly closed configurations (rad).
 
     Returns
     -------
     x
-        (variables, n) closed configurations (rad) in quad precision. Rows in which the
-        method fails have the original values.
+        (variables, n) closed configurations (rad) in quad precision, or the original values
+        where the method fails.
     is_closed
-        (n,) whether the method has closed the loops of a row.
+        (n,) whether the method has closed the loops of a configuration.
     """
     passive = list(kernel.passive_variables)
     start = values.astype(quad())
@@ -173,9 +172,9 @@ def _sum_opening_changes(kernel: RowKernel, values: Floats, inverse: Floats) -> 
     """Return how much each output column changes if loops open, as a sum of magnitudes.
 
     Output columns are the computed quantities, such as angular velocities of links. Because
-    sizes are rounded, computed loops are open by tiny angles. Such an angle times the sum
-    bounds the error of a column. A loop can open about three axes, so there are three
-    directions for each loop.
+    arcs and angles of links are rounded, computed loops are open by tiny angles. Such an
+    angle times the sum bounds the error of a column. A loop can open about three axes, so
+    there are three directions for each loop.
 
     The derivatives are computed with complex steps: f'(x) = Im f(x + ih) / h (Squire and
     Trapp 1998).
@@ -218,8 +217,9 @@ def _sum_opening_changes(kernel: RowKernel, values: Floats, inverse: Floats) -> 
         )
         columns = kernel.all_columns.function(extended)
         # (columns, directions, n)
-        sizes = np.abs(columns.imag).reshape(len(columns), movements.shape[1], count)
-        # One after another, so that rounding does not depend on the directions per call.
-        for size in sizes.swapaxes(0, 1):
-            changes += size / COMPLEX_STEP_RAD
+        magnitudes = np.abs(columns.imag).reshape(len(columns), movements.shape[1], count)
+        # One direction after another, so that rounding does not depend on the directions
+        # per call.
+        for magnitudes_of_direction in magnitudes.swapaxes(0, 1):
+            changes += magnitudes_of_direction / COMPLEX_STEP_RAD
     return changes

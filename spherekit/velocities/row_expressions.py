@@ -85,7 +85,7 @@ class RowExpressions(VelocityEquations):
         pivots: Sequence[Pivot],
         inputs: Sequence[int],
     ) -> None:
-        """Write loop equations, their inverse and error bounds as expressions.
+        """Write loop equations, their left inverse and error bounds as expressions.
 
         The velocity equation of a loop says that the sum of the variables' vectors times
         their rates is 0. The vector of a variable is the relative angular velocity of the
@@ -103,13 +103,14 @@ class RowExpressions(VelocityEquations):
         variables
             Symbols of all pair variables.
         pivots
-            The order in which variables that are not inputs are eliminated. Each pivot is a
-            loop with the variables (at most three) for which its equations are solved.
+            The order in which variables that are not inputs are eliminated. A pivot is a
+            loop, and up to three variables. The equations of the loop are solved for these.
         inputs
             Indices of the driven pairs.
         """
         # Tangent, point and curvature of a profile that is no circle are symbols.
         pairs = pair_rotations(mechanism, any_profile=True)
+        # The orientation of each link.
         placed = place_by_variables(mechanism, pairs, variables)
         # The base class sets `vectors` (of the variables), `tree` (the loops) and
         # `closure_residual_square`. For two rolling circles it could form the vector from
@@ -199,14 +200,14 @@ class RowExpressions(VelocityEquations):
     ) -> tuple[Expr, Expr]:
         """Return bounds of the errors of a variable's vector and of its slide.
 
-        The vector turns with a link, such as the axis of an R pair (revolute joint). The
-        vector of a contact also changes with the variable. The slide is the derivative
-        of the vector with respect to the variable, as seen from the link. The slide is
-        0 for a vector that is fixed in the link.
+        The vector is the angular velocity of a pair (joint) per unit rate of the variable.
+        It turns with a link. At a contact, it also changes with the variable. The slide is
+        its derivative with respect to the variable, as seen from the link, or 0.
 
         The loops of a computed configuration are open by up to `opening_rad`. Compared with
-        the closed configuration, the link is therefore turned, and the variable differs. In
-        addition, rounding of the sizes tilts the vector by up to `tilt_rad`.
+        the closed configuration, the link is therefore turned, and the variable differs:
+        these are errors of position. In addition, rounding of arcs and angles of links
+        tilts the vector by up to `tilt_rad`.
 
         Parameters
         ----------
@@ -220,9 +221,11 @@ class RowExpressions(VelocityEquations):
         # `link_turns` are the rotations of the links per unit opening of all loops.
         turn = self.link_turns[carried.link] * self.opening_rad + self.tilt_rad
         shift = variable_shift * self.opening_rad
-        axis_error = carried.length * turn + carried.slide_length * shift
-        slide_error = carried.slide_length * turn + carried.slide_change_bound.total * shift
-        return axis_error, slide_error
+        vector_error = carried.length * turn + carried.slide_length * shift
+        # The largest length of the derivative of the slide with respect to the variable.
+        slide_change = carried.slide_change_bound.total
+        slide_error = carried.slide_length * turn + slide_change * shift
+        return vector_error, slide_error
 
     def turns_along_paths(self, variable_changes: Sequence[Expr]) -> list[Expr]:
         """Return a bound of the rotation of each link, given changes of the variables.
@@ -265,8 +268,9 @@ class RowExpressions(VelocityEquations):
           this is the offset e = -w of its pair.
         - Accelerations: the pairs have accelerations b that depend on velocities. With
           e = -b, the results are the accelerations of the variables.
-        - Closing loops: loops are open by small rotations. With these as offsets, the
-          results are a step of Newton's method that closes the loops.
+        - Closing loops: the frame of a pair, computed along both sides of an open loop,
+          differs by a small rotation. With this rotation as offset of the pair, the results
+          are a step of Newton's method.
 
         Parameters
         ----------

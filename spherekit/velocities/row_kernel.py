@@ -66,11 +66,11 @@ class ColumnFunction:
     """A compiled or NumPy function of n configurations, with outputs grouped by name.
 
     The input is an array (variables, n) of pair variables. The output is an array
-    (width, n). A call has two parts:
+    (width, n) with `width` numbers for each configuration. A call has two parts:
 
-    1. The contact curves of links (profiles) are evaluated at the variables, which are arc
-       lengths. This gives the profile columns: tangent, point and curvature at the contact.
-    2. The function evaluates expressions in the variables and the profile columns.
+    1. The contact curves of links (profiles) are evaluated at the variables of contacts,
+       which are arc lengths. This gives tangent, point and curvature at each contact.
+    2. The function evaluates expressions in the variables and these numbers.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class ColumnFunction:
     width
         Length of the first axis of the output.
     function
-        The second part of a call: the function of variables and profile columns.
+        The second part of a call: the function of variables and numbers of contacts.
     """
 
     def __init__(
@@ -98,9 +98,8 @@ class ColumnFunction:
         variables
             The symbols of the pair variables.
         profiles
-            Contact curves of links that are described by symbols: tangent, point and
-            curvature at the contact. These symbols are further arguments of the
-            expressions.
+            Contact curves of links. Tangent, point and curvature of such a curve at the
+            contact are symbols in the expressions.
         compiled
             Whether heyoka compiles the function. Otherwise NumPy evaluates it.
         """
@@ -111,9 +110,11 @@ class ColumnFunction:
             outputs += expressions
         self.width = len(outputs)
         self._profiles = profiles
-        column_symbols = [x for profile in profiles for x in profile.contact_symbols]
+        contact_symbols: list[ExpressionNode] = []
+        for profile in profiles:
+            contact_symbols += profile.contact_symbols
         self.function = expression_function(
-            outputs, [*variables, *column_symbols], compiled
+            outputs, [*variables, *contact_symbols], compiled
         )
 
     def __call__(self, values: Floats, out: Floats | None = None) -> Floats:
@@ -142,9 +143,10 @@ class SingleRowOutputs(NamedTuple):
     residual
         By how much the loops are open (rad).
     axis_sum
-        (3,) sum of the vectors of all variables (for R pairs their axes). A pole (axis of
-        relative rotation) has two opposite directions. At the start of a motion, the
-        direction with a positive scalar product with this sum is chosen.
+        (3,) sum over all variables of the angular velocity of their pair at unit rate (for
+        R pairs the axis). A pole (axis of relative rotation) has two opposite directions.
+        At the start of a motion, the direction with a positive scalar product with this sum
+        is chosen.
     columns
         All velocities and poles, with error bounds.
     """
@@ -196,9 +198,9 @@ class EvaluatedRow:
         By how much the loops are open (rad).
     axis_sum
         (3,) sum of the vectors of all variables, in ground axes. The vector of a variable
-        is the angular velocity of its pair at unit rate, for an R pair its axis. The sign
-        of a pole direction is arbitrary. At the start of a motion, its scalar product with
-        this sum should be positive.
+        is the angular velocity of its pair at unit rate, for an R pair its axis. The axis
+        of a pole has two opposite directions. The one whose scalar product with this sum is
+        positive is chosen at the start of a motion.
     columns
         Velocities, poles and their error bounds. `InputColumns.column_indices` says which
         column has which quantity.
@@ -324,9 +326,10 @@ class RowKernel:
 
         Formulas for all variables (a closed form) exist for some mechanisms. The arguments
         are then the inputs and one sign for each dyad (two links and three R pairs), which
-        chooses one of its two solutions. Otherwise the arguments are all variables, and the
-        function includes a step of Newton's method. The outputs are the list of
-        `SingleRowOutputs`.
+        chooses one of its two solutions. Otherwise the arguments are all variables. The
+        first outputs are the variables: by the formulas, or after a step of Newton's method
+        from the arguments. All other outputs of `SingleRowOutputs` belong to the variables
+        by the formulas, or to the arguments themselves.
         """
         other_outputs = self._single_row_expressions().flat_list()
         if self._closed_form is None:
@@ -379,7 +382,7 @@ class RowKernel:
             except (ArithmeticError, ValueError):
                 return None
             outputs = SingleRowOutputs.from_flat_list(numbers, len(self._variables))
-            # "not <=" is also true for NaN.
+            # Newton's method is not certain to converge. "not <=" is also true for NaN.
             if not outputs.kantorovich_number <= MAX_KANTOROVICH_NUMBER:
                 return None
             is_closed = outputs.residual <= self.closure_rounding_rad
@@ -393,9 +396,12 @@ class RowKernel:
                 continue
             if not outputs.uncertainty_sum <= 1.0:
                 return None
-            # The variables of the closed configuration. Without a closed form, these are
-            # the arguments, because `outputs.variables` are those after a further step.
-            variables = outputs.variables if self.has_closed_form else values
+            # The variables to which the outputs belong.
+            if self.has_closed_form:
+                variables = outputs.variables
+            else:
+                # `outputs.variables` are those after another, superfluous Newton step.
+                variables = values
             return EvaluatedRow(
                 variables, outputs.residual, outputs.axis_sum, outputs.columns
             )
@@ -510,10 +516,10 @@ class RowKernel:
 
     @cached_property
     def row_bounds(self) -> ColumnFunction:
-        """Condition of the loops, their inverse, and residuals while one input moves.
+        """Function of the numbers that tell how accurate a row (configuration) is.
 
-        `RowVelocities` uses them to judge rows (configurations) that are not certified as
-        accurate. The kernel is then made for a single moving input. The quantities are:
+        `RowVelocities` uses them to judge rows that are not certified as accurate. The
+        kernel is then made for a single moving input. The numbers are:
 
         - ``"condition_number"`` of the loop equations.
         - ``"kantorovich_number"``: if it is at most 1/2, exactly one solution is near.
@@ -521,8 +527,9 @@ class RowKernel:
           have nearly the same curvature, they hardly determine their motion. Each contact
           has a positive number that then exceeds 1. This is the sum of these numbers. If
           the sum is at most 1, no contact is doubtful.
-        - ``"inverse"``: movement of each passive variable (not an input) per unit opening
-          of each loop about each ground axis, (passive variables, loops, 3), flattened.
+        - ``"inverse"`` of the loop equations: movement of each passive variable (not an
+          input) that closes a loop which is open about a ground axis, per unit of this
+          opening. Its shape (passive variables, loops, 3) is flattened.
         - ``"dw_error"``: error bound of dw, the derivatives of the angular velocities
           of all links with respect to the input.
         - ``"rate_residual"``, ``"acceleration_residual"``: how well the rates and their
@@ -567,16 +574,17 @@ def row_kernel(
     engine
         What evaluates the expressions: "numpy", or "compiled" (heyoka).
     order
-        The order in which variables are eliminated from the loop equations. By default the
-        order that is regular at most configurations of the motion.
+        The order in which variables are eliminated from the loop equations. A good order
+        divides by no number near zero. By default the order is chosen that is good at the
+        largest number of configurations of the motion.
 
     Returns
     -------
     RowKernel or None
-        None if no order is regular at any configuration, or if the elimination of the
+        None if no order is good at any configuration, or if the elimination of the
         expressions divides by zero.
     """
-    # The elimination divides by the coefficients of certain variables, the pivots.
+    # The pivots of an order are loops with the variables for which they are solved.
     pivots = choose_order(motion) if order is None else order
     if pivots is None:
         return None

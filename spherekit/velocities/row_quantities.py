@@ -48,14 +48,16 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
     - ``q``, ``dq``, ``ddq``, ``t``: the sample.
     - ``theta_PAIR``, ``rate_PAIR``, ``axis_PAIR_x``: for R pairs the angle, its derivative
       with respect to q, and the axis in ground axes.
-    - ``transmission_angle_PAIR``: for the middle pair of a dyad.
+    - ``transmission_angle_PAIR``: for the middle one of the three pairs of a dyad, which is
+      two links in series.
     - ``orientation_LINK_xy``: row x and column y of the rotation from link to ground axes.
     - ``angular_velocity_LINK_x``, ``angular_velocity_dq_LINK_x``: per unit rate of q, and
       the derivative with respect to q.
-    - ``velocity_coefficient_LINK_OTHER``, ``acceleration_coefficient_LINK_OTHER``,
-      ``pole_LINK_OTHER_x``: the coefficients, and the unit vector that gives the relative
-      angular velocity when multiplied by the velocity coefficient. It is NaN if the links
-      rest relative to each other.
+    - ``velocity_coefficient_LINK_OTHER``, ``acceleration_coefficient_LINK_OTHER``: the
+      relative angular velocity of two links along its axis, per unit rate of q, and its
+      derivative with respect to q.
+    - ``pole_LINK_OTHER_x``: the unit vector of this axis. NaN if the links rest relative to
+      each other.
     - ``direction_OUTPUT_x``: for outputs that are directions, in the axes of the reference
       link of the output.
     - ``condition_number_OUTPUT``: with several inputs, the condition number of the
@@ -63,7 +65,8 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
       output that is a direction has the Jacobian of this direction instead.
     - ``jacobian_determinant_OUTPUT``: the determinant of this Jacobian. It exists if there
       are three inputs, or two inputs and an output that is a direction.
-    - ``determinant``: 0 if the inputs do not determine the rates of all variables.
+    - ``determinant`` of the velocity equations: 0 if the inputs do not determine the rates
+      of all variables.
 
     With masses:
 
@@ -323,8 +326,8 @@ def _add_dynamic_quantities(
 
     They are the inertia matrix, driving torques, accelerations of inputs without torques,
     derivatives of accelerations, and the kinetic energy. Each call of `add` states a name,
-    its unit, a method of `DesignExpressions` and the arguments of this method (indices of
-    inputs).
+    its unit, a method of `DesignExpressions` and the arguments of this method. A name ends
+    in the pair of its input. A matrix has two endings: the row, then the column.
 
     Parameters
     ----------
@@ -333,9 +336,8 @@ def _add_dynamic_quantities(
     inputs
         Names of the input pairs.
     moving_inputs
-        For each input an ending of names, and its index. The ending, such as ``_by_21`` for
-        the input at pair 21, says which input is meant. With one input, the ending is
-        empty.
+        For each input an ending of names, such as ``_by_21`` for the input at pair 21, and
+        its index. With one input, the ending is empty.
     """
     has_one_input = len(inputs) == 1
     # With one input, the inertia is the equivalent inertia B: twice the kinetic energy at

@@ -193,8 +193,8 @@ class RowVelocities:
         """Return a quantity (components, n) of a pole or link, at n rows (configurations).
 
         A pole is the axis about which two links rotate relative to each other. The quantity
-        is NaN in rows without a configuration, and usually also in rows without rates.
-        Directions are an exception: the axis of a pair (joint) is known without the rates.
+        is NaN in rows without a configuration. In rows in which the rates could not be
+        computed, only directions are not NaN. If no row has rates, everything is NaN.
 
         Parameters
         ----------
@@ -248,7 +248,8 @@ class RowVelocities:
 
         - No row counts as certified or as computed in quad precision any more.
         - The difference between both methods is added to the error of the velocity
-          coefficient of each pole, which is the relative angular velocity along the pole.
+          coefficient of each pole: the relative angular velocity per unit rate of the
+          input.
         - Rows in which the plan gives a direction with an error above `USABLE_DIRECTION`
           (rad) become ILL_CONDITIONED.
 
@@ -258,7 +259,8 @@ class RowVelocities:
             The poles by the plan, at the same rows.
         """
         # By body of the plan. A body is a set of links that do not move relative to each
-        # other while the other inputs are locked.
+        # other while one input moves and all others are locked. `w` has the requested
+        # bodies only.
         w, direction_error = planned_poles.link_rates(self.request.bodies)
         self.is_certified[:] = False
         self.is_quad_precision[:] = False
@@ -300,8 +302,9 @@ class RowVelocities:
         # dw are the derivatives of the angular velocities of all links with respect to
         # the input.
         is_certified &= self._bound("dw_error") <= MAX_CERTIFIED_DW_ERROR
-        # Poles that are axes of pairs (joints) are known exactly. The directions of the
-        # others follow from the relative angular velocities v of their links.
+        # Poles that are axes of pairs (joints) are known exactly. `_reversible_poles` are
+        # all others. Their directions follow from the relative angular velocities v of
+        # their links. If the links rest, the pole has no direction that could be wrong.
         for pole in self._reversible_poles:
             errors = self.pole_errors[pole]
             v_size = norm_columns(self.relative_velocity(pole))
@@ -492,12 +495,12 @@ class RowVelocities:
         )
 
     def _spread(self, quad_rows: QuadPrecisionRows, name: str, key: Any) -> Floats:
-        """Return the sensitivities (k,) to open loops of a quantity in k configurations.
+        """Return how much a quantity changes if loops open, in k configurations (k,).
 
-        Rounding of sizes leaves the loops of a mechanism open by tiny rotations. A rotation
-        times the sensitivity is an error bound of the quantity. The sensitivity is the sum
-        of the absolute changes of all components per rad. It includes all loops and the
-        three axes about which each can open.
+        Because arcs and angles of links are rounded, loops are open by tiny rotations. Such
+        a rotation times the result is an error bound of the quantity. The result is the sum
+        of the absolute changes of all components per rad, for all loops and for the three
+        axes about which each can open.
 
         Parameters
         ----------
@@ -506,7 +509,8 @@ class RowVelocities:
         name
             Name of the quantity.
         key
-            The pole to which the quantity belongs, or the index of the link.
+            The two links of the pole (axis of relative rotation), or the index of the link,
+            to which the quantity belongs.
         """
         # Each component of the quantity, such as x, y and z of a vector, is a column.
         columns = self._column_indices[name][key]
@@ -619,13 +623,13 @@ class RowVelocities:
 
         A pole is the axis of the relative rotation of two links. Several pairs (joints) in
         series can have one line as their axis, which is then the pole. If the rounded axes
-        differ in their last digits, its direction is not exactly known.
+        differ in their last digits, the pole depends on the rates of these pairs.
 
         Returns
         -------
-        For each such pole (n,) the largest angle (rad) between the pole and its exact
-        direction. If the velocity equations are singular at all rows, the angles are
-        unknown, and the result is empty.
+        For each such pole (n,) the largest angle (rad) by which its direction can be wrong.
+        If the velocity equations are singular at all rows, the rates are unknown, and the
+        result is empty.
         """
         if not self._has_rates:
             return {}
@@ -661,9 +665,8 @@ class RowVelocities:
             if plan.pole(*links) not in plan.rounded_common_axes:
                 continue
             errors_of_axis = self._errors_of_common_axis(links)
-            # The direction error is the angle by which the rounded axes can differ. It is
-            # kept for later. Where the velocity equations leave directions open, these are
-            # computed as intersections of great circles, and have this error, too.
+            # The direction error is kept. In some rows, directions are computed later by
+            # the plan, as intersections of great circles. There they have this error, too.
             self.axis_separations[links] = errors_of_axis["direction_error"]
             for name, error in errors_of_axis.items():
                 errors[name] += error
@@ -672,13 +675,13 @@ class RowVelocities:
         """Return the errors of a pole that come from the rounding of a common axis.
 
         The pole (axis of the relative rotation of two links) is the axis of several pairs
-        (joints). Each rounded axis can be wrong by the angle `SAME_AXIS_SINE`. The relative
-        angular velocity v of the links is a sum of terms, rate times axis. So is its
-        derivative dv with respect to the input. The direction of the pole is u = v / |v|.
-        The error bounds are:
+        (joints). Each rounded axis (unit vector) can be wrong by `SAME_AXIS_SINE`. The
+        relative angular velocity v of the links is a sum of terms that are in proportion to
+        axes. So is its derivative dv with respect to the input. The direction of the pole
+        is u = v / |v|. The error bounds are:
 
-        - of v and dv: the angle times the sum of the sizes of the terms. The sums over all
-          pairs of the mechanism are used, which are at least as large.
+        - of v and dv: `SAME_AXIS_SINE` times the sum of the sizes of the terms. The sums
+          over all pairs of the mechanism are used, which are at least as large.
         - of u: error(v) / |v|.
         - of the velocity coefficient v . u = |v|: error(v).
         - of the acceleration coefficient dv . u: error(dv) + error(u) |dv|.
@@ -725,10 +728,10 @@ def _is_direction_accurate(errors: Mapping[str, Floats], v_size: Floats) -> Bool
     v_size
         (n,) length of v.
     """
-    # The acceleration coefficient dv . u has the error error(dv) + error(u) |dv|. The error
-    # of du is at most (error(dv) + 2 error(u) |dv|) / |v|. One error(u) is for u, and the
-    # other for |v|, because error(u) is error(v) / |v|. The error of du is thus at most
-    # twice the first error, divided by |v|.
+    # The error of du has these parts, each divided by |v|: error(dv) from dv, error(u) |dv|
+    # from u, and error(u) |dv| from |v|, because error(v) / |v| is error(u). Their sum is
+    # error(dv) + 2 error(u) |dv|. The acceleration coefficient dv . u has the error
+    # error(dv) + error(u) |dv|. Twice this error is not smaller than the sum.
     direction_dq_error = 2.0 * errors["acceleration_coefficient_error"] / v_size
     # If the errors as fractions of their limits add up to at most 1, both are within
     # limits. If v is zero, the sum is infinite or NaN, and the result is False.

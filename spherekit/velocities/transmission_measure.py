@@ -216,25 +216,25 @@ def passive_variables(tree: LoopTree, driven: Sequence[int]) -> list[int]:
 class PassiveEquations:
     """The loop equations J x = 0 of the passive pairs, in units that suit a measure.
 
-    Passive pairs (joints) are those that no input locks. The relative velocities that a
-    pair allows are described along orthonormal vectors, one for each of its variables. x
-    are the rates along these vectors.
+    Passive pairs (joints) are those that no input locks. A pair allows relative angular
+    velocities along a line, or in a plane if it has two variables. They are described by
+    one unit vector, or by two at right angles. x are the rates along these vectors.
 
     The equation of a loop says that the angular velocities of its pairs add up to zero. In
-    this sum, a pair has the coefficient 1 or -1 if the loop passes it, otherwise 0. So the
-    coefficients of a loop are a vector with an entry for each pair. The loops are replaced
-    by linear combinations whose vectors of coefficients are orthonormal. The singular
-    values of J are then between 0 and 1. They do not depend on the units of the variables
-    or on the choice of the loops.
+    this sum, a pair has the coefficient 1 or -1 if the loop passes it, otherwise 0. The
+    equations of all loops are replaced by as many linear combinations. The rows of their
+    coefficients have length 1 and are at right angles to each other. The singular values of
+    J are then between 0 and 1. They do not depend on the units of the variables or on the
+    choice of the loops.
 
     Attributes
     ----------
     unit_vectors
-        (n, 3, passive) the orthonormal vectors, one for each passive variable.
+        (n, 3, passive) the unit vectors, one for each passive variable.
     matrix
         (n, 3 loops, passive) the matrix J. Its rows are the three components of the
-        first combination of loops, then the three components of the second combination,
-        and so on. If J x is not 0, loops open.
+        first combination, then the three components of the second, and so on. If J x is not
+        0, loops open.
     """
 
     unit_vectors: Floats
@@ -251,10 +251,10 @@ def passive_equations(
     Two changes make the result independent of the units of the variables and of the choice
     of the loops:
 
-    - The vectors of each pair are replaced by orthonormal ones along the same directions.
-    - The loops are replaced by linear combinations. The coefficients of each combination
-      are a unit vector with an entry for each pair. These vectors are orthogonal to each
-      other.
+    - The one or two vectors of each pair are replaced by one or two orthonormal vectors
+      with the same span.
+    - The equations of the loops are replaced by linear combinations. The rows of their
+      coefficients (loops, pairs) are orthonormal.
 
     Parameters
     ----------
@@ -267,8 +267,8 @@ def passive_equations(
     passive = passive_variables(tree, driven)
     orthonormal_vectors = _orthonormal_vectors(tree, vectors)[:, passive]
     unit_vectors = np.swapaxes(orthonormal_vectors, 1, 2)  # (n, 3, passive)
-    # (loops, passive) coefficients of the linear combinations. `tree.cycles` has them for
-    # all pairs.
+    # (loops, passive) coefficients of the linear combinations, from `tree.cycles` (loops,
+    # pairs).
     pair_of_each = [tree.pair_of_variable[v] for v in passive]
     coefficients = tree.cycles[:, pair_of_each]
     equations = np.zeros((len(vectors), len(coefficients), 3, len(passive)))

@@ -41,10 +41,10 @@ class ClosingFrames:
     Attributes
     ----------
     by_second_link
-        (3, 3) frame of the pair in its second link, in ground axes.
+        (3, 3) frame that is fixed in the second link of the pair, in ground axes.
     by_pair
-        (3, 3) frame in which the pair has the second link, starting from its first link, in
-        ground axes. Both frames are equal if the loop is closed.
+        (3, 3) frame that is fixed in the first link of the pair and then moved by the
+        variables of the pair, in ground axes. Both frames are equal if the loop is closed.
     """
 
     by_second_link: Exprs
@@ -117,13 +117,13 @@ class VelocityEquations(ABC):
         self.placed = placed
         self.variables = variables
         self.tree = LoopTree.of_mechanism(mechanism)
-        # For each variable, `carried` has its vector, the link with which the vector turns,
-        # and its derivative relative to this link. The vector of an R pair is fixed in the
-        # link. The vector of a contact moves in the link.
+        # For each variable, `carried` has the vector, a link that carries the vector (the
+        # vector turns with this link), and the derivative of the vector relative to this
+        # link. The vector of an R pair is fixed in the link. That of a contact moves in it.
         #
-        # `contact_lines` has the direction to the contact point of each rolling contact. It
-        # is the axis of the relative rotation of both links, also if the vector is 0. Only
-        # contacts that are computed about centres are left out.
+        # `contact_lines` has the direction to the contact point of each rolling contact,
+        # the axis of the relative rotation of both links. Contacts that are computed about
+        # centres are left out.
         self.carried, self.contact_lines = carried_vectors(
             mechanism, pairs, placed, variables, about_centres
         )
@@ -227,13 +227,16 @@ class VelocityEquations(ABC):
             vector_sum(vector_derivatives[v] for v in variables)
             for variables in self.pair_variables
         ]
-        # Around each loop, the sum of a_v dx_v equals the sum of minus the bias.
+        # Around each loop, the accelerations of the pairs add up to zero. So the sum of
+        # a_v dx_v is minus the sum of the bias.
         variable_accelerations = self.solve_loops(
             {pair: part * -1.0 for pair, part in enumerate(bias)}
         )
-        driven_parts = self.pair_velocities(variable_accelerations)
+        # `pair_velocities` forms the sum of a_v x_v of each pair. With dx_v in place of
+        # x_v, this is the first part.
+        first_parts = self.pair_velocities(variable_accelerations)
         pair_accelerations = [
-            driven_part + bias_part
-            for driven_part, bias_part in zip(driven_parts, bias, strict=True)
+            first_part + bias_part
+            for first_part, bias_part in zip(first_parts, bias, strict=True)
         ]
         return variable_accelerations, pair_accelerations
