@@ -50,8 +50,7 @@ class Wheel(NamedTuple):
     def from_curve(curve: Curve, start: float = 0.0) -> "Wheel":
         """Return the wheel whose circle is a curve of constant curvature.
 
-        `start` is the arc length (rad) of the curve at which the lengths of the wheel are
-        zero.
+        Arc lengths of the wheel are counted from the arc length `start` (rad) of the curve.
         """
         # Tangent, normal and point of the curve where its arc length is zero.
         origin = curve.evaluate(np.zeros(1))

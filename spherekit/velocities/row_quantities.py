@@ -48,8 +48,7 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
     - ``q``, ``dq``, ``ddq``, ``t``: the sample.
     - ``theta_PAIR``, ``rate_PAIR``, ``axis_PAIR_x``: for R pairs the angle, its derivative
       with respect to q, and the axis in ground axes.
-    - ``transmission_angle_PAIR``: for the middle one of the three pairs of a dyad, which is
-      two links in series.
+    - ``transmission_angle_PAIR``: for the middle pair of a dyad (two links in series).
     - ``orientation_LINK_xy``: row x and column y of the rotation from link to ground axes.
     - ``angular_velocity_LINK_x``, ``angular_velocity_dq_LINK_x``: per unit rate of q, and
       the derivative with respect to q.
