@@ -670,7 +670,7 @@ class _AspectGraph:
         # Indices of the regular configurations among all, rising.
         regular_numbers = np.flatnonzero(self.nodes.is_regular)
         nodes = self.nodes.rows(regular_numbers)
-        # Connections join regular configurations. Their indices among all
+        # (m, 2) each connection joins two regular configurations. Indices among all
         # configurations are converted to positions among the regular ones.
         edges = np.searchsorted(regular_numbers, np.concatenate(self.connections))
         # (n,) number of the aspect of each configuration.

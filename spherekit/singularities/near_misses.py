@@ -142,8 +142,9 @@ def _near_misses_on_curve(
             # links have short arcs.
             continue
         (distance,) = sampled.angle(kind, number, s[None], output)
-        # The tangent of the angle of type I is the velocity coefficient.
-        (slope_angle,) = sampled.angle(Type.I, number, s[None], output)
+        # The tangent of the distance from type I is the velocity coefficient: the size of
+        # the output's rate over that of the input's rate.
+        (type_one_angle,) = sampled.angle(Type.I, number, s[None], output)
         # The configuration occurs again after each period of the input.
         for q, modes in _inputs_and_modes(sampled, number, float(s), values[0]):
             misses.append(
@@ -155,7 +156,7 @@ def _near_misses_on_curve(
                     q=q,
                     assembly_modes=modes,
                     angle=float(distance),
-                    velocity_coefficient=np.tan(float(slope_angle)),
+                    velocity_coefficient=np.tan(float(type_one_angle)),
                 )
             )
     return misses
@@ -192,9 +193,9 @@ def _sine_limits(
     lower limit the configuration is singular itself. Some mechanisms have small distances
     everywhere, which the limits take into account:
 
-    - Type I: the tangent of the angle is the velocity coefficient (rate of the output over
-      rate of the input). In a gear reducer, for example, it is small throughout. If it is
-      below 1 on the whole curve, the upper limit is multiplied by its largest value.
+    - Type I: the tangent of the angle is the velocity coefficient (size of the output's
+      rate over that of the input's rate). In a gear reducer this is small throughout. If it
+      is below 1 on the whole curve, the upper limit is multiplied by its largest value.
     - Type II: the sine of the angle says how firmly the locked input holds the output. It
       is small if all arcs between the axes of links are small. Both limits are multiplied
       by the largest sine of such an arc.

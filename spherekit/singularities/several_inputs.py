@@ -513,17 +513,31 @@ def _find_single_input_motions(
 
     # (n, g, 3) the whole angular velocity of the output link in these motions.
     angular_velocity = output.angular_velocity(space, space.basis @ coefficients_by_input)
-    speed = np.linalg.norm(angular_velocity, axis=2, keepdims=True)
-    # A speed that is a very small part of all rates may be rounding. The link then counts
-    # as resting, and has no direction of rotation.
-    is_turning = speed > SINGULAR_TRANSMISSION * sizes[..., None]
-    known_speed = np.where(is_turning, speed, np.nan)
     # Division by the sizes scales all rates in a motion to a vector of length 1.
     return SingleInputMotions(
         input_rate=input_determinant[:, None] / unique_sizes,
         output_rate=output_sizes / unique_sizes,
-        output_direction=angular_velocity / known_speed,
+        output_direction=_turning_directions(angular_velocity, sizes),
     )
+
+
+def _turning_directions(angular_velocity: Floats, sizes: Floats) -> Floats:
+    """Return unit vectors along angular velocities of a link, NaN where the link rests.
+
+    The link counts as resting if its speed is a very small part of all rates in the motion,
+    because such a speed can be rounding.
+
+    Parameters
+    ----------
+    angular_velocity
+        (n, g, 3) angular velocities in g motions.
+    sizes
+        (n, g) sizes of all rates in these motions.
+    """
+    speed = np.linalg.norm(angular_velocity, axis=2, keepdims=True)
+    is_turning = speed > SINGULAR_TRANSMISSION * sizes[..., None]
+    known_speed = np.where(is_turning, speed, np.nan)
+    return angular_velocity / known_speed
 
 
 def _discard_ambiguous_motions(sizes: Floats) -> Floats:

@@ -318,7 +318,7 @@ class SingularSurface:
         Parameters
         ----------
         edge_numbers
-            (k,) numbers, as in `list_edges`, of the edges that get a new vertex.
+            (k,) indices, in the order of `list_edges`, of the edges that get a new vertex.
         edge_points
             The k new vertices. Those that Newton's method could not move onto the surface
             of singular configurations (the locus) are left out.
