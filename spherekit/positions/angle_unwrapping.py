@@ -209,6 +209,10 @@ class UnwrappedStretch:
 
         With an infinite period, no period is taken off. Inputs below the curve then become
         infinite.
+
+        Returns
+        -------
+        The shifted inputs, and the numbers of periods that were taken off.
         """
         first_input = self.curve.inputs[0]
         lowest_input = first_input - DEAD_CENTRE_SLACK_RAD

@@ -132,8 +132,9 @@ class Chords:
     def predict(self, which: Indices, fractions: Floats) -> Floats:
         """Return predicted points (n, variables) of the curve (rad).
 
-        A chord is the straight segment between two computed points of the curve. A
-        polynomial has the positions and the first two derivatives of these points.
+        A chord is the straight segment between two computed points of the curve. The
+        predicted points are on polynomials that have the positions and the first two
+        derivatives of the curve at these two points.
 
         Parameters
         ----------
@@ -405,8 +406,9 @@ class ArcCurve(Chords):
         growth_in_lap = abs(self.rise[variable])
         if growth_in_lap != 0.0:
             return growth_in_lap
-        # Here the variable swings between two values. An angle and the same angle plus 2 pi
-        # are one position, unless wheels count the revolutions.
+        # On a closed curve, the variable now swings and has its first value after a lap. An
+        # angle and the same angle plus 2 pi are one position, unless wheels count the
+        # revolutions.
         no_wheel_follows = np.isnan(period)
         if self.closed and no_wheel_follows:
             return TURN

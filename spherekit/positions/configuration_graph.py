@@ -482,7 +482,9 @@ class ConfigurationGraph:
         return nodes
 
     def _find_among(self, candidates: Indices, values: Floats) -> Indices:
-        """Return, for each configuration, the candidate node with equal angles of R pairs.
+        """Return, for each configuration, the candidate node with the same angles.
+
+        Compared are the angles of R pairs (revolute pairs), up to `SAME_CONFIGURATION_RAD`.
 
         Parameters
         ----------

@@ -115,7 +115,7 @@ class Piece(NamedTuple):
         Arc lengths (rad) of its ends. `stop` exceeds the length of a closed curve if the
         piece contains the point s = 0.
     shift
-        Whole periods of the input (rad), which lead to the range.
+        Whole periods of the input (rad), which lead from the curve to the range.
     lowest, highest
         Smallest and largest input of the piece (rad), with `shift` added.
     """
@@ -256,7 +256,7 @@ def _may_reach_range(
     if not np.isfinite(period):
         return lowest <= high and highest >= low
     # The inputs of the curve repeat after each period. Shift them by whole periods as far
-    # up as possible, such that the lowest one is still at most `high`. The curve reaches
+    # up as possible, such that the lowest one is still at most `high`. The curve may reach
     # the range if the highest one is then at least `low`.
     shift = np.floor((high - lowest) / period) * period
     return bool(highest + shift >= low)

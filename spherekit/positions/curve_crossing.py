@@ -298,9 +298,9 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
     # rate of a vector follows from the angular velocities of both bodies of its pair.
     #
     # Bodies are placed along a tree of pairs, and `body_rates` gives the angular velocities
-    # of these bodies. A pair outside the tree closes each loop. While the loop opens, this
-    # pair has two second bodies: the placed one, and one that rotates relative to the first
-    # body by the pair alone. J has the vectors of the latter.
+    # of these bodies. A pair outside the tree closes each loop. As the loop opens, its
+    # second body leaves this pair. But J describes the pair with a second body that stays
+    # in it. The angular velocity of such a body follows from the first body and the pair.
     first_rates = linearisation.body_rates(np.eye(count))[:, closure.tree.first_bodies]
     second_rates = _rates_of_second_bodies(linearisation, first_rates)
     vector_rates = linearisation.vector_rates_of_pairs(first_rates, second_rates)

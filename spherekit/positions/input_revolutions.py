@@ -114,7 +114,8 @@ def _count_inputs_in_range(
     Parameters
     ----------
     first
-        (m,) smallest inputs in the range (rad), or inputs outside it, which count as 1.
+        (m,) inputs (rad), each the smallest one in the range that belongs to its
+        configuration. An input outside the range counts as 1.
     low, high
         Ends of the range (rad).
     period

@@ -171,9 +171,8 @@ class Linearisation:
         are appended.
         """
         # The number, the first body and the second body of each chord. `states` contains
-        # the frame of each pair in the axes of its first and of its second body. It takes
-        # the variables of the pair into account, so that both frames coincide in a closed
-        # loop.
+        # the frame of each pair in the axes of its first and of its second body, at the
+        # values of its variables. In a closed loop both frames coincide in space.
         chords, firsts, seconds = self.tree.closing
         first_frames = self.rotations[:, firsts] @ self.states.first[:, chords]
         second_frames = self.rotations[:, seconds] @ self.states.second[:, chords]

@@ -203,8 +203,8 @@ class ModeCoalescence:
 
         An elimination order states in which order the unknown angles of the group (bodies
         placed together) are eliminated from its equations. An order works if the
-        determinants of the derivatives of the equations are finite, and not NaN. If no
-        order works, the last one is returned.
+        determinants of the derivatives of the equations are finite. Where the elimination
+        fails, they are NaN. If no order works, the last one is returned.
 
         Parameters
         ----------

@@ -185,13 +185,13 @@ class ModeMeeting:
             Name of the input pair.
         passed
             Whether the user wants modes to follow their smooth curves through crossings
-            (option "pass"). With the other option, "end", a mode does not change its
-            number at a crossing.
+            (option "pass"). With the other option, "end", a mode keeps the signs of its
+            dyads (groups of two links). It does not follow a curve to other signs.
         """
         # `modes` has one tuple for each configuration at which curves cross: the indices of
         # the modes that meet there. A tuple of two or more numbers becomes a text such as
-        # "0 and 1". `dict.fromkeys` drops repeated tuples and keeps the order.
-        # Without any such tuple, the sentence names no modes.
+        # "0 and 1". Without any such tuple, the sentence names no modes. `dict.fromkeys`
+        # drops repeated tuples and keeps the order.
         meeting_modes = []
         for numbers in dict.fromkeys(self.modes):
             if len(numbers) > 1:

@@ -570,8 +570,8 @@ class DistinctConfigurations:
           the turned wheel.
         """
         # One repetition for each contact at which wheels have rolled on, with the indices
-        # of its two wheels. The list is empty if at some contact neither wheel touches at
-        # the same point again.
+        # of its two wheels. The list is empty if no wheels have rolled on, or if at some
+        # contact neither wheel touches at the same point again.
         repetitions = self._find_repetitions(configuration.values - stored.values)
         if not repetitions:
             return False

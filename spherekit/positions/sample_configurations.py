@@ -618,8 +618,8 @@ def _solve_real_roots(
     geometry
         The geometry of the group at n rows (configurations of earlier groups).
     order
-        The t unknown angles in the order in which they are eliminated, and the removed
-        bodies.
+        The t unknown angles and the removed bodies. All angles but the first are
+        eliminated.
 
     Returns
     -------
