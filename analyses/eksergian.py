@@ -208,8 +208,8 @@ class Eksergian(AbstractAnalysis):
           of whole revolutions, because a spring counts revolutions;
         - the rate of the pair at which the torque acts;
         - the position analysis of the run (`tracer`), if there is friction of bearings or
-          contacts. Friction depends on the forces in the pairs, which need all
-          configurations.
+          contacts. This friction is proportional to the forces in the pairs, which are
+          computed from the position analysis.
 
         Raises
         ------
@@ -231,13 +231,15 @@ class Eksergian(AbstractAnalysis):
         # Pairs at which loads act, or on which the loads depend.
         load_pairs = used_pairs(mechanism)
         torque_pairs = frozenset([self.at] if self.at else [])
+        # A pair is an R pair, which has an axis, or a contact.
         if self.at and not mechanism.pair(self.at).kind.has_axis:
             raise AnalysisError(
                 f"eksergian: at: pair {self.at} is a contact, not an R pair"
             )
+        has_friction = bool(Loads(mechanism).friction_components)
         return Needs(
             time=True,
-            tracer=bool(Loads(mechanism).friction_components),
+            tracer=has_friction,
             # The links of `link_names`, and the two links of each pair in `load_pairs`.
             links=acting_links(mechanism),
             derivatives=True,
@@ -253,10 +255,10 @@ class Eksergian(AbstractAnalysis):
         The batch has n rows. For each row the first table has one row, the second table one
         row for each link with mass, and the third table one row for each load.
 
-        The equation of motion is ``B ddq + (dB/dq) dq^2 / 2 = Q + tau`` (Eksergian). `B` is
-        the equivalent inertia: twice the kinetic energy at unit rate of the input q. `Q` is
-        the generalised force of all loads, and `tau` the driving torque. `residual` is the
-        rotation (rad) by which a loop of links fails to close.
+        The equation of motion is ``B ddq + B' dq^2 / 2 = Q + tau`` (Eksergian). The input q
+        has the rate `dq` and the acceleration `ddq`. `B` is the equivalent inertia, twice
+        the kinetic energy at unit rate of q, and B' its derivative with respect to q. `Q`
+        is the generalised force of all loads, and `tau` the driving torque.
         """
         solution = self._inverse_solution(batch)
         mechanism = batch.mechanism
@@ -279,6 +281,7 @@ class Eksergian(AbstractAnalysis):
                 "dB_dq": solution.dB_dq,
                 "Q": solution.Q,
                 "tau": torque,
+                # Rotation (rad) by which a loop of links fails to close.
                 "residual": batch.residual,
                 "status": solution.status,
             },

@@ -25,10 +25,11 @@ def chart_axes(mechanism: Mechanism, chart: ChartAxis = "yes") -> tuple[int, int
     """Return the indices (0 to 2) of the ground axes that the chart uses as x, y and z.
 
     The chart projects the sphere from its centre onto the plane that touches it at axis x.
-    By default, x is the ground axis nearest to the middle of the pair axes on the ground,
-    so that these are near the middle of the chart. The axes y and z follow cyclically, so
-    the system is
-    right-handed.
+    Opposite points of the sphere therefore have the same place on the chart.
+
+    The user can choose a ground axis as x. With "yes" or "no", x is the ground axis nearest
+    to the middle of the pair axes on the ground. These are then near the middle of the
+    chart. The axes y and z follow cyclically, so the system is right-handed.
     """
     if chart in ("x", "y", "z"):
         x = "xyz".index(chart)
@@ -37,6 +38,7 @@ def chart_axes(mechanism: Mechanism, chart: ChartAxis = "yes") -> tuple[int, int
         # The zero vector makes the sum valid if the ground has no pair axes, but only
         # contacts.
         middle = np.sum([*ground_axes.values(), np.zeros(3)], axis=0)
+        # Either end of the ground axis may be near the middle, so the sign has no meaning.
         x = int(np.argmax(np.abs(middle)))
     return x, (x + 1) % 3, (x + 2) % 3
 

@@ -51,13 +51,14 @@ def read_pose(
     Parameters
     ----------
     text
-        ``name=number+name=number`` with one of these sets of names:
+        ``name=number+name=number``, such as ``azimuth=10+tilt=20deg``. The names are:
 
         - all driven pairs;
-        - x, y, z or azimuth, tilt of a direction;
-        - phi, gamma of the plane in which base and output link mirror each other;
+        - x, y, z or azimuth, tilt for a direction;
+        - phi, gamma, two angles of the plane in which base and output link mirror each
+          other;
         - azimuth, tilt, torsion, a quaternion qx, qy, qz, qw, or a rotation vector rx, ry,
-          rz of an orientation.
+          rz for an orientation.
     inputs
         Names of the driven pairs.
     where
@@ -70,8 +71,8 @@ def read_pose(
     AnalysisError
         If the text has no such form.
     """
-    # `read_end` reads the end pose of a rotation. Such a pose may be a turn from the start
-    # (ux, uy, uz, angle), which is refused here.
+    # `read_end` accepts the same texts, and also the axis and angle of a rotation from
+    # another pose. Such a rotation is refused here.
     pose = read_end(text, inputs, where, angle_unit, allow_rotation=False)
     assert not isinstance(pose, AtRotation)
     return pose

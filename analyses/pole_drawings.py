@@ -148,7 +148,8 @@ class ConstructionStep:
     poles
         The poles that become known in this step.
     uses_circles
-        Whether the pole is the intersection of two great circles, which are then drawn.
+        Whether the step has one pole, found as the intersection of two great circles.
+        These are then drawn.
     """
 
     text: str
@@ -164,9 +165,10 @@ def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
     steps:
 
     - The first step has the axes of all pairs (joints).
-    - Poles that are determined together by linear equations (a block) are one step.
-    - A pole that is the intersection of two great circles is one step.
+    - A pole at the intersection of two great circles (`LinePole`) is one step.
     - A pole that is the common axis of several pairs is one step.
+    - A block starts with one step for all poles that follow from linear equations. Further
+      poles of the block are one step each.
     """
     # The construction is only drawn for mechanisms with one input, which have one plan.
     plan = batch.plans[0]
@@ -243,13 +245,13 @@ def draw_construction(batch: Batch, row: int, chart: ChartAxis = "yes") -> Scene
         The row of the batch that has the configuration.
     chart
         The page also has a gnomonic chart: a projection of the sphere onto a plane. The
-        plane touches the sphere at the ground axis "x", "y" or "z". With "yes" it is the
-        one that is nearest to the pair axes of the ground.
+        plane touches the sphere at the ground axis "x", "y" or "z". With "yes" the ground
+        axis is used that is nearest to the pair axes of the ground.
     """
     mechanism = batch.mechanism
     steps = _list_construction_steps(batch)
-    # There is only one input. Its plan has the order in which poles are found. The keys of
-    # `pass_numbers` are all poles, each a pair of two link numbers.
+    # The plan of the only input lists all poles, each a pair of two link numbers. The
+    # values of `pass_numbers` tell the order in which poles are found, and are not used.
     poles = list(batch.plans[0].pass_numbers)
     # Directions by step, pole and component. Normals of great circles by step, circle
     # (first or second) and component. NaN is not drawn.
@@ -267,7 +269,7 @@ def draw_construction(batch: Batch, row: int, chart: ChartAxis = "yes") -> Scene
     rotations = np.broadcast_to(rotations, (len(steps), *rotations.shape))
     texts = [step.text for step in steps]
     parts: list[Primitive] = [*link_bodies(mechanism, rotations)]
-    # The first step has the axes of all pairs, which are drawn as thin arrows ("primary").
+    # The first step has the axes of all pairs. Their arrows are thin ("primary").
     pair_poles = steps[0].poles
     for number, pole in enumerate(poles):
         name = f"P{short_name(mechanism, pole)}"

@@ -296,11 +296,10 @@ class Poles(AbstractAnalysis):
           respect to the input.
         - `turns`: poles whose direction is also differentiated with respect to the
           input.
-        - `planes`: poles for which two great circles through the pole are computed. In
-          figures, only one pole has great circles: the pole of the parameter `circles`,
-          by default the first pole that is not the axis of a pair. Great circles of all
-          poles that are not axes of pairs (joints) are computed in two cases: for the
-          drawing of the construction, and for columns with chart coordinates.
+        - `planes`: poles for which two great circles through the pole are computed. Figures
+          show the circles of one selected pole. A drawing of the construction needs the
+          circles of all poles that are not axes of pairs (joints). So do coordinates of
+          poles and circles in a chart (projection of the sphere onto a plane).
         - `rotations`: all links if the construction is drawn, otherwise the links with a
           drawn axode. An axode is the path of a pole in the axes of a link.
         """
@@ -345,15 +344,16 @@ class Poles(AbstractAnalysis):
         """Return the table `poles`: the axes about which links turn relative to each other.
 
         A row of the batch is a sample in one assembly mode (way to assemble the links). The
-        table has several rows for each row of the batch: one for each pole while each input
-        moves.
+        pole of two links depends on which input moves. So for each row of the batch, the
+        table has a row for each combination of a pole and an input that moves alone.
         """
+        # A moving pole is such a combination.
         moving_poles = self._list_moving_poles(batch)
         columns = dict[str, Any]()
         # Names of the links, axes, and coefficients of velocity and acceleration.
         columns |= batch.pole_columns(moving_poles)
-        # The value q of the input that moves with each pole. The column has the values for
-        # all poles at the first row of the batch, then those at the second row, and so on.
+        # The value q of the input that moves. The column has the values of all moving poles
+        # at the first row of the batch, then those at the second row, and so on.
         moving_input_values = [batch.inputs[:, pole.input_number] for pole in moving_poles]
         columns["q"] = batch.interleaved(moving_input_values)
         columns |= _make_accuracy_columns(batch, moving_poles)
@@ -413,7 +413,8 @@ class Poles(AbstractAnalysis):
         """Return a page for each assembly mode, and one for the construction of the poles.
 
         An assembly mode is one way to assemble the mechanism. Its page has arrows along the
-        poles, two great circles of one pole, and plots of coefficients.
+        poles, the two great circles that intersect in a selected pole, and plots of the
+        velocity coefficients (rates of rotation per unit rate of the input).
 
         The last page shows step by step how the pole axes follow from the axes of the pairs
         (joints) by intersections of great circles. It shows one configuration. It exists
@@ -423,6 +424,7 @@ class Poles(AbstractAnalysis):
         pages = []
         for mode, rows in batch.assembly_mode_rows().items():
             parts: list[Primitive] = []
+            # Poles depend on which input moves, so there are drawings for each input.
             for input_number in range(len(batch.moving_inputs)):
                 parts += self._draw_mode(batch, rows, input_number)
             pages.append(Scene(mode, tuple(parts)))
@@ -642,7 +644,11 @@ def _make_direction_derivative_columns(
 def _make_accuracy_columns(
     batch: Batch, moving_poles: Sequence[MovingPole]
 ) -> dict[str, Any]:
-    """Return the error bounds of poles and coefficients, and the conditioning, by name.
+    """Return the error bounds and the conditioning of poles, by name.
+
+    The velocity coefficient is the relative angular velocity per unit rate of the input q,
+    and the acceleration coefficient its derivative with respect to q. ``direction_dq`` is
+    the derivative of the pole direction with respect to q.
 
     The conditioning is the relative speed of the two links divided by the sum of their
     speeds. If it is small, digits cancel in the difference of their angular velocities.

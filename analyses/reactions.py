@@ -231,7 +231,7 @@ class ReactionAnalysis(AbstractAnalysis):
         return Needs(time=True, tracer=True, continued_values=used_pairs(mechanism))
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
-        """Return the tables of reactions and of bearings.
+        """Return the tables of reactions of pairs and of forces on their bearings.
 
         The first link of a pair (joint) acts on the second with a moment about the centre
         of the sphere and a force. The force of an R pair (revolute joint) is through the
@@ -249,8 +249,8 @@ class ReactionAnalysis(AbstractAnalysis):
         # fixed in its second link, and z is the axis of the pair. At a contact, x is
         # the tangent, y the normal, and z points from the centre to the contact.
         #
-        # For R pairs, x and y are also given along axes fixed in the first link. They are
-        # NaN for contacts.
+        # For R pairs, `in_first` also returns the two components along axes x and y that
+        # are fixed in the first link. For contacts these components are NaN.
         moments_in_first = result.in_first(result.moments).reshape(-1, 2)
         forces_in_first = result.in_first(result.forces).reshape(-1, 2)
         columns: dict[str, Any] = {
@@ -270,6 +270,7 @@ class ReactionAnalysis(AbstractAnalysis):
             columns[f"force_{axis}"] = forces[:, component]
         for component, axis in enumerate("xy"):
             columns[f"force_{axis}_first"] = forces_in_first[:, component]
+        # (n, pairs) why numbers of a pair are missing, or OK.
         columns["status"] = result.status.ravel()
         return {"reactions": columns, "bearings": _bearing_columns(batch, result)}
 
@@ -597,11 +598,11 @@ def _merge_mappings(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict
 def _make_findings(summary: Mapping[str, Any]) -> Findings:
     """Return the findings: the summary with sentences and warnings for users.
 
-    A reaction is open if redundant constraints leave it undetermined. Open moments about
-    the centre of the sphere are mentioned in a remark. Open forces through the centre are a
-    warning if the file asks for forces, otherwise a remark.
+    Moments about the centre of the sphere are open if redundant constraints leave them
+    undetermined. Open moments are mentioned in a remark. Open forces through the centre are
+    a warning if the file asks for forces, otherwise a remark.
     """
-    # 1. Contacts that lift off, and open reactions.
+    # 1. Contacts that lift off in some rows (configurations), and open moments.
     pairs = summary["pairs"]
     warnings = [
         f"Contact {name} would have to pull in "
@@ -611,6 +612,7 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
         if record["rows_that_lift_off"]
     ]
     remarks = []
+    # `is_open` states whether a component of the moment is open.
     open_pairs = [name for name, record in pairs.items() if record["is_open"]]
     if open_pairs:
         # Rolling contacts without a pressure angle. With this angle in the file, the

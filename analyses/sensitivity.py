@@ -275,9 +275,9 @@ class SensitivityAnalysis(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Check the parameters, and return what this analysis reads of a run.
 
-        It reads the configurations. It also reads times and rates of the inputs if a
-        quantity depends on them. With one input they are always read, because all samples
-        have them.
+        It reads the position analysis of the run (`tracer`). The times and the rates of the
+        inputs are read if a quantity depends on them. With a single input each sample has a
+        time, so times and rates are always read.
 
         Raises
         ------
@@ -289,8 +289,8 @@ class SensitivityAnalysis(AbstractAnalysis):
         # This call only raises an error if a parameter of the deviations is not valid.
         self._size_deviations(sensitivity)
         return Needs(
-            # The tracer is the position analysis of the run. It has the configurations.
             tracer=True,
+            # Whether to read times, and the rates and accelerations of the inputs.
             time=len(mechanism.inputs) == 1 or sensitivity.timed,
             # Pairs (joints) whose angles must have no jumps of 2 pi, because loads
             # depend on them. A wound spring, for example, counts whole revolutions.
@@ -315,7 +315,7 @@ class SensitivityAnalysis(AbstractAnalysis):
 
         An example is ``links.3.arc:0.02deg``, a key and a deviation. Several of them are
         joined by plus signs. The result has the deviations by key, those of angles in
-        degrees.
+        degrees. Whether keys exist is checked later.
 
         Raises
         ------
@@ -326,11 +326,13 @@ class SensitivityAnalysis(AbstractAnalysis):
         for key, text in self._deviation_texts():
             is_angle = key in sensitivity.keys and sensitivity.is_angle(key)
             try:
-                deviation_of_key[key] = (
-                    read_quantity(text, ANGLE, sensitivity.mechanism.angle_unit, "deg")
-                    if is_angle
-                    else float(text)
-                )
+                if is_angle:
+                    # A number without a unit has the angle unit of the mechanism file.
+                    deviation_of_key[key] = read_quantity(
+                        text, ANGLE, sensitivity.mechanism.angle_unit, target="deg"
+                    )
+                else:
+                    deviation_of_key[key] = float(text)
             except ValueError as problem:
                 why = f": {problem}" if isinstance(problem, QuantityError) else ""
                 raise AnalysisError(
@@ -449,6 +451,8 @@ class SensitivityAnalysis(AbstractAnalysis):
     def _shares_of_variance(self, size_variances: Floats, variance: Floats) -> Floats:
         """Return the part of the variance of each quantity that each size causes.
 
+        A size is a dimension of the mechanism, and a row a configuration.
+
         Parameters
         ----------
         size_variances
@@ -486,14 +490,17 @@ class SensitivityAnalysis(AbstractAnalysis):
 
         Returns
         -------
-        (3, quantities, n) standard deviation, largest deviation, and part of the draws that
-        cannot be assembled. NaN in rows that failed, and in all rows without draws.
+        (3, quantities, n) standard deviation, largest deviation, and fraction of the draws
+        that cannot be assembled. NaN in rows that failed, and everywhere if the user wants
+        no draws.
         """
         statistics = np.full((3, *values.shape), np.nan)
         # A failed row is NaN for every quantity, so the first quantity is tested.
         rows = np.flatnonzero(np.isfinite(values[0]))
         if self.draws and len(rows):
-            size_draws = self._size_deviations(sensitivity).draws(len(sensitivity.keys))
+            # (sizes, draws) random deviations. Each size has a key in the mechanism file.
+            size_count = len(sensitivity.keys)
+            size_draws = self._size_deviations(sensitivity).draws(size_count)
             # (quantities, rows, draws)
             drawn_values = sensitivity.scattered(
                 samples[rows], configurations[rows], size_draws
@@ -583,10 +590,11 @@ class SensitivityAnalysis(AbstractAnalysis):
         Parameters
         ----------
         summary
-            For each quantity, the record of its largest spread (standard deviation). It can
-            also have the spread of mechanisms with random sizes (draws).
+            For each quantity, the record of its largest spread: the standard deviation that
+            follows from the tolerances of the sizes (dimensions). The record can also have
+            the spread that was found by random sampling (draws).
         sizes
-            A sentence about the sizes that deviate.
+            A sentence about the sizes with tolerances.
         """
         # Quantities that do not depend on the sizes have a spread of rounding errors. One
         # limit suits all units, because it is far below any spread of interest.

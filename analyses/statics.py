@@ -134,9 +134,10 @@ class Statics(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Check the parameters, and return what this analysis reads of a run.
 
-        It reads the configurations (`tracer`), and the variables of pairs (joints) on which
-        loads such as springs depend. These include whole revolutions. The links are those
-        on which masses and loads act, and both links of each output.
+        It reads the position analysis of the run (`tracer`), and the variables of pairs
+        (joints) on which loads such as springs depend. These variables have no jumps of
+        2 pi. The links are those on which masses and loads act, and both links of each
+        output.
 
         Raises
         ------
@@ -185,7 +186,9 @@ class Statics(AbstractAnalysis):
 
         The first table has a row for each row of the batch. The table of outputs has, for
         each row of the batch, a row for each output. Its columns are the mechanical
-        advantage of each input, and three principal stiffnesses with their axes.
+        advantage of each input, and the stiffness of the output if the drives are elastic.
+        The stiffness is a symmetric matrix: torque on the output per rotation. The columns
+        have its three principal values and their axes.
         """
         # The torques at the inputs that hold the mechanism at rest against all loads.
         solution = self._holding_solution(batch)
@@ -209,8 +212,8 @@ class Statics(AbstractAnalysis):
             for component, axis in enumerate("xyz"):
                 column = axes[:, number, component]
                 principal_columns[f"axis_{number + 1}_{axis}"] = column
-        # Advantage and stiffness follow from velocities alone, so they have a status of
-        # their own. They can be valid in rows where a load has no value.
+        # Advantage and stiffness follow from the velocities of the output per unit rate of
+        # each input, not from the loads. So they have a status of their own.
         output_status = np.repeat(solution.rate_status, len(results))
         return {
             "statics": {

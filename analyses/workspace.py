@@ -257,18 +257,20 @@ class WorkspaceAnalysis(AbstractAnalysis):
         return Needs()
 
     def _make_workspaces(self, mechanism: Mechanism) -> WorkspaceModes:
-        """Return the workspaces of the requested working modes, computed when used.
+        """Return the workspaces of the requested working modes.
 
-        A working mode is one of the ways to assemble the legs at a pose of the output. The
-        parameters of the analysis are converted from texts and numbers. Angles become rad.
+        A working mode is one of the ways to assemble the legs at a pose of the output. This
+        method converts the parameters of the analysis from texts and numbers. Angles become
+        rad. The workspaces are computed later, when they are read.
         """
         kinematics = closed_kinematics(mechanism, self.output or None)
         # If the output is a direction (`points`), its workspace has an area. If it is an
         # orientation, its workspace has a volume.
         default_tolerance = AREA_TOLERANCE if kinematics.points else VOLUME_TOLERANCE
         # `limits` are ranges of pair angles, `apart` are ranges of angles between axes of
-        # pairs. `near` is the least angle to a singularity. `width` (of the links) and
-        # `radius` (of the sphere) have the same unit; links of this width must not touch.
+        # pairs. `near` (rad) is the least allowed distance from singularities, measured as
+        # an angle. `width` (of the links) and `radius` (of the sphere) have the same unit;
+        # links of this width must not touch.
         constraints = Constraints(
             limits=tuple(
                 read_joint_range(text, mechanism.angle_unit) for text in self.limits
@@ -285,6 +287,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
             kinematics,
             constraints,
             modes=kinematics.chosen_modes(self.working_mode),
+            # Poses for which the findings say whether they are in the workspaces.
             poses=read_distinct_poses(self.pose, kinematics),
             tolerance=self.tolerance or default_tolerance,
         )

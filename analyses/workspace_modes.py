@@ -158,8 +158,9 @@ class WorkspaceModes:
         self.mechanism = mechanism
         self.kinematics = kinematics
         self.limits = bounds_of(kinematics, constraints)
-        # Borders have the index of the limit that is reached there. Borders at which
-        # the output is not determined have the index -1, which selects the last name.
+        # A border of a workspace has the index of the limit that is reached there. Some
+        # borders consist of singularities and reach no limit. They have the index -1, which
+        # selects the last name.
         self.limit_names = [limit.name for limit in self.limits] + [NO_LIMIT_NAME]
         self.modes = modes
         self.poses = poses
@@ -237,8 +238,8 @@ class WorkspaceModes:
         called a component. A connected part of all other directions is called a gap. A
         curve separates one component from one gap, and the table has the numbers of both.
         """
-        # The table has the components x, y, z of the points (k, 3). If base and output
-        # mirror each other in a plane, it also has the angles phi and gamma of this plane.
+        # If base and output mirror each other in a plane, the mechanism has an architecture
+        # with formulas for this plane. The table then also has two angles of the plane.
         mid_plane_architecture = self.kinematics.form
         columns = []
         for curve_number, curve in enumerate(region.boundaries):
@@ -250,6 +251,7 @@ class WorkspaceModes:
                         "gap": curve.gap,
                         "arc": arc_number,
                         "point": np.arange(len(arc.points)),
+                        # Components x, y, z of the directions (k, 3), and angles of planes.
                         **direction_or_quaternion_columns(
                             arc.points, mid_plane_architecture
                         ),
@@ -335,8 +337,9 @@ class WorkspaceModes:
         The area is measured with a mesh of triangles on the unit sphere. Some triangles
         contain too much detail, such as borders that touch. Their area is ``unresolved_sr``
         (sr), and is included in the bound of the error, ``error_sr``. ``components`` and
-        ``holes`` list connected parts that are larger than this area. ``evaluations`` is
-        the number of directions that were tested.
+        ``holes`` list connected parts that are larger than this area. ``bounded_by`` names
+        the limits that are reached on the border. ``evaluations`` is the number of
+        directions that were tested.
         """
         record: Columns = {
             "area_sr": region.area,
@@ -348,8 +351,7 @@ class WorkspaceModes:
             "evaluations": region.evaluations,
         }
         if not region.components:
-            # Limits that together exclude all directions, such as limits 0 and 2. Without
-            # any one of them, the others would allow some directions.
+            # Smallest sets of limits that no direction satisfies, such as limits 0 and 2.
             excluding = [
                 " with ".join(self.limit_names[number] for number in limits)
                 for limits in region.excluding
@@ -412,8 +414,8 @@ class WorkspaceModes:
         is outside of the workspace of a mode, the nearest reachable pose is stated.
         """
         findings = PoseFindings(records=[], warnings=[], remarks=[])
-        # Without poses, the user has listed inputs, at which the mechanism cannot be
-        # assembled.
+        # The user can give a pose by the inputs. There are no poses if the mechanism cannot
+        # be assembled at these inputs.
         if not len(self.poses):
             findings.warnings.append(
                 "The mechanism does not close at the inputs of the pose"
@@ -531,13 +533,14 @@ class WorkspaceModes:
         judged = self.judge(workspace, directions)
         # Near the border, rounding can make margins negative or NaN. These become 0.
         margin = np.maximum(np.nan_to_num(judged.margin), 0.0)
-        # `type_1` and `type_2` are the sines of the angles to the nearest singularity. At
-        # type I the output rests while an input moves. At type II it can move while the
-        # inputs are locked.
+        # The distances to singularities are expressed as angles, and `type_1` and `type_2`
+        # are their sines. At type I the output rests while an input moves. At type II the
+        # output can move while the inputs are locked.
         least_measure = np.nan_to_num(np.fmin(judged.type_1, judged.type_2))
         singularity_angle = np.arcsin(np.clip(least_measure, 0.0, 1.0))
-        # `samples` are the vertices of a mesh over the whole sphere. The vertex with the
-        # largest margin is marked as the one farthest inside.
+        # `samples` are the vertices of a mesh over the whole sphere, by working mode. A
+        # mode is named by the signs of its legs. The vertex with the largest margin is
+        # marked as the one farthest inside.
         samples = self.samples[workspace.signs]
         deepest = np.nanargmax(samples.judged.margin)
         deepest_margin = np.degrees(samples.judged.margin[deepest])

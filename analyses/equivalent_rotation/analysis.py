@@ -220,10 +220,9 @@ class EquivalentRotation(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Check all parameters, and return what this analysis reads of a run.
 
-        It reads the position analysis of the run (`tracer`). The analysis turns the output
-        link from a start to an end about one fixed axis, and computes the inputs during
-        this rotation. The parameter `theta` lists angles of the rotation. Only later it can
-        be checked that they do not exceed the angle of the whole rotation.
+        The analysis turns the output link from a start to an end about one fixed axis, and
+        computes the inputs during this rotation. For that the analysis reads only the
+        position analysis of the run (`tracer`), which computes further configurations.
 
         Raises
         ------
@@ -239,19 +238,25 @@ class EquivalentRotation(AbstractAnalysis):
                 "has only three degrees of freedom; lock some inputs"
             )
         angle_unit = mechanism.angle_unit
+        # These calls only raise an error if a text is not valid. The end can be a pose, or
+        # an axis and an angle of the rotation.
         read_pose(self.start, inputs, f"{self.name}: start", angle_unit)
         read_end(self.end, inputs, f"{self.name}: end", angle_unit)
         if self.samples < 2:
             raise AnalysisError(
                 f"{self.name}: samples: found {self.samples}, expected at least 2"
             )
+        # The user can list angles of the rotation. The angle of the whole rotation is not
+        # known yet, so only later they are compared with this angle.
         if not all(0.0 <= theta < np.inf for theta in self.theta):
             raise AnalysisError(
                 f"{self.name}: theta: found {'+'.join(map(str, self.theta))}, expected "
                 "angles in degrees between 0 and the angle of the whole rotation"
             )
         try:
-            # This call only raises an error if a limit is not valid.
+            # A schedule gives the angle of the rotation as a function of time: a law of the
+            # chosen shape, within limits of the inputs, and at the cycle time of a
+            # controller. This call only raises an error if one of these is not valid.
             schedule_limits(
                 inputs,
                 self.speed or None,
@@ -264,12 +269,13 @@ class EquivalentRotation(AbstractAnalysis):
         return Needs(tracer=True)
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
-        """Return the tables of the rotation and of its schedule.
+        """Return the tables of a rotation of the output link and of its schedule.
 
+        The output link is wanted to turn about an axis that is fixed in its reference link.
         The table of the rotation has one row for each sampled angle. `orientation_error` is
-        the angle between the orientation of the output link and the exact rotation about
-        the fixed axis. `drift` is the angle between the momentary axis of the link and the
-        fixed axis. Both are 0 (up to rounding) if the mechanism can follow exactly.
+        the angle between the reached and the wanted orientation. `drift` is the angle
+        between the wanted axis and the axis about which the link momentarily turns. Each of
+        the two is 0 (up to rounding) if the mechanism can follow exactly.
         `type_2` measures how well locked inputs prevent a motion of the output link. It
         is 0 at a type II singularity, and at most 1.
 

@@ -194,26 +194,31 @@ class RotationResult:
         ]
 
     def _draw_mechanism(self, samples: RotationSamples) -> Iterator[Primitive]:
-        """Yield drawings of the links, the axis, arcs of the output, and mid-planes.
+        """Yield drawings of a rotation of the output link.
 
-        Row k of the drawing is row k of `samples`. In some mechanisms the base and the
-        output link are mirror images of each other about a plane, the mid-plane. Mid-planes
-        are drawn as great circles. One moves with the rows, and two fixed ones show the
-        first and last position.
+        The drawings are the links, the axis of the rotation, the arcs along which
+        directions of the output move, and mid-planes. Row k of the drawing is row k of
+        `samples`.
+
+        In a mid-plane symmetric mechanism, the output link is the mirror image of its
+        reference link about a plane, the mid-plane. Mid-planes are drawn as great circles.
+        One moves with the rows, and two fixed ones show the first and last position.
         """
         mechanism = self.mechanism
         orientations = self.orient_links(samples.values)
-        # Rotations from the axes of the reference link, in which the rotation is described,
-        # to ground axes.
+        # The rotation of the output is described in axes of the reference link. These
+        # matrices convert from them to ground axes.
         reference = orientations[:, mechanism.link_number[self.output.relative_to]]
         yield from link_bodies(mechanism, orientations)
         axis = reference @ self.rotation.axis
         yield Arrow("axis", "axis of the rotation", axis, primary=False)
         yield from self._draw_output_arcs()
+        # The architecture is None if the mechanism is not mid-plane symmetric.
         if self.architecture is not None:
             normals = mid_planes(self.architecture, samples.orientation)
-            # The normals are in special axes of the architecture. `frame` converts them to
-            # axes of the reference link, and `reference` to ground axes.
+            # The normals are in mirror axes: axes of the reference link, turned such that
+            # formulas are simplest. `frame` turns the normals back, and `reference`
+            # converts them to ground axes.
             normals = np.matvec(reference @ self.architecture.frame, normals)
             # Failed rows are NaN. Start and end are the first and last row that the
             # mechanism reaches.

@@ -193,8 +193,8 @@ class InverseSolutions:
         for component, axis in enumerate("xyz"):
             rates = solutions.rates[:, :, component]
             columns |= input_columns(mechanism, rates, f"rate_{axis}")
-        # In a mid-plane symmetric architecture (`form`), base and output link are mirror
-        # images of each other about a plane.
+        # `form` describes a mechanism in which base and output link are always mirror
+        # images of each other about a plane. It is None for other mechanisms.
         if solver.form is not None and directions is not None:
             # (rows, 3, inputs) angular velocity of the output per unit rate of each input.
             angular_velocities = turns_of(solutions.rates, directions)
@@ -206,15 +206,16 @@ class InverseSolutions:
         columns["margin"] = solutions.margin
         # The name of that limit; empty for the number -1 (no limit).
         columns["limiting"] = np.array([*solutions.limits, ""])[solutions.limiting]
-        # Both measures are 0 at a singularity. Type I has a measure for each input: the
-        # speed of the output per unit rate of this input. Type II has one measure, at most
-        # 1. At 0, the output can move while the inputs are locked.
+        # Each input has a measure of type I: the speed of the output per unit rate of this
+        # input. At 0, a singularity of type I, the input moves while the output rests.
         columns |= input_columns(mechanism, solutions.type_1, "type_1")
+        # One measure of type II, at most 1. At 0, a singularity of type II, the output can
+        # move while the inputs are locked.
         columns["type_2"] = solutions.type_2
         # Sign of the determinant of the matrix of rates. The sign changes only at
         # singularities. The matrix has a row for each input, with its rates if the output
-        # turns about x, y and z. With two inputs, the direction of the output is added as
-        # the third row.
+        # turns about x, y and z. With two inputs, the direction of the output becomes the
+        # third row, so that the matrix is square.
         columns["sense"] = sense_of(solutions.rates, directions)
         columns["status"] = solutions.status
         columns["solved_by"] = solver.solved_by
@@ -307,16 +308,20 @@ class InverseSolutions:
     def _screen_table(self) -> ScreenTable | None:
         """Return a table for the screen; None without a configuration.
 
-        For a few poses it has a row for each configuration. For many poses it has a row for
-        each working mode (way to assemble the legs at a pose): how many poses it reaches,
-        the ranges of the inputs, and the smallest measures of singularities.
+        A row of `solutions` is a pose in one working mode (way to assemble the legs).
+
+        For a few poses, the table has a row for each configuration. For many poses, it has
+        a row for each working mode: the number of poses that the mode reaches, the ranges
+        of the inputs, and the smallest measures of singularities.
         """
         solutions = self.solutions
         if not np.any(solutions.solved):
             return None
         pairs = self.mechanism.input_pairs
+        # Each input has a measure of type I. The smallest one of each row is listed.
         least_type_1 = np.min(solutions.type_1, axis=1)
-        # Working modes with the same texts in all cells share a row.
+        # Working modes by the texts of the other cells. Modes with equal texts are listed
+        # in one row of the table.
         modes_by_cells: dict[tuple[str, ...], list[str]] = {}
         if self._has_few_poses:
             several = len(np.unique(solutions.pose)) > 1
@@ -354,7 +359,7 @@ class InverseSolutions:
         return ScreenTable(columns, tuple(rows))
 
     def _describe_rows_out_of_reach(self) -> list[str]:
-        """Return a sentence for each row out of reach, if there are only a few poses.
+        """Return a sentence for each row out of reach, or none if there are many poses.
 
         A row is a pose in one working mode (way to assemble the legs).
 
@@ -362,17 +367,19 @@ class InverseSolutions:
         sentence. Modes with the same sentence are listed together.
         """
         solutions = self.solutions
+        # The number -1 (no known limit) selects the last, empty name.
+        limit_names = [*solutions.limits, ""]
         if not self._has_few_poses:
             return []
         modes_of_sentence: dict[str, list[str]] = {}
         for row, mode in enumerate(solutions.mode.tolist()):
             if solutions.solved[row] or not np.isfinite(self.nearest_distances[row]):
                 continue
-            # The limit that the pose violates, -1 if it is not known.
-            limit_number = solutions.limiting[row]
+            # The limit that the pose violates.
+            limit_name = limit_names[solutions.limiting[row]]
             by_limit = ""
-            if limit_number >= 0 and solutions.limits[limit_number]:
-                by_limit = f" by {solutions.limits[limit_number]}"
+            if limit_name:
+                by_limit = f" by {limit_name}"
             nearest = describe_nearest_pose(
                 self.nearest_poses[row], self.nearest_distances[row]
             )

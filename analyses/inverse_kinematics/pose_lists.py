@@ -182,7 +182,7 @@ def _read_list(
     """Return the numbers of poses from texts ``name=number``.
 
     All poses must have the same names. These decide in which form poses are described, for
-    example by azimuth and tilt.
+    example by azimuth and tilt, or by the angles of all driven pairs.
 
     Parameters
     ----------
@@ -211,8 +211,8 @@ def _read_list(
                 f"by {listing(first_pose)}; give all poses by the same quantities"
             )
     rows = [[pose[term] for term in form] for pose in given_numbers]
-    # `read_terms` has converted all angles to rad. Other numbers, such as components of a
-    # direction, have no unit, and their entry is not used.
+    # `read_terms` has converted all angles to rad. Numbers that are no angles have no unit.
+    # The unit rad is stated for them too, but has no effect.
     units = dict.fromkeys(form, "rad")
     return NumberTable(form, np.array(rows), units=units)
 

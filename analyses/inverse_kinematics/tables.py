@@ -335,16 +335,17 @@ def mid_plane_rate_columns(
 ) -> Columns:
     """Return the columns of the derivatives of phi and gamma with respect to the inputs.
 
-    In the mechanism, base and output mirror each other in a plane (mid-plane). Its unit
-    normal (x, y, z) is described by the angles phi = -2 arcsin(x) and gamma = 2 arcsin(y)
-    (Chen et al. 2021).
+    In the mechanism, base and output link mirror each other in a plane (mid-plane). Its
+    unit normal (x, y, z) is described by the angles phi = -2 arcsin(x) and gamma = 2
+    arcsin(y) (Chen et al. 2021). The components x, y, z are along mirror axes: axes that
+    are fixed in the base and belong to the `architecture`.
 
     Parameters
     ----------
     mechanism, architecture
         The mechanism, and its mid-plane symmetric architecture.
     directions
-        (n, 3) directions of the output.
+        (n, 3) unit vectors along the output direction (an axis of the output link).
     angular_velocities
         (n, 3, inputs) angular velocity of the output per unit rate of each input.
     """

@@ -251,11 +251,13 @@ class SingularityAnalysis(AbstractAnalysis):
             `near` is the angle (degrees) to a singularity below which a warning is given.
             The other parameters limit the searches with several inputs:
 
-            - `slices` is the number of values at which each input is locked. Singular
-              curves of two inputs and singular surfaces of three are searched there.
-            - `mesh` is the length of the edges of these surfaces (degrees).
+            - `slices`: the singular configurations are a curve with two inputs, and a
+              surface with three. The search starts from single points of the curve or
+              surface: singular configurations in which all inputs but one are locked at
+              given values. `slices` is the number of these values for each input.
+            - `mesh` is the length of the edges of surfaces (degrees).
             - `input_grid` is the number of values of each input for the search of aspects:
-              parts of the configurations that singularities divide.
+              sets of configurations that singularities separate from each other.
             - `seconds` is the time limit.
             """
             if len(batch.mechanism.inputs) == 1:

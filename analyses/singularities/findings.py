@@ -42,13 +42,14 @@ def describe_inputs_of_kinds(
     """Return a sentence for each kind of singularity of an output within the input's range.
 
     A sentence lists the inputs at which the kind occurs, grouped by assembly modes (ways to
-    assemble the links). Some singularities have no input, because they occur on a whole
-    curve of configurations.
+    assemble the links). If the kind occurs on a whole curve of configurations, the sentence
+    says only this.
 
     Parameters
     ----------
     points
-        The table of singularities, by column; ``q`` is the input (rad).
+        The table of singularities, by column; ``q`` is the input (rad). It is NaN if the
+        singularity occurs on a whole curve.
     output
         The name of the output in this table.
     output_in_words

@@ -120,16 +120,19 @@ class OneInput:
         passes. A row is one configuration of the batch.
         """
         batch = self.batch
-        # Usually the motion covers the whole range of the input. A simulation passes only a
-        # part of each curve, and only singularities on this part count as inside. `passed`
-        # locates the part. Only simulations have a sense of motion (+1 or -1).
-        is_simulation = batch.motion.sense is not None
+        # Singularities are marked as inside or outside of the motion. Usually the motion
+        # covers the whole range of the input. A simulation passes only a part of the range.
+        # Its inputs (rad), one for each row, tell which part.
+        passed_inputs = None
+        # Only simulations have a sense of motion (+1 or -1).
+        if batch.motion.sense is not None:
+            passed_inputs = batch.q
         return SampledSingularities(
             batch.tracer,
             self.outputs,
             values=batch.motion.values,
             assembly_mode=batch.assembly_mode,
-            passed=batch.q if is_simulation else None,
+            passed=passed_inputs,
         )
 
     @cached_property
@@ -480,8 +483,9 @@ class OneInput:
         """Drawn points of all configuration curves, by indices of curve and output.
 
         A configuration curve consists of all configurations that one continuous motion
-        passes. Each value is an array (`POINTS_PER_CURVE`, 2) of input and output angles in
-        rad. The points are equally spaced in arc length.
+        passes. An output is the rotation of one link relative to another. Each value is an
+        array (`POINTS_PER_CURVE`, 2) of input and output angles in rad. The points are
+        equally spaced in arc length.
         """
         lines: dict[tuple[int, int], Floats] = {}
         sampled = self.sampled
@@ -491,10 +495,10 @@ class OneInput:
             s = np.linspace(0.0, curve.length * (1.0 - 1e-12), POINTS_PER_CURVE)
             for output in range(len(self.names)):
                 angle = sampled.output_angle(number, output, s)
-                links = sampled.report.outputs[output]
-                # If a pair (joint) connects both links, the output is the angle of the
-                # pair. It is drawn in (-pi, pi]. Otherwise the output
-                # is the angle turned since the start of the curve, and is drawn in full.
+                links = sampled.report.outputs[output]  # the two links of the output
+                # If a pair (joint) connects these links, the output angle is the angle of
+                # the pair, drawn in (-pi, pi]. Otherwise the output angle is counted from
+                # the start of the curve, and whole revolutions are drawn, too.
                 if sampled.position_analysis.mechanism.angle_between(*links) is not None:
                     angle = wrap(angle)
                 q = sampled.input_at(number, s)
@@ -530,7 +534,8 @@ class OneInput:
         sampled = self.sampled
         name = self.names[output]
         curve_numbers = range(len(sampled.curves))
-        # (rows, 2) input and output. Rows that are on no curve remain NaN.
+        # (rows, 2) input and output. Rows that could not be assigned to a curve have the
+        # curve number -1. They remain NaN and are not drawn.
         row_points = np.full((len(batch), 2), np.nan)
         for number in curve_numbers:
             is_on_curve = sampled.curve == number
@@ -543,6 +548,7 @@ class OneInput:
             if point.output != sampled.report.outputs[output]:
                 continue
             (position,) = self._points_on_line(point.curve, output, np.array([point.s]))
+            # A mark needs a place, but a failed point of a curve is NaN.
             if np.all(np.isfinite(position)):
                 colour = COLOUR_OF_KIND[str(point.type)]
                 marks.append(Mark(f"type {point.type}", position, colour))
@@ -601,21 +607,24 @@ class OneInput:
     def _poles_of_singularities(self, points: Mapping[str, Any]) -> SixPoles:
         """Return the six pole axes of input and output at n singularities.
 
-        A pole axis is the axis of the relative rotation of two links. These six appear in
-        the relation c y' = d q' between the rates of output and input. In form i of this
-        relation, y' is the rate of the output link relative to its own reference link. In
-        form ii, y' is its rate relative to the reference link of the input. The axes of
-        form ii are drawn if this form exists, otherwise those of form i. Form ii does not
-        exist if the output link is one of the two links of the input.
+        A pole axis is the axis of the relative rotation of two links. In the relation
+        c y' = d q' between the rates of output and input, c and d are triple products of
+        these six axes. In form i of this relation, y' is the rate of the output link
+        relative to its own reference link. In form ii, y' is its rate relative to the
+        reference link of the input. The axes of form ii are drawn if this form exists,
+        otherwise those of form i. Form ii does not exist if the output link is one of the
+        two links of the input.
 
         Parameters
         ----------
         points
-            Columns of the table of singularities.
+            Columns of the table of singularities. ``curve`` is the number of a curve of
+            configurations, and ``s`` the arc length (rad) along the curve.
         """
         poles_of_each: list[SixPoles] = []
         curves = points["curve"].tolist()
         for curve, s, name in zip(curves, points["s"], points["output"], strict=True):
+            # The relations, one or two forms, of this output at this point of the curve.
             curve_relations = self.sampled.report.evaluate_relations(
                 curve, s[None], self.names.index(name)
             )
@@ -647,11 +656,12 @@ def _pole_arrows(six_poles: SixPoles) -> list[Primitive]:
 
 
 def _coinciding_planes(six_poles: SixPoles, kinds: Any) -> list[Primitive]:
-    """Return great circles in the two planes that coincide at each singularity.
+    """Return two great circles at each singularity, which show that two planes coincide.
 
     Each plane contains three of the six pole axes (axes of relative rotations) of input and
-    output. The type of the singularity decides which three: I (the output rests while the
-    input moves) or II (the reverse). Type III and self-motions are drawn as type II.
+    output. A table of constants names them for each type: I (the output rests while the
+    input moves) or II (the input rests while the output moves). Singularities of all other
+    types have the planes of type II.
 
     Parameters
     ----------

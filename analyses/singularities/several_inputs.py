@@ -208,12 +208,12 @@ class SeveralInputs:
 
         With three inputs, the singular configurations are surfaces in the space of the pair
         variables. Each is covered by a coarse mesh of triangles. Then all edges are halved
-        several times. `mesh` is the length after the last halving. By default the first
-        mesh is as coarse as is allowed, and is halved as often as is allowed. With the
-        length 0 no surfaces are computed.
+        several times. The user can choose the length `mesh` after the last halving. Without
+        a choice (None) the first mesh is as coarse as is allowed, and is halved as often as
+        is allowed. With the length 0 no surfaces are computed.
         """
-        edge_length = self.mesh
-        if edge_length == 0.0:
+        last_edge = self.mesh
+        if last_edge == 0.0:
             return 0.0, 0
         # Ranges of the inputs (rad). Several edges must fit into the narrowest range.
         widths = [
@@ -221,12 +221,12 @@ class SeveralInputs:
             for driven_input in self.batch.mechanism.inputs
         ]
         longest = min(LONGEST_EDGE_RAD, min(widths) / EDGES_PER_RANGE)
-        if edge_length is None:
+        if last_edge is None:
             return longest, MAX_EDGE_HALVINGS
-        # The first edge is at most `longest`, and the last one is `edge_length`. If
-        # `edge_length` is longer than `longest`, there are no halvings.
-        halvings = int(np.clip(np.log2(longest / edge_length), 0, MAX_EDGE_HALVINGS))
-        first_edge = edge_length * 2**halvings
+        # The first edge is as long as possible, but at most `longest`. A chosen length that
+        # is longer than `longest` is used as it is, without halvings.
+        halvings = int(np.clip(np.log2(longest / last_edge), 0, MAX_EDGE_HALVINGS))
+        first_edge = last_edge * 2**halvings
         return first_edge, halvings
 
     @cached_property
@@ -338,7 +338,8 @@ class SeveralInputs:
         ----------
         points
             n singular configurations. `inside` states whether all inputs are within their
-            declared ranges. If the output is a direction, `pointing` has this direction.
+            declared ranges. `pointing` has the direction of the output, None if the output
+            is an orientation.
         output
             The output.
         claim
@@ -347,8 +348,9 @@ class SeveralInputs:
 
         Returns
         -------
-        Columns (n,) by name: kind, geometric condition, inputs, configuration, and how
-        certain the points are.
+        Columns (n,) by name. `condition` is the geometric reason of the singularity, such
+        as three axes in one plane. `residual` is the error with which the point satisfies
+        the equations of a singular point.
         """
         batch = self.batch
         mechanism = self.batch.mechanism
@@ -380,22 +382,20 @@ class SeveralInputs:
         output
             The output that is singular there.
         """
-        # The position analysis of the run.
-        tracer = self.batch.tracer
+        position_analysis = self.batch.tracer
         # The orientations of all links at these configurations.
-        motion = tracer.given(points.values)
-        # The condition that the output rests: linear equations in the rates of all
-        # variables.
-        rest_condition = output_of(self.batch.mechanism, output.name)
-        # `pointing` are the directions of the output, None if the output is an orientation.
-        #
-        # The run has counted the degrees of freedom by the rank of the loop equations
-        # (`by_rank`) or by the numbers of links and pairs. The same count is used here.
+        motion = position_analysis.given(points.values)
+        # The output, described by linear equations in the rates of all variables. They are
+        # satisfied if the output rests.
+        output_equations = output_of(self.batch.mechanism, output.name)
+        # `what_vanishes` tests which pole axes coincide or are in one plane.
+        # `points.pointing` are the directions of the output, None if the output is an
+        # orientation. `by_rank` is how the run has counted degrees of freedom.
         return what_vanishes(
             motion,
-            rest_condition,
+            output_equations,
             pointing=points.pointing,
-            by_rank=tracer.by_rank,
+            by_rank=position_analysis.by_rank,
         )
 
     @cached_property
@@ -438,9 +438,8 @@ class SeveralInputs:
             "assembly_mode": batch.assembly_mode,
             **input_columns(batch.mechanism, batch.inputs),
             "output": name_output(batch.mechanism, output),
-            # The form of the relation: in form "i", w is relative to the reference link of
-            # the output. In mechanisms with one input, the relation can also have w
-            # relative to the reference link of the input: form "ii".
+            # "i" states that w is relative to the reference link of the output. The tables
+            # of mechanisms with one input also have another form, "ii".
             "form": "i",
             # Angles that are 0 at singularities of type I, and of type II.
             "distance_I": angle_from_sine(rows.type_one),
@@ -451,16 +450,17 @@ class SeveralInputs:
             # The ratio of the smallest to the largest singular value of the same equations.
             "reciprocal_condition": rows.reciprocal_condition,
             "status": batch.status,
+            # Type of the singularity, such as I or II, or regular.
             "type": [RowType(code).label for code in rows.type],
-            # 0: regular. 1: the motion of a single input is singular while the others are
-            # locked. 2: only a motion of several inputs is singular.
+            # Which motion is singular. 0: none. 1: the motion of a single input while the
+            # others are locked. 2: only a motion of several inputs.
             "group": rows.group,
             "moving": batch.moving_inputs[input_number],
             "c": rows.c[:, input_number],
             "d": rows.d[:, input_number],
             "velocity_coefficient": np.vecdot(angular_velocities, pole_axes),
-            # w and q' of the motion in which the rates of all pairs form a unit vector.
-            # They are finite at singularities, too.
+            # Speed of the output and rate of the input. They are scaled such that the rates
+            # of all pairs form a unit vector, and so are finite at singularities, too.
             "output_rate": rows.output_rate[:, input_number],
             "input_rate": rows.input_rate[:, input_number],
         }
@@ -470,23 +470,25 @@ class SeveralInputs:
         """The table of aspects: configurations over a grid of input values.
 
         An aspect is a connected set of configurations without singularities. Each row of
-        the table is a configuration with the number of its aspect. The determinants of type
-        I and II, which are zero at singularities, have one sign in the whole aspect. The
-        signs are columns.
+        the table is a configuration with the number of its aspect. The other columns
+        describe the whole aspect: the sign of a determinant that is 0 at singularities of
+        type II, the sign of one that is 0 at type I, and the number of assembly modes
+        (configurations at the same inputs) that the aspect contains.
         """
         # None if the user does not want aspects.
         found_aspects = self._search_result.aspects
         mechanism = self.batch.mechanism
         if found_aspects is None:
             return ASPECTS.stacked(mechanism)
-        # (n,) number of the aspect of each configuration.
-        label = found_aspects.label
+        # (n,) number of the aspect of each configuration. `sign_two`, `sign_one` and
+        # `modes` have one value for each aspect.
+        aspect = found_aspects.label
         columns = {
-            "aspect": label,
+            "aspect": aspect,
             **input_columns(mechanism, found_aspects.inputs),
-            "sign_II": found_aspects.sign_two[label],
-            "sign_I": found_aspects.sign_one[label],
-            "assembly_modes": found_aspects.modes[label],
+            "sign_II": found_aspects.sign_two[aspect],
+            "sign_I": found_aspects.sign_one[aspect],
+            "assembly_modes": found_aspects.modes[aspect],
         }
         return ASPECTS.stacked(mechanism, [columns])
 
@@ -585,8 +587,9 @@ class SeveralInputs:
     def _locus_cells(self, locus: Locus) -> tuple[str, ...]:
         """Return the cells of a table row about a locus (all singularities of one kind).
 
-        They are the kind, the number of curves or surfaces inside and outside of the ranges
-        of the inputs, and the inputs over which they reach.
+        The cells are the kind, the number of curves or surfaces inside and outside of the
+        ranges of the inputs, and the range of each input that they span. Surfaces are
+        computed only inside the ranges, so their number outside is not known ("-").
         """
         inputs = self.batch.moving_inputs
         kind = f"{name_kind(locus.kind)} ({EFFECTS[locus.kind]})"
@@ -723,25 +726,28 @@ class SeveralInputs:
         section: LockedInputSection | None,
         time_limit: TimeLimit,
     ) -> Locus:
-        """Search the singularities of one kind: curves of two inputs, surfaces of three.
+        """Search the singularities of one kind.
 
-        A slice consists of the configurations with all inputs but one locked, which are
-        curves. The search starts from singular points on these curves.
+        With two inputs, the singular configurations are curves. With three inputs, they are
+        surfaces. A slice consists of the configurations with all inputs but one locked. The
+        search starts from singular configurations in slices.
 
         Parameters
         ----------
         kind, output
             The kind, and the name of the output.
         section
-            The curves of the slices, which were followed before. With None the user wants
-            no slices, and the search starts from random configurations.
+            The slices, which have been computed before. With None the search uses no
+            slices, but starts from random configurations.
         time_limit
             Processor time to spend.
         """
         mechanism = self.batch.mechanism
-        # `made` are the slices. With `slices_of_each=0`, no others are computed.
+        # Below, `made=section` passes the slices on, and `slices_of_each=0` says that no
+        # other slices are computed.
         if len(mechanism.inputs) == SURFACE_INPUT_COUNT:
-            # A mesh of triangles covers a surface. Its edges are halved afterwards.
+            # A coarse mesh of triangles covers a surface. Then its edges are halved several
+            # times, which makes the mesh fine.
             edge, halvings = self.first_edge_and_halvings
             return singular_surface(
                 mechanism,
@@ -754,7 +760,8 @@ class SeveralInputs:
                 budget=time_limit,
             )
         # If base and output mirror each other in a plane, singular curves of types I and II
-        # are computed by formulas. These are used unless the user asks for slices.
+        # are computed by formulas, unless the user asks for slices. `mid_plane_loci`
+        # returns None for other mechanisms.
         if section is None and kind != SELF_MOTION:
             curves = mid_plane_loci(mechanism, kind, output, time_limit)
             if curves is not None:
@@ -780,10 +787,12 @@ class SeveralInputs:
     def scenes(self) -> tuple[Scene, ...]:
         """Return a page of singular surfaces, and one page for each assembly mode.
 
-        An assembly mode is one way to assemble the links. Its page has the singular curves
-        in the plane of the inputs and on the sphere. It also has plots of the table
-        `relation`: the coefficients c and d of c w = d q' between the rates of output and
-        input, and distances to singularities.
+        An assembly mode is one way to assemble the links. Its page has plots of the
+        coefficients c and d of the relation c w = d q' between the rates of output and
+        input, and of distances to singularities.
+
+        With two inputs, the singular configurations are curves. Each page shows all curves,
+        in the plane of the two inputs and as paths of the output's direction on the sphere.
         """
         pages = []
         surfaces = self._draw_surfaces()
@@ -802,6 +811,7 @@ class SeveralInputs:
                 if loci:
                     parts.append(self._draw_in_input_plane(output, loci, rows))
                     parts += self._draw_on_sphere(output, loci)
+            # The coefficients and distances are columns of the table `relation`.
             parts += relation_plots(self.relation, len(self.batch), rows)
             pages.append(Scene(mode, tuple(parts)))
         return tuple(pages)

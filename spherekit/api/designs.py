@@ -116,24 +116,26 @@ def specification_of(
     # The name of a shipped mechanism, or a path relative to the folder of this file.
     name_or_path = named_in(data["mechanism"], Path(path).parent)
     angle_unit = angle_unit_of(name_or_path)
+    # `ends` are the least and the greatest value of a size.
     variations = [
         _range_of(document, key, ends, angle_unit) for key, ends in data["vary"].items()
     ]
     # Precision points are desired values at given inputs. The deviation from each of these
     # values is a figure of merit, too: `deviation_figures` has its text by name.
     deviation_figures, point_count = _precision_point_deviations(document, angle_unit)
-    # The first designs are a Sobol sequence (points spread evenly over all ranges).
+    # A sweep evaluates the figures of many designs. The designs of this sweep are a Sobol
+    # sequence (points spread evenly over all ranges).
     sweep = sweep_of(
         name_or_path,
         DesignSpace.from_variations(variations, designs, "sobol", seed),
         [*figures, *deviation_figures.values()],
         samples=data.get("samples", DEFAULT_SAMPLES_OF_DESIGN),
     )
+    # The conditions that a design has to meet, such as "peak < 3".
     sweep = replace(sweep, where=tuple(data.get("where", ())))
+    # The objectives: one text or a list of texts, with figures that are to be minimised.
     minimise = data["minimise"]
     objectives = (minimise,) if isinstance(minimise, str) else tuple(minimise)
-    # One objective can be the root mean square of all deviations. The specification has
-    # the number of precision points, by which the sum of squares is divided.
     return Specification(sweep, objectives, tuple(deviation_figures), point_count)
 
 

@@ -292,7 +292,8 @@ def _export_source(
         arguments of the source code (``vary``), and ``crossings``. The configurations of a
         mode form a curve over the input, which may cross the curve of another mode. With
         "pass", a mode follows its smooth curve through a crossing. With "end" the mode
-        keeps the signs of its dyads (two links with three R pairs) instead.
+        keeps the signs of its dyads instead. A dyad is two links with three R pairs, and
+        its sign selects one of the two ways to assemble them.
     """
     if options.get("crossings") == "pass":
         # The source stores the inputs at which curves of modes cross. They depend on the
@@ -478,7 +479,9 @@ def _export_mujoco_model(
     at
         Inputs (rad) of the configuration. None: the first sample at which the mode exists.
     """
-    # The analysed mechanism, and the values (rad) of its pair variables by their numbers.
+    # The mechanism in the form that the position analysis uses, with its inputs, and the
+    # pair variables (rad) in one configuration. `angles` has the index of the variable of
+    # each R pair (revolute joint).
     driven_mechanism, variables = find_pose(mechanism, assembly_mode, at)
     input_texts = []
     for pair in driven_mechanism.input_pairs:

@@ -210,10 +210,11 @@ class Kinematics:
 
     @checked(SolveError)
     def variable(self, name: str) -> Floats:
-        """Return a pair variable (n,), such as the angle of a joint (rad), in all n rows.
+        """Return a pair variable, such as the angle of a joint (rad), in all rows.
 
-        A row is one input in one assembly mode. `name` is the name of the variable or of
-        its pair (joint).
+        A row is one input in one assembly mode. The result is an array (n,), or a number if
+        a single configuration was requested. `name` is the name of the variable or of its
+        pair (joint).
 
         Raises
         ------
@@ -370,20 +371,20 @@ class Kinematics:
         requested = [
             (*pole, moving) for moving in range(len(self.input_pairs)) for pole in poles
         ]
-        # The table has a row for each request at the first configuration, then one for
-        # each at the second, and so on. These are its columns except the error bounds and
-        # the inputs.
+        # In all columns, the rows are the requests at the first configuration, then the
+        # requests at the second, and so on. First come all columns except the error bounds
+        # and the inputs.
         data: Facts = batch.pole_columns(requested)
-        # `make_column` returns a column with the name of a quantity, in the same order.
+        # The error bounds.
         make_column = batch.of_poles(requested)
         for column in TABLE.columns:
             if column.name.endswith("error_bound"):
-                # A bound is a number, so no component of a vector is selected.
+                # None: a bound is a single number, not a component of a vector.
                 data[column.name] = make_column(column.name, None)
-        # All requests at a configuration have the same inputs. So each value is repeated
-        # in successive rows, once for each request.
+        # The inputs (n,), repeated for each request at the same configuration.
         for name, values in input_columns(self.mechanism, batch.inputs).items():
             data[name] = batch.interleaved([values] * len(requested))
+        # The declared columns of the table, including one for each input.
         table = TABLE.of(self.mechanism)
         columns = {column.name: data[column.name] for column in table.columns}
         return to_frame(table, columns, degrees)
@@ -656,12 +657,14 @@ def _single_row_evaluator(
 ) -> Callable[[float], Callable[[], Batch] | None] | None:
     """Return a fast function that evaluates one mode at one input, or None.
 
-    The fast function evaluates expressions with plain floats. It returns a second function,
-    which makes the batch: arrays with the values and their error bounds. The caller calls
-    it when somebody reads the values, because making arrays takes longer than the
-    evaluation. If float64 may give too few digits, the fast function returns None, and the
-    caller evaluates the row in the ordinary way. The result is None if there is no fast
-    function, for example for mechanisms with contacts.
+    The result is None if there is no fast function, for example for mechanisms with
+    contacts.
+
+    The fast function evaluates expressions with plain floats. It returns the values in the
+    form of another function, which converts them to the arrays of a `Batch` when they are
+    read. This conversion takes longer than the evaluation. If float64 may give too few
+    digits, the fast function returns None. The row then has to be evaluated in the ordinary
+    way.
 
     Parameters
     ----------
@@ -675,7 +678,7 @@ def _single_row_evaluator(
         The quantities to evaluate.
     """
     # There is one request for each input, so here there is only one. It lists the poles
-    # and velocities to compute.
+    # and velocities to compute. `by_rank` is how degrees of freedom are counted.
     (request,) = plan_requests(
         position_analysis.mechanism, needs, position_analysis.by_rank
     )
@@ -689,16 +692,17 @@ def _single_row_evaluator(
         few_configurations.assembly_mode == mode.number
     )
     kernel = row_kernel(reference_motion, [request], "numpy")
-    # If a kernel cannot certify rows, they need further checks, which take long.
+    # A kernel that certifies rows proves that their error bounds are small enough. Other
+    # rows need further checks, which take long.
     if kernel is None or not kernel.can_certify_rows or mechanism.has_contacts:
         return None
-    # A row without its input and configuration, which are filled in for each evaluation.
+    # A known row. Each evaluation replaces its input and its configuration.
     row_template = replace(
         reference_motion.rows(slice(0, 1)),
         sample=np.zeros(1, dtype=int),
         assembly_mode=np.array([mode.number]),
-        status=np.zeros(1, dtype=np.int8),
-        placed=None,
+        status=np.zeros(1, dtype=np.int8),  # 0: OK
+        placed=None,  # no orientations of the links
     )
     evaluator = _SingleRowEvaluator(
         mechanism,
@@ -806,9 +810,9 @@ class _SingleRowEvaluator:
     def _make_batch(self, q: float, evaluated_row: EvaluatedRow) -> Batch:
         """Return the batch of one configuration at an input q (rad).
 
-        A batch is the ordinary result, with arrays for the configurations, their pole axes,
-        rates and error bounds. Here there is a single configuration. `evaluated_row` has
-        its numbers as plain floats, in the order of the expressions of the kernel.
+        A batch has arrays for several configurations (rows), their pole axes, rates and
+        error bounds. This batch has one row. `evaluated_row` has its numbers as plain
+        floats. `row_template` is a row of which all but these numbers is kept.
         """
         values = np.array([evaluated_row.variables])
         # The input keeps the value that was asked for. The variables of all other pairs
@@ -821,20 +825,21 @@ class _SingleRowEvaluator:
             values=values,
             residual=np.array([evaluated_row.residual]),
         )
-        # The mechanism has one input, so the kernel has one set of columns.
-        (columns_of_input,) = self.kernel.input_columns
+        # (columns, 1) poles, rates and error bounds. `column_layout` says which column has
+        # which quantity. There is one layout for each input, and only one input.
         columns = np.array(evaluated_row.columns)[:, None]
+        (column_layout,) = self.kernel.input_columns
         # A pole axis has two opposite directions. By convention the chosen one has a
-        # positive scalar product with the sum of the axis vectors of all pairs.
-        _orient_poles(columns_of_input, columns, evaluated_row.axis_sum)
-        # The field has the poles, their rates and their error bounds. The kernel has
-        # checked that the bounds are small enough.
-        field = make_certified_field(columns_of_input, columns, row, self.request)
+        # positive scalar product with the sum of the axis vectors of all pairs. This call
+        # changes `columns`.
+        _orient_poles(column_layout, columns, evaluated_row.axis_sum)
+        # The kernel has checked that the error bounds are small enough.
+        field = make_certified_field(column_layout, columns, row, self.request)
         return Batch(self.mechanism, (self.request.plan,), self.needs, row, (field,))
 
 
 def _orient_poles(
-    columns_of_input: InputColumns, columns: Floats, axis_sum: Sequence[float]
+    column_layout: InputColumns, columns: Floats, axis_sum: Sequence[float]
 ) -> None:
     """Choose one of the two directions of each pole axis of one configuration.
 
@@ -843,7 +848,7 @@ def _orient_poles(
 
     Parameters
     ----------
-    columns_of_input
+    column_layout
         Says which column has which quantity.
     columns
         (columns, 1) the poles and their rates. The numbers that change their sign with the
@@ -853,10 +858,11 @@ def _orient_poles(
     """
     # (components, poles, 1): the first three components are the direction. The array is a
     # view, so changing it changes `columns`.
-    reversible_columns = columns_of_input.reversible_columns(columns)
+    reversible_columns = column_layout.reversible_columns(columns)
     directions = reversible_columns[:3]
+    # The function can have a different sum for each assembly mode (way to assemble the
+    # links). Here there is one configuration, so the indices of row and mode are 0.
     find_signs = signs_by_axis_sums(np.array([axis_sum]))
-    # There is one configuration (row) and one mode, each with the index 0.
     reversible_columns *= find_signs(directions, 0, 0)
 
 

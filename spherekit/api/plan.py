@@ -57,13 +57,14 @@ def plan(
     try:
         return planning.plan(loaded_mechanism, requested_poles, input_pair)
     except CountError:
-        # For over-constrained mechanisms, counting links and pairs gives too small a
-        # mobility. The position analysis then takes the mobility from the rank of the
-        # velocity equations and sets `by_rank`. It raises an error if this mobility differs
-        # from the number of inputs. Its positions are not used here, so two samples
-        # suffice.
-        # The position analysis takes the driven pairs. If there are several, all of them
-        # stay driven. A single driven pair can be replaced by `input_pair`.
+        # Counting links and pairs gives another mobility than the number of inputs. For
+        # over-constrained mechanisms, this count is too small. The position analysis then
+        # takes the mobility from the rank of the velocity equations and sets `by_rank`. It
+        # raises an error if this mobility differs from the number of inputs.
+        #
+        # With several inputs, the position analysis drives all of them (None), since
+        # `input_pair` only chooses the one that moves in the plan. The positions are not
+        # used here, so two samples suffice.
         has_several_inputs = len(loaded_mechanism.inputs) > 1
         driven_pair = None if has_several_inputs else input_pair
         position_analysis = PositionAnalysis(loaded_mechanism, driven_pair, samples=2)

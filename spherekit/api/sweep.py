@@ -259,8 +259,9 @@ def _labels_of_mode(study: Study) -> Names:
     - ``+-``, a sign for each dyad (group of two links);
     - ``1 +-``, number and signs;
     - ``1``, the number alone;
-    - ``run 1``, the number after the word "run". This label occurs if figures come from
-      tables of a run, and the mode of the run is not among those of the fast evaluation.
+    - ``run 1``, the number after the word "run". Usually modes are found by a fast
+      computation of many designs. This label is for a mode that was found only when its
+      design was run singly.
 
     If the study states no mode, all modes are computed and there are no labels.
 

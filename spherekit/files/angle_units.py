@@ -112,7 +112,8 @@ def to_text(angle: float, unit: AngleUnit) -> str:
     if unit == "rad" or not math.isfinite(angle) or angle == 0.0:
         return repr(float(angle))
     # Degrees are computed in decimal arithmetic with many digits. The loop finds the least
-    # number of digits that is enough. 40 digits distinguish any two floats.
+    # number of digits that is enough. About 17 digits distinguish any two floats, so the
+    # loop ends long before its last number.
     degrees = _EXACT.divide(Decimal(angle), _DEGREE)
     for digits in range(1, 40):
         text = _decimal_text(Context(prec=digits).plus(degrees))

@@ -449,10 +449,11 @@ class _MechanismReader:
     def geometry(self) -> SizeGeometry | PoseGeometry:
         """The geometry in the file: sizes of links, or the axes of all pairs in one pose.
 
-        A file has keys of one of these two forms. Sizes are the arcs and angles of links. A
-        pose is one configuration, with the directions of all axes. A file with keys of both
-        forms is refused. If a file has neither but has R pairs (hinges), it is refused too,
-        because their axes are unknown.
+        A file has keys of one of these two forms. Sizes are the arcs and angles of links,
+        and for each pair the ``zero`` from which its angle is counted. A pose is one
+        configuration, with the directions of all axes. A file with keys of both forms is
+        refused. If a file has neither but has R pairs (hinges), it is refused too, because
+        their axes are unknown.
         """
         pairs = self.data["pairs"]
         links = self.data["links"]
@@ -478,6 +479,7 @@ class _MechanismReader:
         if pose_paths:
             axes: dict[str, Vector] = {}
             for name, item in pairs.items():
+                # None: a contact, whose table in the file has no axis.
                 axis = self.axis(name, item)
                 if axis is not None:
                     axes[name] = axis

@@ -198,13 +198,15 @@ def _explain_missing_number(
         problem = _explain_other_value(key, path_by_key)
     else:
         problem = _explain_missing_part(reached, reached.missing_part)
-    # Keys that begin with the prefix of the problem may be meant. The message lists the
-    # shorter keys of a number first: "links.2.arc" before "links.2.arcs.0".
+    # The user may mean a key that begins with `problem.prefix`, the right beginning of the
+    # key. Of the keys of one number, the message lists the shorter one first:
+    # "links.2.arc" before "links.2.arcs.0".
     shorter_first = reversed(list(path_by_key))
     similar_keys = [
         other_key for other_key in shorter_first if other_key.startswith(problem.prefix)
     ]
-    # If no key begins so, the names in the reached table are listed.
+    # If no key begins so, the message lists the names in the innermost table of the file to
+    # which the key leads.
     available = similar_keys or list(reached.entries)
     if not available:
         return problem.text
@@ -244,8 +246,9 @@ def _explain_other_value(key: str, path_by_key: Mapping[str, KeyPath]) -> KeyPro
     suggestion = nearest(key, path_by_key)  # "; did you mean ...?", or ""
     if not suggestion:
         return KeyProblem(f'"{key}" is not a number.', prefix=key)
-    # The only number of the list "links.2.arcs" has two keys: "links.2.arcs.0" and
-    # "links.2.arc". Both begin with the prefix "links.2.arc", without the final s.
+    # A similar key may be the singular. For example, the list "links.2.arcs" with one
+    # number has the keys "links.2.arcs.0" and "links.2.arc". To list the two keys, the
+    # prefix is without the final s.
     prefix = key.removesuffix("s")
     return KeyProblem(f'"{key}" is not the key of a number{suggestion}', prefix)
 

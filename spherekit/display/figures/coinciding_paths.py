@@ -78,7 +78,7 @@ def find_coinciding_paths(paths: Sequence[Floats], size: float) -> list[DashPosi
     """Return for each drawn path its position among the paths that coincide with it.
 
     Paths at different positions get different dashes, so that none hides another. Two
-    paths coincide if nearly all points of the first path are on the second path, up to the
+    paths coincide if nearly all points of either path are on the other path, up to the
     thickness of a line. The first of several coinciding paths is their leader.
 
     Parameters

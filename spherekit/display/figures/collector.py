@@ -117,10 +117,10 @@ class Collector:
 def _join_scenes(parts: Sequence[Scene]) -> Scene:
     """Join the scenes of successive blocks of samples to one scene.
 
-    A scene has primitives: objects that are drawn, such as curves. The same primitive in
-    several blocks is recognised by its class and path. Its values, one row for each sample,
-    are joined. The axes `scene.over` (quantities over which the scene is plotted) are
-    joined, too.
+    A scene has primitives: objects that are drawn, such as arrows and plots. The same
+    primitive in several blocks is recognised by its class and its address (`path`). Its
+    values, one row for each sample, are joined. The axes `scene.over` (quantities over
+    which the scene is plotted) are joined, too.
     """
     primitive_parts: dict[tuple[type, str], list[Primitive]] = {}
     for scene in parts:

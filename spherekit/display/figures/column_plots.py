@@ -1,7 +1,7 @@
 """Figures of one column of a table against another column."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -106,12 +106,12 @@ def _is_on_grid(table: Table, frame: "pd.DataFrame") -> bool:
 def _subjects(
     table: Table, frame: "pd.DataFrame"
 ) -> Iterator[tuple[Page, str, "pd.DataFrame"]]:
-    """Yield the rows of a table that belong to one curve, with page and label.
+    """Yield for each curve its page, its label and its rows of a table.
 
-    A curve belongs to one subject of a row, such as a pole, in one assembly mode (way to
-    assemble the mechanism). The texts in a row name its subject, with a label such as "pole
-    3/1". The page is the number of the assembly mode. If a table has no assembly modes, all
-    rows are one subject, without page and label.
+    The texts in a row name its subject, such as a pole. There is a curve for each subject
+    in each assembly mode (way to assemble the mechanism). The label names the subject, such
+    as "pole 3/1". The page is the number of the assembly mode. If a table has no assembly
+    modes, there is one curve of all rows, without page and label.
 
     Parameters
     ----------
@@ -126,12 +126,13 @@ def _subjects(
     subject_names = _subject_columns(table, frame)
     # Each group has the rows with the same texts and the same assembly mode.
     keys = [*subject_names, ASSEMBLY_MODE.name]
+    key: Any
     for key, rows in frame.groupby(keys, observed=True, sort=False):
         *texts, mode_number = key
         parts_of_label = []
         for name, text in zip(subject_names, texts, strict=True):
             parts_of_label.append(f"{name.replace('_', ' ')} {text}")
-        yield int(str(mode_number)), ", ".join(parts_of_label), rows
+        yield int(mode_number), ", ".join(parts_of_label), rows
 
 
 def _subject_columns(table: Table, frame: "pd.DataFrame") -> list[str]:

@@ -137,8 +137,8 @@ def plan_figures(
 ) -> Figures:
     """Return the figures of a run, which are drawn when they are first read.
 
-    A scene has the objects that are drawn on one page: for one assembly mode (way to
-    assemble the mechanism), or under a title of an analysis.
+    A scene has the objects that are drawn on one page. The page shows one assembly mode
+    (way to assemble the mechanism), or other results, and then has a title.
 
     Parameters
     ----------
@@ -158,6 +158,8 @@ def plan_figures(
     draw_by_name: dict[str, Callable[[], Figure]] = {}
     for source in dict.fromkeys(scene.source for scene in scenes):
         source_scenes = [scene for scene in scenes if scene.source == source]
+        # Curves also show the inputs that other analyses mark, such as singular ones. So
+        # `_plan_series` needs the scenes of all analyses.
         planned_figures = [
             *_plan_planes(source_scenes, sheet),
             *_plan_spheres(source_scenes, sheet),
@@ -179,11 +181,11 @@ def _plan_series(
 ) -> Iterator[PlannedFigure]:
     """Yield figures of series: curves over one axis, or maps over two inputs.
 
-    A series has one number for each sample. Series of one group are the same kind of
-    quantity and share a figure, or several if they need too many panels. A scene has the
-    objects that are drawn for one assembly mode (way to assemble the mechanism), or under a
-    title of an analysis. Its `page` is the number of the mode or the title. `over` has the
-    axes of the plot, such as inputs or time.
+    A series has one number for each sample, and a label such as "pole 3/1". Series of one
+    group are the same kind of quantity and share a figure, or several if they need too many
+    panels. A scene has the objects that are drawn on one page. Its `page` is the number of
+    an assembly mode (way to assemble the mechanism), or a title. `over` has the axes of the
+    plot, such as inputs or time.
 
     Parameters
     ----------
@@ -217,8 +219,8 @@ def _plan_series(
                 subject = group if label == group else f"{group}: {label}"
                 yield from _divide(subject, maps, _page_of, draw_maps, sheet)
             continue
-        # Samples of several inputs that do not form a grid form a path. Curves are drawn
-        # over the length of the path.
+        # Curves over a single axis, which `path_axis` keeps. If samples of several inputs
+        # do not form a grid, they form a path, and the axis is the length of this path.
         curves = [
             (replace(scene, over=(path_axis(scene.over),)), series)
             for scene, series in shown_series
@@ -410,12 +412,16 @@ def _plan_axodes(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigur
     axodes are drawn with the link in its first pose.
     """
     for scene in scenes:
+        # The page of an assembly mode is its number. Pages with a title have no axodes.
+        if not isinstance(scene.page, int):
+            continue
         traces = [item for item in scene.primitives if isinstance(item, Trace)]
         curves = [
+            # `at_first` is the path with the link in its first pose.
             SphereCurves(trace.path, trace.label, [trace.at_first], tone)
             for tone, trace in enumerate(traces, start=1)
         ]
-        if curves and isinstance(scene.page, int):
+        if curves:
             name = f"axodes, {sheet.title(scene.page)}"
             yield PlannedFigure(name, partial(draw_sphere, [], curves, sheet))
 

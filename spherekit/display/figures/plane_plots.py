@@ -113,10 +113,8 @@ def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
 def _path_line(portrait: Portrait) -> Floats:
     """Return the points (n, 2) of one quantity against another along the samples.
 
-    Rows of NaN interrupt the path where an angle jumps.
-
-    The samples of a mode are drawn as a line. Without the rows of NaN, a jump of an angle
-    by a whole turn would be drawn as a line across the figure.
+    Rows of NaN interrupt the path where an angle jumps by a whole turn. Otherwise the jump
+    would be drawn as a line across the figure.
     """
     line = np.stack([portrait.x, portrait.y], axis=1)
     # Half a revolution or more between two rows is a jump of the angle.

@@ -149,7 +149,7 @@ class Sheet:
         ratio
             Height of a panel divided by its width.
         longest_title
-            Number of letters of the longest title.
+            Number of letters of the longest title. Long titles need wide panels.
         subplot
             Kind of the panels, as keywords of matplotlib, such as ``{"projection":
             "polar"}``.
@@ -163,8 +163,9 @@ class Sheet:
         """
         column_count = self._count_panel_columns(panel_count, longest_title)
         row_count = -(-panel_count // column_count)  # rounded up
-        # A single panel over the whole width of a journal page would be too high, so its
-        # height is reduced to about the height of a panel of half the width.
+        # `self.columns` is how many text columns of a journal page the figure spans. A
+        # single panel over two text columns would be too high, so its height is reduced to
+        # about the height of a panel of half the width.
         is_wide = column_count == 1 and self.columns == 2
         height_factor = 0.55 if is_wide else 1.0
         panel_height = self.width / column_count * ratio * height_factor

@@ -173,7 +173,8 @@ def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
                 (scene, arrow) for scene, arrow in arrows if arrow.label == label
             ]
             paths = [_visible_path(arrow, view) for _, arrow in panel_arrows]
-            # The diameter of the unit sphere is the size of the frame.
+            # Paths that coincide get different dashes, so that all are visible. The figure
+            # has the size 2, the diameter of the unit sphere.
             dashes = find_coinciding_paths(paths, size=2.0)
             for (scene, _), path, dash in zip(panel_arrows, paths, dashes, strict=True):
                 look = style.page_look(scene.page)
@@ -348,11 +349,14 @@ def _draw_sphere_map(
     triangles = sphere_map.triangles[is_projected[sphere_map.triangles].all(axis=1)]
     if not len(triangles):
         return
+    # matplotlib cannot shade triangles in polar coordinates.
     mesh = _cartesian_mesh(points, triangles)
     transform = _cartesian_transform(panel)
-    if isinstance(look["norm"], BoundaryNorm):
-        # A triangle of counts has one colour, for the smallest count of its vertices. So no
-        # count is overstated.
+    # Values that are counts have a colour for each whole number (`BoundaryNorm`).
+    are_counts = isinstance(look["norm"], BoundaryNorm)
+    if are_counts:
+        # A triangle has one colour, for the smallest count of its vertices. So no count is
+        # overstated.
         counts = np.min(sphere_map.values[triangles], axis=1)
         panel.tripcolor(mesh, facecolors=counts, transform=transform, **look)
     else:

@@ -123,8 +123,9 @@ class PageMaker:
             How an assembly mode (way to assemble the mechanism) continues. Its
             configurations form a curve over the input, which may cross the curve of another
             mode. With "pass", a mode follows its smooth curve through a crossing. With
-            "end" the mode keeps the signs of its dyads (two links with three R pairs)
-            instead.
+            "end" the smooth curve ends there, and the mode keeps the signs of its dyads. A
+            dyad is two links with three R pairs, and its sign selects one of the two ways
+            to assemble them.
         """
         # The mechanism as the caller states it: an object, a name or a path. `formulas`
         # accepts all of them.
@@ -149,12 +150,13 @@ class PageMaker:
         self._pole_plans = plans(self._mechanism, moves_by_rank)
 
     def make_page(self) -> PageText:
-        """Return the text of the interactive page, and its numbers of curves and modes.
+        """Return the text of the interactive page, with its numbers of curves and modes.
 
         A kernel is a set of JavaScript functions. One kernel computes all quantities at
-        every sample. Another kernel computes the picture at the cursor. A slider that
-        changes nothing is left out with a note, or raises an error if the user named its
-        key.
+        every sample. Another kernel computes the picture at the cursor.
+
+        Sliders change sizes (dimensions) of the mechanism. By default all sizes have a
+        slider, except those that change no result.
 
         Raises
         ------
@@ -189,10 +191,9 @@ class PageMaker:
         for reason, names in row_formulas.mode_table.left_out_by_reason().items():
             self.notes.append(f"left out: assembly {numbered('mode', names)}: {reason}")
         # The configurations of an assembly mode (way to assemble the mechanism) form a
-        # curve over the input. With the option "pass", a mode continues where its curve
-        # crosses the curve of another mode. This is possible only if positions have a
-        # closed form. With the sizes of the file no curves cross, as `_make_row_formulas`
-        # has checked. With other sizes curves may cross, so there is a note.
+        # curve over the input. Curves of two modes may cross. The user can want modes to
+        # continue through crossings ("pass"), but this needs a closed form of positions.
+        # `_make_row_formulas` has checked that no curves cross with the sizes of the file.
         wants_to_pass_crossings = self._crossings == "pass"
         if wants_to_pass_crossings and not has_closed_form:
             self.notes.append(
@@ -204,6 +205,7 @@ class PageMaker:
             shown_names, row_formulas.results, has_closed_form=has_closed_form
         )
         text = self._fill_page(model, _write_kernels(formulas_by_kernel))
+        # Each shown quantity has a curve.
         return PageText(text, len(shown_names), len(row_formulas.modes))
 
     # Formulas of the kernels
@@ -254,8 +256,8 @@ class PageMaker:
             If a load depends on other arguments, such as the time.
         """
         turn_arguments = {f"turns_of_{pair}" for pair in self._wound_pairs}
-        # `motion` lists the arguments other than sizes and signs of modes. Their names
-        # begin with "q", "dq" or "ddq" for inputs, rates and accelerations.
+        # `motion` lists the arguments that describe the motion. The names of inputs begin
+        # with "q", of their rates with "dq", and of their accelerations with "ddq".
         unknown_arguments: list[str] = []
         for argument in page_formulas.motion:
             kind, *_ = argument.name.split("_")
@@ -310,9 +312,11 @@ class PageMaker:
         quantities are needed, for example to choose directions of axes. So the formulas are
         created twice.
         """
-        # Loads, such as springs, depend on the angles of `_wound_pairs`. The page counts
-        # their whole revolutions.
-        needed_names = self._page_quantities.needed_names(self._wound_pairs)
+        # Pairs at which springs or other loads count whole revolutions. The page needs the
+        # angles of these pairs, to count their revolutions.
+        wound_pairs = self._wound_pairs
+        needed_names = self._page_quantities.needed_names(wound_pairs)
+        # The driving torques are among the results, if they can be written as formulas.
         first_formulas = self._make_formulas_with_torques(needed_names)
         added_names = self._find_added_names(first_formulas)
         if not added_names:
@@ -450,13 +454,14 @@ class PageMaker:
 
         Closing the loops of links gives angles in (-pi, pi]. Whole turns are added, so that
         an angle does not jump along an assembly mode (way to assemble the mechanism). At
-        one input, the `anchor`, no turns are added. Anchor and period are the same for all
-        passive (not driven) pairs.
+        one value of the input, the `anchor`, no turns are added. If the input grows by the
+        `period`, all configurations return. Anchor and period are the same for all passive
+        (not driven) pairs.
 
         Returns
         -------
-        The name of the pair, the `anchor` (rad), and the `period` (rad) of the input after
-        which all configurations return, None if they never do.
+        The name of the pair, the `anchor` (rad), and the `period` (rad), None if
+        configurations never return.
         """
         (anchor,) = self._position_solver.anchor_inputs
         (period,) = self._position_solver.periods

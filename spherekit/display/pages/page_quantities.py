@@ -131,13 +131,12 @@ class PageQuantities:
         direction, which is a unit vector fixed on the link.
 
         - If the output declares a direction and the reference is the ground, the path of
-          the direction is drawn.
-        - Otherwise the paths of the axes of all pairs (joints) of the link are drawn. Axes
-          of pairs at the ground do not move and are left out.
+          the direction is drawn. With another reference, the page does not have the ground
+          components of the direction, which a drawing needs.
+        - Otherwise the paths of the axes of all pairs (joints) of the link show its motion.
+          Axes of pairs at the ground do not move and are left out.
 
-        Vectors are drawn by their components in ground axes. A direction has components in
-        the axes of the reference, so the reference must be the ground. A path has the name
-        of its vector and the link on which the vector is fixed.
+        A path has the name of its vector and the link on which the vector is fixed.
         """
         mechanism = self._mechanism
         paths: list[OutputPath] = []
@@ -211,10 +210,10 @@ class PageQuantities:
     def sign_velocities(self, names: Iterable[str]) -> list[str]:
         """Return the names of the angular velocities that decide directions of pole axes.
 
-        A pole axis has two opposite directions. The page chooses them so that they are
+        A pole axis is the axis about which a link rotates relative to a reference link. It
+        has two opposite directions. The page chooses one of them so that the direction is
         continuous from sample to sample. This choice depends on the relative angular
-        velocity of the two links, which is the difference of their angular velocities. The
-        ground is at rest.
+        velocity, the difference of the angular velocities of the two links.
 
         Parameters
         ----------
@@ -223,11 +222,13 @@ class PageQuantities:
 
         Returns
         -------
-        Names of the x, y and z components, for each input that moves.
+        Names of the x, y and z components. With several inputs, each name ends with the
+        input that moves while the others rest (`input_suffix`).
         """
         components: list[str] = []
         for pole in self.signed_quantities(names):
             for link in (pole.link, pole.reference):
+                # The ground is at rest.
                 if link != self._mechanism.ground:
                     components += [
                         f"angular_velocity_{link}_{x}{pole.input_suffix}"
@@ -246,7 +247,8 @@ class PageQuantities:
         """
         names: list[str] = []
         # Velocity coefficients of the outputs while one input moves, for each input. The
-        # page marks the inputs at which they are zero, so that an output is at rest.
+        # names end with a suffix for this input. The page marks the inputs at which a
+        # coefficient is zero, so that an output is at rest.
         for suffix in self.input_suffixes:
             names += self.output_coefficients(suffix)
         # Components of the vectors whose paths are drawn.
@@ -259,7 +261,8 @@ class PageQuantities:
             for name in ("determinant", self.output_determinant)
             if name in self.unit_by_name
         ]
-        # Variables of pairs with joint limits, and of pairs whose turns are counted.
+        # Variables of pairs with joint limits, and of pairs whose turns are counted. Driven
+        # pairs are left out: their variables are the inputs, which the page has anyway.
         names += [
             f"theta_{joint_limit.pair}"
             for joint_limit in self._mechanism.joint_limits

@@ -39,9 +39,10 @@ def arrow_labels(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.object
     if not arrows:
         return {}
     directions = np.stack([arrow.directions for arrow in arrows], axis=1)
+    # (rows, arrows) for each arrow the index of the arrow that is labelled with its name.
     label_owners = find_label_owners(directions)
-    # Most rows share one of a few patterns, so the labels are written once for each
-    # pattern.
+    # Many rows have the same owners, so the labels are written once for each different row
+    # (pattern).
     patterns, pattern_of_row = np.unique(label_owners, axis=0, return_inverse=True)
     names = [arrow.label for arrow in arrows]
     labels = np.empty(patterns.shape, object)
@@ -79,7 +80,7 @@ def _join_names(names: Sequence[str], label_owners: Integers) -> list[str]:
     """Return the label of each arrow of one picture.
 
     Arrows that cover each other share a label, which is at one of these arrows and lists
-    their names.
+    their names. The labels of the other arrows are empty.
 
     Parameters
     ----------

@@ -148,8 +148,8 @@ class Layout:
         Each page is a tab, for example one for each assembly mode (way to assemble the
         mechanism). Panels that are not needed are hidden.
         """
-        # Pages with results of analyses come first. `index` finds the first place of a
-        # page.
+        # Pages with results of analyses come first. Such a page is in `order` twice, and
+        # `index` finds its first place.
         order = [*self.pages_with_findings, *self.pages]
         pages = [
             self._page(page, self.pages[page])
@@ -157,11 +157,12 @@ class Layout:
         ]
         if not pages:
             pages = [self._page(None, "Mechanism")]
+        # A page with charts that compare the assembly modes.
         if self.comparisons:
             pages.append(self._comparison_page())
         window = rrb.Tabs(*pages, active_tab=0) if len(pages) > 1 else pages[0]
-        # First and last value of the timeline: seconds, ticks of the input, or samples.
-        # They only determine the speed of playing.
+        # First and last value of the timeline, in its unit. The two values only determine
+        # the speed of playing.
         first, last = self.span or (0, 360)
         return rrb.Blueprint(
             window,
@@ -195,11 +196,17 @@ class Layout:
     def _page(self, page: Page, title: str) -> rrb.Container:
         """Return the views of one page (tab) of the viewer window.
 
-        A page belongs to an assembly mode (way to assemble the mechanism), and is then its
-        number. Other pages have a title, such as a list of singularities. The sphere is on
-        the left. On the right are the first plot, the further plots, and the panels (graph
-        and texts). Plots with results of an analysis (`has_findings`) come before plots of
-        the motion.
+        The sphere is on the left. On the right are the first plot, the further plots, and
+        the panels (graph and texts). Plots with results of an analysis (`has_findings`)
+        come before plots of the motion.
+
+        Parameters
+        ----------
+        page
+            The number of an assembly mode (way to assemble the mechanism), or another text
+            that identifies the page. None: the only page.
+        title
+            The words on the tab.
         """
         # Items that all pages show have the page None.
         page_plots = [plot for plot in self.plots if plot.page in (None, page)]

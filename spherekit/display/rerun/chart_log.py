@@ -166,7 +166,8 @@ class Charts:
             The files or viewers that get the data.
         """
         for chart_path, chart in self.charts.items():
-            # The path of a chart is "PAGE/charts/TITLE".
+            # The path of a chart is "PAGE/charts/TITLE". All charts of a page show the same
+            # marks: special inputs, such as singular ones.
             page_path = chart_path.partition("/charts/")[0]
             marks = self.marks.get(page_path, ())
             self.outputs.log_static(chart_path, chart.draw(marks), destinations)
@@ -185,11 +186,12 @@ class Charts:
             # The legend names only the curves of the first mode. Other modes have lighter
             # shades of the same colours.
             first_curves = charts[0].curves
-            # All blocks of a curve have the same label.
+            # A curve is stored in blocks of successive samples, all with the same label.
             names = [blocks[0].series.label for blocks in first_curves.values()]
             # Positions (k, 2) of the k names in the chart, and their colours.
             positions, tints = comparison.legend(first_curves)
             legend = legend_style(positions, tints, names)
+            # Each part has a name below the path of the comparison.
             self.outputs.log_static(
                 path, [*comparison.draw(), ("legend", legend)], destinations
             )

@@ -138,7 +138,8 @@ class Chart:
     def joined_blocks(self, path: str) -> tuple[list[Floats], Floats]:
         """Return all values of a series so far, from all its blocks.
 
-        A recording is written in blocks of consecutive rows (samples).
+        A series is a plotted quantity. A recording is written in blocks of consecutive rows
+        (samples).
 
         Parameters
         ----------
@@ -147,7 +148,8 @@ class Chart:
 
         Returns
         -------
-        The values (rows,) on each axis, and the values (rows,) of the series.
+        The values (rows,) on each axis of the plot (an input or the time), and the values
+        (rows,) of the series.
         """
         blocks = self.curves[path]
         axis_values = [
@@ -221,7 +223,7 @@ class Chart:
             yield from self._draw_map()
             return
         # Unit and resolution are in the first block of each series. Changes below the
-        # resolution are rounding.
+        # resolution times the largest value (`scale`) are rounding errors.
         first_series = [blocks[0].series for blocks in self.curves.values()]
         unit = first_series[0].unit
         resolution = max(series.resolution for series in first_series)
@@ -232,7 +234,8 @@ class Chart:
         scale = quantity_scale(all_values, unit)
         y_range = choose_plot_range(all_values, scale, resolution)
         x_axis = self.axes[0]
-        y_side = frame_side("", y_range, unit == "deg")
+        no_title = ""
+        y_side = frame_side(no_title, y_range, is_degrees=unit == "deg")
         yield from draw_frame(self.width, axis_side(x_axis), y_side)
 
         for number, (path, (axis_values, values)) in enumerate(rows_by_path.items()):
@@ -286,8 +289,8 @@ class Chart:
     def _draw_map(self) -> Stills:
         """Yield a map with its frame, its scale of colours, and words.
 
-        A map shows one quantity over two inputs by colours. It is an image with one pixel
-        for each unit of the chart. The scale of colours is in the same image, to the right.
+        A map shows one quantity over two inputs by colours. It is an image. The scale of
+        colours is in the same image, to the right.
         """
         (path,) = self.curves  # a map has one series
         # A series is in blocks of successive samples, with the same unit and resolution.
@@ -296,17 +299,19 @@ class Chart:
         # Values on the two axes, and the quantity (len(x), len(y)), NaN where there is no
         # sample.
         x, y, cells = grid_values(*self.joined_blocks(path))
-        x_axis, y_axis = self.axes[:2]
+        x_axis, y_axis = self.axes[:2]  # the first two inputs
         yield from draw_frame(
             self.width, axis_side(x_axis), axis_side(y_axis), has_grid=False
         )
-        # Each pixel shows the nearest sample. The top row of the picture is the highest y.
+        # The image has `self.width` columns of pixels and `FRAME_HEIGHT` rows. Each pixel
+        # shows the nearest sample. The top row of the picture is the highest y.
         column_samples = _nearest_sample(x, x_axis.extent, round(self.width))
         row_samples = _nearest_sample(y, y_axis.extent, round(FRAME_HEIGHT))[::-1]
         # The picture has rows and columns, so y comes before x.
         pixel_values = cells.T[row_samples][:, column_samples]
-        # Values of the first and the last colour. If values differ by rounding only, the
-        # range is so wide that the map has one colour.
+        # Values of the first and the last colour. Changes below `resolution` times the
+        # largest value are rounding errors. If there are no other changes, the range is so
+        # wide that the map has one colour.
         magnitude = quantity_scale(cells, series.unit)
         low, high = choose_plot_range(
             cells, magnitude, series.resolution, shown_by="colours"

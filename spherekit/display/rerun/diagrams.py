@@ -215,7 +215,10 @@ def _reading_columns(diagram: Diagram) -> Columns:
         for row in readings.tolist()
         for name, (first, second) in zip(diagram.names, row, strict=False)
     ]
-    return rr.Points2D.columns(labels=words).partition([readings.shape[1]] * len(readings))
+    # `words` lists the texts of all rows one after the other. `partition` divides this list
+    # into rows of equal length.
+    row_count, words_per_row, _ = readings.shape
+    return rr.Points2D.columns(labels=words).partition([words_per_row] * row_count)
 
 
 def _angle_text(degrees: float) -> str:
@@ -268,7 +271,8 @@ def _line_interval(
     """Return the interval of t in which one coordinate of a line is within limits.
 
     The points of a straight line are foot + t direction. One call treats one coordinate,
-    x or y. A coordinate that does not change along a line gives infinite limits.
+    x or y. If the coordinate does not change along a line, t is infinite: from -inf to inf
+    if the coordinate is within the limits, otherwise twice the same infinity.
 
     Parameters
     ----------

@@ -279,7 +279,8 @@ def _arrow_columns(arrow: Arrow, labels: NDArray[np.object_] | None) -> Iterator
 
     Yields
     ------
-    A path below the path of the arrow, and the columns to log there for the viewer rerun.
+    The name of a part below the name of the arrow, and the columns to log there for the
+    viewer rerun. `ENTITY_ITSELF` stands for the arrow itself.
     """
     is_valid = all_finite(arrow.directions, 1)
     # `partition` assigns one item to each valid row and none to the other rows.
@@ -299,6 +300,7 @@ def _arrow_columns(arrow: Arrow, labels: NDArray[np.object_] | None) -> Iterator
         labels=labels[has_label].tolist(),
     )
     yield "label", columns.partition(has_label)
+    # Hidden arrows get no trail, nor do arrows whose path is not wanted.
     if arrow.shown and arrow.path_shown:
         yield "trail", _point_columns(TRAIL_SCALE * directions, is_valid)
 
@@ -329,7 +331,7 @@ def rows_for_path(primitive: Primitive) -> Floats | None:
     return None
 
 
-def draw_path(primitive: Primitive, rows: Floats, row_length: int | None) -> Stills:
+def draw_path(primitive: Primitive, rows: Floats, line_length: int | None) -> Stills:
     """Yield the curve on which a direction or a point of a plot has moved over all rows.
 
     The curve is drawn once, after the last row (sample) of a recording. Curves on the
@@ -345,7 +347,7 @@ def draw_path(primitive: Primitive, rows: Floats, row_length: int | None) -> Sti
     rows
         The positions in all rows: directions (rows, 3), or points (rows, 2) of the plot as
         fractions of its width and height.
-    row_length
+    line_length
         Number of samples in one line of a grid of two inputs, after which the curve is
         broken. None if the samples follow each other along a single curve.
 
@@ -358,7 +360,7 @@ def draw_path(primitive: Primitive, rows: Floats, row_length: int | None) -> Sti
         if shapes.split_at_nan(rows):
             yield "curve", portraits.draw_portrait_curve(rows, colours.TONES[1])
         return
-    lines = shapes.path_on_sphere(rows, row_length)
+    lines = shapes.path_on_sphere(rows, line_length)
     if not lines:
         return
     if isinstance(primitive, Trace):
@@ -368,7 +370,7 @@ def draw_path(primitive: Primitive, rows: Floats, row_length: int | None) -> Sti
         if primitive.primary:
             colour = colours.SILVER
             line_width = THIN_PATH_WIDTH
-        elif row_length is None:
+        elif line_length is None:
             colour = colours.GOLD
             line_width = POLE_PATH_WIDTH
         else:
@@ -493,9 +495,14 @@ def _draw_body(body: Body, names: Sequence[Name]) -> Stills:
 def _draw_sphere_curves(item: SphereCurves) -> Stills:
     """Yield curves and marks on the unit sphere, which do not move.
 
-    Each item is a path below the path of the drawing, and the data to log there once. The
-    path `ENTITY_ITSELF` stands for the path of the drawing. The tone of curves or of a mark
-    is the number of their colour in a list.
+    Curves and marks are drawn a little outside of the sphere (`CURVE_SCALE`, `MARK_SCALE`),
+    where the sphere cannot hide them. The tone of curves or of a mark is the number of
+    their colour in a list.
+
+    Yields
+    ------
+    The name of a part below the name of the drawing, and the data to log there once. The
+    name `ENTITY_ITSELF` stands for the drawing itself.
     """
     if item.curves:
         colour = colours.tone_colour(item.tone)

@@ -139,8 +139,9 @@ class _NameRequest:
 def facing(focus: Floats | None) -> Sight:
     """Return the eye, its target and the upward direction for a view of a mechanism.
 
-    The eye looks at the middle of the mechanism, a little from the side. The z axis is up.
-    If the middle is near the z axis, -x is up instead, so that the picture is not twisted.
+    The eye is outside of the sphere, on the side of the middle of the mechanism, and looks
+    nearly at the centre of the sphere. The z axis is up. If the middle is near the z axis,
+    -x is up instead, so that the picture is not twisted.
 
     Parameters
     ----------
@@ -150,9 +151,11 @@ def facing(focus: Floats | None) -> Sight:
     """
     focus = unit_rows(np.array(DEFAULT_FOCUS if focus is None else focus))
     up = np.array([0.0, 0.0, 1.0] if abs(focus[2]) < STEEP_COSINE else [-1.0, 0.0, 0.0])
-    right = unit_rows(np.cross(focus, up))
-    # The unit vector of the sideways offset is 0.8 to the right and 0.6 upwards.
-    eye = focus + EYE_OFFSET * (0.8 * right + 0.6 * np.cross(right, focus))
+    # The eye is moved sideways and upwards from the direction of the focus, so that the
+    # picture shows the depth of the mechanism. The offset has the length `EYE_OFFSET`.
+    sideways = unit_rows(np.cross(focus, up))
+    upwards = np.cross(sideways, focus)
+    eye = focus + EYE_OFFSET * (0.8 * sideways + 0.6 * upwards)
     target = 0.1 * focus  # nearly the centre of the sphere
     return EYE_DISTANCE * unit_rows(eye), target, up
 

@@ -40,7 +40,7 @@ def draw_portrait(portrait: Portrait) -> Stills:
 
     Yields
     ------
-    For each part its name below the name of the portrait in the recording, and its drawing.
+    The name of each part, and its drawing.
     """
     # Angles (units deg, deg/s and so on) have ticks with steps such as 30 or 45.
     x = frame_side(
@@ -57,6 +57,7 @@ def draw_portrait(portrait: Portrait) -> Stills:
     )
     yield from draw_frame(PORTRAIT_WIDTH, x, y)
     for number, curve in enumerate(portrait.curves):
+        # Points as fractions of the width and the height of the frame.
         points = portrait.framed(curve.points)
         yield (
             f"curve_{number}",
@@ -76,11 +77,13 @@ def draw_portrait(portrait: Portrait) -> Stills:
         yield "legend", legend_style(places, tints, list(legend))
     if portrait.marks:
         mark_points = np.array([mark.place for mark in portrait.marks])
+        fractions_of_frame = portrait.framed(mark_points)
         shows_labels = not has_few_kinds and len(mark_points) <= MAX_SHOWN_LABELS
         yield (
             "marks",
             rr.Points2D(
-                place_in_frame(portrait.framed(mark_points)),
+                # Fractions of the frame become units of the drawing, with y down.
+                place_in_frame(fractions_of_frame),
                 labels=[mark.label for mark in portrait.marks],
                 colors=[colours.tone_colour(mark.tone) for mark in portrait.marks],
                 radii=rr.Radius.ui_points(4.0),

@@ -71,8 +71,8 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
     shapes = link_shapes(mechanism)  # what is drawn for each link
     with RerunRecorder(mechanism.name, path=path) as recorder:
         # The recording shows a text that says how poles (axes of the relative rotation of
-        # two links) are constructed. `by_rank` tells how degrees of freedom are counted: by
-        # the rank of a matrix or by a formula.
+        # two links) are constructed. The plans check the number of degrees of freedom. It
+        # is counted as in the position analysis (`by_rank`).
         pole_plans = plans(mechanism, position_analysis.by_rank)
         head = RecordingHead(
             scenes=[static_scene(pole_plans, shapes)],

@@ -383,10 +383,10 @@ class RerunRecorder:
     ) -> None:
         """Log the rows of all primitives (things that are drawn) of a scene.
 
-        A row is the scene at one sample of the motion. Some moving points leave a curve:
-        pole axes (about which two links turn relative to each other), traced directions,
-        and the point of a plot of two quantities (portrait). The curve is drawn at the end
-        of the recording, so the positions of the point are stored.
+        A row is the scene at one sample of the motion. Some primitives leave a curve: pole
+        axes (about which two links turn relative to each other), traced directions, and
+        points that move in a plot. The curve is drawn at the end of the recording, so the
+        positions of these points are stored.
 
         Parameters
         ----------
@@ -403,6 +403,7 @@ class RerunRecorder:
         for primitive in scene.primitives:
             # The parts of a primitive have names (`suffix`) below the name of the primitive
             # in the tree of the recording.
+            # `moving_columns` returns the data of each part that change from row to row.
             name_in_tree = layout.path(scene.page, primitive)
             for suffix, columns in entities.moving_columns(
                 primitive, labels.get(primitive.path)
@@ -410,7 +411,8 @@ class RerunRecorder:
                 self._outputs.log_rows(
                     below(name_in_tree, suffix), timelines, columns, row_count
                 )
-            # Positions of the point that leaves a curve; None if there is no such point.
+            # The positions (rows, 2 or 3) of a point that leaves a curve. None if the
+            # primitive leaves no curve.
             curve_rows = entities.rows_for_path(primitive)
             if curve_rows is not None:
                 _, blocks = self._path_rows.setdefault(name_in_tree, (primitive, []))

@@ -172,7 +172,9 @@ def check_version(recording: Path) -> None:
 
 
 def _maximise_3d_view(client: ViewerClient, recording: Path) -> str:
-    """Let the 3D view of the visible page fill the window, without bars; return its id.
+    """Let the 3D view of the visible page fill the window, without the time panel.
+
+    Returns the id of the view.
 
     The layout of the window (rerun calls it a blueprint) is a nested mapping. It is read
     from the viewer, changed and sent back.
