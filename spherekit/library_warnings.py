@@ -25,7 +25,8 @@ def warnings_as_sentences(
     report
         Function that receives the sentence, for example to print it.
     shows_source
-        Whether the sentence also names the file and the line, as ``--traceback`` asks for.
+        Whether sentences for programmers also name the file and the line, as
+        ``--traceback`` asks for.
     """
     reported: set[str] = set()
 
@@ -46,13 +47,14 @@ def warnings_as_sentences(
             where = f"it arose in {filename}, line {lineno}"
         else:
             where = "--traceback shows where it arose"
-        # A `UserWarning` has a sentence that spherekit or a library wrote for users. Other
-        # categories, such as `RuntimeWarning`, are for programmers.
+        # A `UserWarning` has a sentence that spherekit or a library wrote for users, who do
+        # not need the place in the code. Other categories, such as `RuntimeWarning`, are
+        # for programmers.
         if category is UserWarning:
             report(f"warning: {text}")
             return
-        # A row of a result table that lacks numbers has a status, which states the reason.
-        # The unexpected warning may concern rows without a status too.
+        # Rows of result tables with known problems have a status that names the problem.
+        # The unexpected warning may concern other rows.
         report(
             f"warning: {_name_library(filename)} reports: {text}; spherekit did not expect "
             "this warning, which may concern results; check results that have no status; "

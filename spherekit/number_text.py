@@ -32,7 +32,9 @@ def number_text(value: float, error: float = 0.0, digits: int = SCREEN_DIGITS) -
         return "-"
     if abs(value) <= error:
         return "0"
-    return f"{value + 0.0:.{digits}g}"
+    # If the error is NaN, the value can still be -0.0, which becomes 0.0 here.
+    value_without_minus_zero = value + 0.0
+    return f"{value_without_minus_zero:.{digits}g}"
 
 
 def last_significant_digit(value: float, digits: int) -> float:

@@ -58,8 +58,8 @@ def _hash_results() -> str:
     x = np.arange(1, VECTOR_SIZE + 1) / 7.0
     z = x + 1j * x[::-1]
     matrix = np.sin(np.outer(x, x[::-1] + 0.3))
-    # 19 columns are not a multiple of the block size of a kernel. So the code for the
-    # remaining columns is tested, too.
+    # Kernels compute several columns at once. The number of columns here is no multiple of
+    # usual block sizes. So the code for the remaining columns is tested, too.
     rectangular_matrix = matrix[:, : VECTOR_SIZE - 5]
     results = [
         *(

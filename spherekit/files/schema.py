@@ -287,9 +287,10 @@ class SchemaConversion:
         return self._convert_single_value(part, value, path)
 
     def _convert_table(self, part: Any, value: Table, path: KeyPath) -> Any:
-        """Return a table with converted values.
+        """Return a table in which all values are converted, for example angles to rad.
 
-        `part` is the part of the schema that declares the table.
+        `part` is the part of the schema that declares the table, and `path` are the keys
+        that lead to the table in the file.
 
         The keys of a table can depend on its values, for example on the value of the key
         "kind". The schema then has a list of rules "if the table has this value, then ...".
@@ -322,10 +323,10 @@ class SchemaConversion:
         """Return a converted number, text or truth value.
 
         `part` is the part of the schema that declares the value. In a file, a single value
-        may stand for an array, such as q = 40 for one input. It is then converted like an
-        item of the array, and returned without an array around it.
+        may stand for an array of quantities, such as q = 40 for one input. The value is
+        then converted like an item of the array, and returned without an array around it.
         """
-        # If the schema declares an array, `item_part` declares its items. Items with a
+        # If the schema declares an array, `item_part` declares its items. Quantities with a
         # unit, such as "40deg", refer ("$ref") to a definition, such as "angle".
         item_part = part.get("items")
         refers_to_definition = item_part and "$ref" in item_part
@@ -333,8 +334,10 @@ class SchemaConversion:
             return self.convert(item_part, value, path)
         if isinstance(value, bool | str):
             return value
-        # The data have been checked, so all other values are integers.
-        return float(value) if part.get("type") == "number" else int(value)
+        if part.get("type") == "number":
+            return float(value)
+        # The data have been checked, so the value can only be an integer.
+        return int(value)
 
 
 def _is_met(condition: Table, table: Table) -> bool:

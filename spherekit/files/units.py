@@ -108,7 +108,8 @@ def table_of(element: Any) -> dict[str, Any]:
     """
     default_by_field = {item.name: item.default for item in fields(element)}
     table: dict[str, Any] = {}
-    # A field may have two keys. It is written with the first one.
+    # Some fields can be stated by two keys, such as "centre_xyz" and "centre_lonlat". A
+    # field is written with its first key, which states the stored value as it is.
     handled_fields = set()
     for key, field_name in KEYS[type(element)].items():
         value = getattr(element, field_name)

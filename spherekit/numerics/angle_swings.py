@@ -33,9 +33,10 @@ class AngleSwings:
 def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
     """Find the widest swing of angles over successive samples, counting full revolutions.
 
-    Where a mode cannot be assembled, the path of samples is divided into pieces. Within a
-    piece, the change of the angle from sample to sample is taken in (-pi, pi] and added up.
-    The piece with the widest swing counts.
+    A swing is the difference between the largest and the smallest angle. Where a mode
+    cannot be assembled, the path of samples is divided into pieces. Within a piece, the
+    change of the angle from sample to sample is taken in (-pi, pi] and added up. The piece
+    with the widest swing counts.
 
     Parameters
     ----------
@@ -44,16 +45,17 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
         mechanism), NaN where a mode cannot be assembled.
     is_closed_path
         Whether the last sample repeats the first one after full revolutions of the inputs.
-        If the angle is the same at both, the first piece continues the last one. Otherwise
-        these are two pieces.
+        If the two angles are equal up to full revolutions, the first piece continues the
+        last one.
 
     Returns
     -------
     The widest swing of each mode, and the samples at its ends.
     """
     # Of a closed path, all k samples are appended once more. So a swing that passes the end
-    # continues: path sample k is sample 0 again, k + 1 is sample 1, and so on. In modes
-    # whose first piece does not continue the last one, the appended angles are NaN.
+    # continues: path sample k is sample 0 again, k + 1 is sample 1, and so on. The appended
+    # angles are NaN in modes whose first piece does not continue the last one, and in modes
+    # with a single piece. So no swing is counted twice.
     path = _repeat_closed_paths(angles) if is_closed_path else angles
     # (path samples, n) change of each angle since the sample before. NaN if either angle is
     # unknown.

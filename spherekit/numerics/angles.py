@@ -30,8 +30,8 @@ def return_after_revolutions(first: ArrayLike, last: ArrayLike) -> bool:
 
     Returns
     -------
-    True if every angle ends where it started, after any number of revolutions, and at least
-    one of them moved.
+    True if every angle ends where it started, after any number of revolutions (also none).
+    False if all numbers are exactly equal, so that nothing has moved.
     """
     change = np.asarray(last, dtype=float) - np.asarray(first, dtype=float)
     return bool(np.any(change != 0.0) and np.all(np.abs(wrap(change)) < SAME_ANGLE_RAD))

@@ -240,20 +240,28 @@ def fit_cells(
     check_positions
         (k, m) reduced positions, from -1 to 1, at which the series are compared with the
         functions.
+
+    Returns
+    -------
+    For each cell the coefficients of the series, (cells, degree + 1, ..., F), with one axis
+    of orders per variable. Also the deviations (cells, k, F) at the check positions, and
+    the largest absolute sample (cells,), where NaN is left out.
     """
     variables = bounds.shape[2]
     grid = grid_points([chebyshev_nodes(degree)] * variables)
     reduced = np.concatenate([grid, check_positions])
     x = _place_in_cells(reduced, bounds)
+    # (cells, positions, F)
     samples = function(x.reshape(-1, variables)).reshape(len(bounds), len(reduced), -1)
     grid_samples = samples[:, : len(grid)]
     check_samples = samples[:, len(grid) :]
 
     coefficients = _transform_grid_samples(grid_samples, degree, variables)
-    # (cells, k, F) the series at the check positions: sums of coefficients times products
-    # of one polynomial per variable.
+    # (cells, orders, F) and (k, orders): coefficients, and products of one polynomial per
+    # variable, for all combinations of orders in the same sequence.
     flat_coefficients = coefficients.reshape(len(bounds), len(grid), -1)
     products = multiply_variables(evaluate_polynomials(check_positions, degree))
+    # (cells, k, F) the series at the check positions: sums of coefficients times products.
     series_values = products @ flat_coefficients
     return CellFits(
         coefficients=coefficients,

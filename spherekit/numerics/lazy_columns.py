@@ -128,8 +128,8 @@ class Span(NamedTuple):
     Notes
     -----
     A column can have the rows of k subjects (such as poles) in turn: row 0 of each subject,
-    then row 1 of each, and so on. Each subject must have the same number of rows in a span.
-    So `rows.start`, `rows.stop` and `first_output_row` are then multiples of k.
+    then row 1 of each, and so on. A span must begin with the first subject and end with the
+    last one. So `rows.start`, `rows.stop` and `first_output_row` are then multiples of k.
     """
 
     rows: slice
@@ -200,14 +200,15 @@ def copy_columns(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span])
     columns
         Columns, with the output array of each.
     spans
-        Which rows of each column are copied, and to which rows of its output. A column can
-        have the rows of several subjects (such as poles) in turn: row 0 of each subject,
-        then row 1 of each, and so on. Rows are numbered along the whole column.
+        Which rows of each column are copied, and to which rows of its output. Rows are
+        numbered along the whole column.
     """
     # The key is the identity (`id`) of the source, because not every source is hashable.
     lazy_copies_by_source: defaultdict[int, list[_PartCopy]] = defaultdict(list)
     for column, output in columns:
-        # A part has the rows of one subject. Its rows are numbered on their own.
+        # A column can have the rows of several subjects (such as poles) in turn: row 0 of
+        # each subject, then row 1 of each, and so on. It is divided into parts, one for
+        # each subject. With two subjects, row 20 of the column is row 10 of a part.
         for part_copy in _divide_into_parts(column, output):
             part = part_copy.part
             if isinstance(part, LazyColumn):
@@ -216,7 +217,7 @@ def copy_columns(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span])
                 part_spans = _count_in_part(spans, part_copy.subject_count)
                 _copy_spans(part, part_copy.output, part_spans)
     for lazy_copies in lazy_copies_by_source.values():
-        # This function also converts the spans to row numbers within the parts.
+        # `_compute_and_copy` also converts the row numbers of the spans.
         _compute_and_copy(lazy_copies, spans)
 
 
@@ -239,31 +240,31 @@ def _divide_into_parts(column: Column, output: Array) -> list[_PartCopy]:
 def _compute_and_copy(part_copies: Sequence[_PartCopy], spans: Sequence[Span]) -> None:
     """Compute lazy columns of one source, and copy them as soon as they are computed.
 
-    The source computes the rows slice by slice, and calls a function with the values of
-    each slice. Several subjects (such as poles) can share a column, and their rows
-    alternate. The part of a column has the rows of one subject. Rows are first counted in
-    the column (`spans`), then in a part, and then in one slice (range of successive rows),
-    from the first row of the slice.
+    A source is an object that computes rows slice by slice, and calls a function with the
+    values of each slice. The rows of several subjects (such as poles) can alternate in a
+    column of a table. Then the source computes the rows of one subject, a part of the
+    column. For example, with two subjects row 20 of the column is row 10 of the first part.
 
     Parameters
     ----------
     part_copies
-        The lazy columns of one source, and where their rows are written.
+        The parts of columns that the source computes, and where their rows are written.
     spans
-        Which rows are copied. Rows of interleaved columns are counted over all parts.
+        Which rows are copied, as row numbers of the whole column.
     """
-    # The spans of a part depend only on the number of subjects of its column.
+    # The spans as row numbers of a part. They depend only on the number of subjects.
     spans_in_part = {
         part_copy.subject_count: _count_in_part(spans, part_copy.subject_count)
         for part_copy in part_copies
     }
 
     def copy_computed_rows(computed_rows: slice, values: Sequence[Array]) -> None:
-        """Copy the values of all columns in the rows that the source has computed.
+        """Copy the values of all parts in the rows that the source has computed.
 
-        The source (object that computes columns) calls this function after each slice of
-        rows. Only the rows that were asked for (spans) are copied to the output.
+        The source calls this function after each slice of rows. Only the rows that were
+        asked for (spans) are copied to the output.
         """
+        # The spans as indices of `values`, whose index 0 is the first computed row.
         spans_in_values = {
             subject_count: _spans_of_values(part_spans, computed_rows)
             for subject_count, part_spans in spans_in_part.items()

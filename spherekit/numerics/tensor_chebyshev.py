@@ -204,7 +204,7 @@ class TensorChebyshev:
 class _PendingCell:
     """A part of a box that still has to be approximated or halved.
 
-    A box is halved again and again into cells. The halvings form a binary tree of splits.
+    A box is halved again and again into cells. The halvings ("splits") form a binary tree.
     Each split refers to its two halves by numbers ("links", see `set_link`). The link to
     this cell is set when it is known whether the cell is halved again.
 
@@ -213,10 +213,9 @@ class _PendingCell:
     bounds
         (2, m) lower and upper corner.
     parent_split
-        The split that produced this cell. It is the list object in the table of all splits
-        itself, so a change of the list changes the table. Its four numbers are the axis
-        across which the larger cell is halved, the position of the cut, and the numbers
-        that refer to the lower and the upper half.
+        The split that produced this cell: a list of four numbers, which is a row of the
+        table of all splits. The numbers are the axis across which the larger cell is
+        halved, the position of the cut, and the links to the lower and the upper half.
     link_index
         Index in `parent_split` of the number that refers to this cell: 2 for a lower half,
         3 for an upper one.
@@ -229,9 +228,9 @@ class _PendingCell:
     def set_link(self, link: int) -> None:
         """Set the link (a number) that leads from the halved larger cell to this cell.
 
-        Cells form a binary tree of halvings ("splits"). The link is the index of a split if
-        this cell is halved, -1 - k if it is the finished cell k, and 0 if it is not part of
-        the domain.
+        The link is the index of a split if this cell is halved, and -1 - k if it is the
+        finished cell k. 0 states that the cell is not part of the domain. No link needs
+        this index for a split, because split 0 halves the whole box.
         """
         self.parent_split[self.link_index] = link
 

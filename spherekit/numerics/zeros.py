@@ -196,7 +196,7 @@ def find_zeros(function: DifferentiableFunction, grid: Floats) -> Zeros:
 
 
 def _classify_cells(cells: Floats, margin: Floats) -> tuple[Bools, Bools]:
-    """Find the cells that contain no zero, and the cells in which the function is monotone.
+    """Find the cells that contain no zero, and the cells with a monotone function.
 
     Both cases end the subdivision of a cell: there is no zero, or at most one. In each cell
     the function is approximated by a cubic polynomial in Bernstein form, with four
@@ -210,14 +210,15 @@ def _classify_cells(cells: Floats, margin: Floats) -> tuple[Bools, Bools]:
         both ends.
     margin
         (n,) bound of the difference between polynomial and function. Coefficients, and
-        steps from one to the next, must exceed it to prove a sign.
+        steps from one to the next, must exceed it.
 
     Returns
     -------
     is_empty
         (n,) whether the cell contains no zero.
     is_monotone
-        (n,) whether the function rises or falls throughout the cell.
+        (n,) whether the polynomial clearly rises or falls throughout the cell. The function
+        is then taken to have at most one zero.
     """
     # The outer Bernstein coefficients are the values at the ends. The inner ones follow
     # from the slopes.
@@ -288,7 +289,8 @@ def _find_end_zero(
     """Return the zero of a function at an end of its range, None if there is none.
 
     Near the end the function is approximated by a parabola. This shows whether the function
-    crosses zero there or only touches it (double zero).
+    crosses zero there or only touches it (double zero). Near a double zero, rounding can
+    produce false ("spurious") zeros. The result has the distance up to which they occur.
 
     Parameters
     ----------
@@ -302,6 +304,7 @@ def _find_end_zero(
     is_zero = np.abs(value) <= floor
     if not is_zero:
         return None
+    # The two tests below need only the absolute values of slope and curvature.
     parabola = EndParabola(np.abs(slope), np.abs(curvature))
     if not parabola.has_double_zero(floor):
         return _EndZero(position, is_double=False, spurious_distance=0.0)
@@ -315,7 +318,8 @@ class EndParabola:
 
     The parabola shows whether the function only touches zero there (double zero). Rounding
     errors can then produce false zeros near the end. Values count as zero up to a size that
-    the methods call `floor`.
+    the methods call `floor`. The signs of slope and curvature are not used: the methods
+    assume opposite signs, with which the parabola returns to zero.
 
     Attributes
     ----------
@@ -340,10 +344,9 @@ class EndParabola:
     def max_distance_of_spurious_zeros(self, floor: float) -> float:
         """Return the distance from the end within which values can count as zero.
 
-        Zeros found at smaller distances may be caused by rounding. Values up to `floor`
-        count as zero. At the distance t the parabola is c t^2 / 2 - s t, with the curvature
-        c and the slope s. It falls first and then rises to `floor` at t = (s + sqrt(s^2 + 2
-        floor c)) / c.
+        Zeros found at smaller distances may be caused by rounding. At the distance t the
+        parabola is c t^2 / 2 - s t, with the curvature c and the slope s. It falls from
+        zero first, and then rises to `floor` at t = (s + sqrt(s^2 + 2 floor c)) / c.
         """
         root = np.sqrt(self.slope * self.slope + 2.0 * floor * self.curvature)
         # The smallest positive number avoids a division by 0 for a straight line.

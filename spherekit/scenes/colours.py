@@ -121,7 +121,7 @@ def series_colour(link: int | None, used_colours: Sequence[Colour]) -> Colour:
         Index of the link to which the curve belongs. The curve gets the colour of this
         link. With None the curve gets a colour that the plot does not have yet.
     used_colours
-        Colours of the remaining curves of the plot.
+        Colours of the curves that are already in the plot.
     """
     if link is not None:
         return link_colour(link)

@@ -82,8 +82,9 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
     A pole is the axis of the relative rotation of two links. A plan lists the steps in
     which poles are found while one input moves and the other inputs are locked. The search
     for poles has several rounds, called passes. In each pass poles are found as
-    intersections of great circles through poles of earlier passes. The other poles belong
-    to an irreducible part: links with poles that follow from one system of equations.
+    intersections of great circles through poles of earlier passes. Some poles cannot be
+    found singly. They follow together from one system of equations for a group of links,
+    called an irreducible part.
 
     Parameters
     ----------
@@ -114,7 +115,9 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
     )
     if mechanism.source is not None:
         lines += ["", f"Source: {markdown_text(mechanism.source.citation)}"]
-    return Scene(None, (shapes[0], Text("plan", "Plan", "\n".join(lines))))
+    # All pages of the viewer show this scene.
+    page = None
+    return Scene(page, (shapes[0], Text("plan", "Plan", "\n".join(lines))))
 
 
 def _describe_steps(plan: Plan) -> list[str]:
@@ -207,9 +210,11 @@ def link_bodies(mechanism: Mechanism, rotations: Floats) -> list[Body]:
 def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floats]:
     """Return the curves that draw the contact profiles of a link, and arcs to them.
 
-    An arc joins each profile with the first joint of the link, if it has a joint. The arc
-    ends at the centre of a circular profile, and at the nearest point of any other profile.
-    For a great circle the nearest point is used, too, since its centre is 90 degrees away.
+    A link can have joints with an axis, and contacts. At a contact, a curve of this link
+    (its profile) touches a curve of another link. An arc joins each profile with the axis
+    of the first joint of the link, if there is one. The arc ends at the centre of a
+    circular profile, and at the nearest point of any other profile. For a great circle the
+    nearest point is used, too, since its centre is 90 degrees away.
 
     Parameters
     ----------
@@ -225,11 +230,13 @@ def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floa
     Polylines (k, 3) of unit vectors in link axes.
     """
     curves = []
-    for pair, joint in zip(mechanism.pairs, make_joints(mechanism), strict=True):
+    pair_geometries = make_joints(mechanism)
+    for pair, geometry in zip(mechanism.pairs, pair_geometries, strict=True):
+        # Only contacts have profiles, one on each of the two links.
         if pair.profiles is None or link not in pair.links:
             continue
         side = pair.links.index(link)
-        curve = joint.contact_profiles[side].curve
+        curve = geometry.contact_profiles[side].curve
         arc_lengths = np.linspace(0.0, curve.length, PROFILE_POINT_COUNT)
         # The third column of the curve's frame is the point.
         points = curve.evaluate(arc_lengths).frame[:, :, 2]

@@ -22,12 +22,13 @@ class RecordingHead:
     scenes : sequence of Scene
         Drawings that do not change with the samples: the ground, the graph, texts.
     inputs : array (n,) rad, or None
-        All input values of the run, which determine the unit of the input timeline.
-        None if the run does not have exactly one input.
+        All input values of the run. The steps of the input timeline, degrees or decimal
+        parts of a degree, are chosen such that all inputs are whole numbers of steps. None
+        if the run does not have exactly one input.
     assembly_modes : mapping
         Number and title of each assembly mode (way to assemble the mechanism), in the order
-        of their pages in the viewer. An assembly mode that is missing here gets a page with
-        its first block.
+        of their pages in the viewer. The page of an assembly mode that is missing here is
+        added when its first block is recorded.
     properties : mapping
         Words about the run that the recording carries: versions, hashes.
     focus : array (3,), or None

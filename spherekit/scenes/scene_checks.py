@@ -103,7 +103,8 @@ TEXT_FIELDS = ("path", "label", "markdown", "unit", "group", "x_label", "y_label
 class _SceneRows:
     """The numbers of rows and columns that the arrays of a scene must have.
 
-    A scene is what an analysis draws over the samples of a block, or over other axes.
+    A scene is what an analysis draws over the samples of a block, or over axes of its own,
+    such as the angle of a rotation.
 
     Attributes
     ----------
@@ -114,9 +115,9 @@ class _SceneRows:
 
         - In a scene over samples, a mark has a value of each input, or a single number such
           as a time.
-        - In a scene over other axes, a mark has a value of each axis.
+        - In a scene over axes of its own, a mark has a value of each axis.
 
-        A message about a wrong number names the first one.
+        Messages name only the first of the allowed numbers.
     words
         What the rows are, in words for messages, such as "the 361 samples of the block".
     """
@@ -227,7 +228,12 @@ def _check_axes(where: str, axes: Any) -> tuple[Axis, ...]:
     checked_axes: list[Axis] = []
     for axis in axes:
         axis_words = f"{where}: Axis {axis.label!r}"
-        values = _check_numbers(f"{axis_words}: values", axis.values, ("n",), {})
+        # The shape ("n",) is one axis of any length. The axis shares no lengths with
+        # fields that were checked before.
+        shared_lengths: dict[str, _SharedSize] = {}
+        values = _check_numbers(
+            f"{axis_words}: values", axis.values, ("n",), shared_lengths
+        )
         if checked_axes and len(values) != len(checked_axes[0].values):
             raise PluginError(
                 f"{axis_words} has {len(values)} values, Axis "
@@ -312,9 +318,9 @@ def _check_fields(where: str, item: Any, sizes: dict[str, _SharedSize]) -> Facts
     item
         The primitive, or a mark or curve that is a part of a primitive.
     sizes
-        Lengths of array axes by letter, which are extended in place. `ARRAY_SHAPES` has the
-        shape of each array field, for example ("n", 3). All arrays with "n" need the same
-        length on that axis. The first array with a letter determines this length.
+        Known lengths of array axes by letter. `ARRAY_SHAPES` has the shape of each array
+        field, for example ("n", 3). All arrays with "n" need the same length on that axis.
+        The first array with a letter determines this length, which is added to `sizes`.
 
     Returns
     -------
@@ -331,13 +337,18 @@ def _check_fields(where: str, item: Any, sizes: dict[str, _SharedSize]) -> Facts
         if value is None and (type(item), name) in OPTIONAL_FIELDS:
             continue
         array = _check_numbers(f"{where}: {name}", value, shape, sizes)
-        # A range stays a pair of floats, which can be compared as such.
-        arrays[name] = tuple(map(float, array)) if name in RANGE_FIELDS else array
+        if name in RANGE_FIELDS:
+            # A range is a pair of floats. In contrast to arrays, such pairs can be compared
+            # by == and give a single truth value.
+            arrays[name] = tuple(map(float, array))
+        else:
+            arrays[name] = array
     # Other sequences, such as a list of names.
     for name, size in SEQUENCE_LENGTHS.get(type(item), {}).items():
         length = len(_check_sequence(where, name, getattr(item, name)))
         if isinstance(size, str):
-            # The size is a letter. The sequence has the length of the arrays with it.
+            # The size is a letter. The sequence needs the length of the arrays with this
+            # letter. `shared.words` says for messages what has this length.
             shared = sizes[size]
             needed_length = shared.length
             reason = f", as many as {shared.words}" if shared.words else ""

@@ -83,8 +83,12 @@ def check_folder(path: AnyPath) -> None:
         # later.
         folders = (Path(path), *Path(path).parents)
         existing = next(folder for folder in folders if folder.exists())
-        is_target = existing == Path(path)
-        _check_writable(existing, errno.EEXIST if is_target else errno.ENOTDIR)
+        # The error number to report if the existing path is a file, not a folder.
+        if existing == Path(path):
+            error_if_no_folder = errno.EEXIST
+        else:
+            error_if_no_folder = errno.ENOTDIR
+        _check_writable(existing, error_if_no_folder)
 
 
 def check_file(path: AnyPath) -> None:

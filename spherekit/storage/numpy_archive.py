@@ -126,7 +126,7 @@ def read_archive(
     archive_format
         Name and version of the format that the file must have.
     construct
-        Function of the heading (in which lists are tuples) and the arrays by name, which
+        Function of the header (in which lists are tuples) and the arrays by name, which
         returns the object. It may raise any of `DAMAGE_ERRORS` if the data are faulty.
 
     Raises
@@ -143,6 +143,7 @@ def read_archive(
     try:
         if not is_whole:
             raise ValueError("its checksum is missing or wrong")
+        # The checksum is in the comment at the end of the archive, which NumPy ignores.
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             header = json.loads(str(archive.get("header", "null")))
             if not isinstance(header, dict) or header.get("format") != name:
@@ -155,7 +156,7 @@ def read_archive(
                 )
             arrays = {item: archive[item] for item in archive.files if item != "header"}
         return construct(_lists_to_tuples(header), arrays)
-    except DAMAGE_ERRORS as error:
+    except DAMAGE_ERRORS as error:  # `FileError` is none of them
         raise FileError(
             f"{where}: is not a {name}, or is damaged or from another version ({error}); "
             f"create it again: {archive_format.remedy}"

@@ -82,9 +82,10 @@ def heyoka_expressions(
     module = heyoka()
 
     def convert_node(node: ExpressionNode, arguments: list[Any]) -> Any:
-        """Return the heyoka expression of a node.
+        """Return the heyoka expression of a node: a variable, or an operation.
 
-        `arguments` are the heyoka expressions of the arguments of the node.
+        `arguments` are the heyoka expressions of the arguments of the node. Numbers among
+        them have been converted, too.
         """
         if node.operation == "variable":
             return variables[node]
@@ -98,9 +99,12 @@ def heyoka_expressions(
             return module.select(module.gt(value, zero), plus_one, minus_one_or_zero)
         if node.operation == "maximum":
             return module.select(module.gt(*arguments), *arguments)
-        # All other functions have the same name in heyoka.
-        operation = _PYTHON_OPERATORS.get(node.operation) or getattr(module, node.operation)
-        return operation(*arguments)
+        # Operators such as + can be applied to heyoka expressions. All other functions have
+        # the same name in heyoka.
+        if node.operation in _PYTHON_OPERATORS:
+            return _PYTHON_OPERATORS[node.operation](*arguments)
+        function = getattr(module, node.operation)
+        return function(*arguments)
 
     return rewrite(expressions, module.expression, convert_node)
 

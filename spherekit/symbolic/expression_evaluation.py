@@ -99,8 +99,8 @@ def array_function(
         out
             Array (outputs, n) to write to; a new one by default.
         """
-        # The type of the inputs, or the type `number` of the constants if it has more
-        # digits.
+        # The type of the inputs, or the type `number` that the caller of `array_function`
+        # has chosen, if that type has more digits.
         dtype = np.result_type(inputs_array, number)
         sample_count = inputs_array.shape[1]
         if out is None:
@@ -110,9 +110,10 @@ def array_function(
             for start in range(0, sample_count, BLOCK_SAMPLES):
                 block = slice(start, start + BLOCK_SAMPLES)
                 work_block = work[:, : sample_count - start]
-                # Each operation below names the rows that it reads and writes by their
-                # number in this list: constants, inputs, outputs, intermediate values. All
-                # rows are views of one block.
+                # Each of the `operations` (the program of all expressions) names the rows
+                # that it reads and writes by their number in this list: constants, inputs,
+                # outputs, intermediate values. Inputs, outputs and intermediate values are
+                # views of one block of samples.
                 rows = [
                     *constant_rows(dtype),
                     *inputs_array[:, block],

@@ -161,9 +161,9 @@ def _rotate_by_size_changes(
     The first axis is the axis of the link's first R pair (revolute joint). Every other axis
     of the link has two sizes (rad): its arc from the first axis, and the angle of this arc
     about the first axis. A change of the arc rotates the frame about the normal of the
-    plane of the arc. A change of the angle rotates the frame about the first axis. The
-    rotation by the arc comes first, because this normal is known for the original angle
-    only.
+    plane of the arc. A change of the angle rotates the frame about the first axis, and the
+    normal with it. Only the normal at the original angle is known, so the rotation by the
+    change of the arc comes first.
 
     Parameters
     ----------
@@ -175,7 +175,8 @@ def _rotate_by_size_changes(
     link, pair
         Names of the link and of one of its pairs.
     frame
-        (3, 3) frame of the pair in the reference pose, in which the file states the axes.
+        (3, 3) frame of the pair in the reference pose. This is the pose for which the file
+        states the axes of all pairs.
     """
     # The arc and the angle of this pair in the reference pose, by kind. The first axis of
     # the link has none.

@@ -77,8 +77,7 @@ def read_numbers(path: Path, names: Sequence[str]) -> FileNumbers:
     Raises
     ------
     FileError
-        If the file cannot be read, or if a cell is not a finite number. The message names
-        the lines or rows.
+        If the file cannot be read, or if a cell is not a finite number.
     """
     cells = _read_cells(path)[list(names)]
     if path.suffix == PARQUET_SUFFIX:
@@ -94,7 +93,6 @@ def read_numbers(path: Path, names: Sequence[str]) -> FileNumbers:
     # Without rows, `np.array` has the shape (0,); it becomes (0, columns).
     values = np.array(rows).reshape(-1, len(names))
     places = [f"{row_word} {index + first_number}" for index in cells.index]
-    # A cell that is not a number has become NaN.
     bad_cells = [
         f"{places[row]}, column {names[k]}: {_describe_bad_cell(cells.iat[row, k])}"
         for row, k in np.argwhere(~np.isfinite(values)).tolist()
@@ -106,7 +104,6 @@ def read_numbers(path: Path, names: Sequence[str]) -> FileNumbers:
             f"{path}: {'; '.join(bad_cells[:MAX_BAD_CELLS_SHOWN])}{more}; every cell has "
             "to be a number"
         )
-    # A unit in the header, as in ``q [deg]``, replaces the unit that the folder states.
     for name in names:
         if unit_in_header := _UNIT_IN_HEADER.search(name):
             units = units | {name: unit_in_header[1]}

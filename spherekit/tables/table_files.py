@@ -284,7 +284,7 @@ def _needs_quotes(rows: "pa.Table", separator: str) -> bool:
 
 
 def read_chunks(groups: Iterable[tuple[Path, int]]) -> Iterator[Mapping[str, Any]]:
-    """Yield the rows of several Parquet files in pieces (groups) of `CHUNK_ROWS` rows.
+    """Yield the rows of several Parquet files in pieces of `CHUNK_ROWS` rows.
 
     This way a large table is never in memory as a whole. The rows of a Parquet file are
     divided into row groups, which can be read in any order.
@@ -361,9 +361,9 @@ def _open_parquet_writer(
 
     # Each distinct text is stored once, in a dictionary.
     texts = [item.name for item in schema if not pa.types.is_primitive(item.type)]
-    # Floats are stored byte by byte: their first bytes together, then their second bytes,
-    # and so on. This does not save space by itself, but equal bytes next to each other
-    # compress better.
+    # With compression by zstd, floats are stored byte by byte: their first bytes together,
+    # then their second bytes, and so on. Equal bytes next to each other compress better.
+    # The other method in use is "none", with which this order would save nothing.
     byte_by_byte: list[str] | bool = False
     if compression == "zstd":
         byte_by_byte = [item.name for item in schema if pa.types.is_floating(item.type)]
@@ -415,7 +415,7 @@ def _open_parquet_file(path: Path) -> Iterator[Any]:
     """Open a Parquet file for reading in a ``with`` block, and check that it is undamaged.
 
     The checksum of column names and notes is compared at once. The data have other
-    checksums, which pyarrow verifies when it reads them.
+    checksums, which pyarrow verifies when the ``with`` block reads them.
 
     Raises
     ------
@@ -427,9 +427,12 @@ def _open_parquet_file(path: Path) -> Iterator[Any]:
 
     try:
         with path.open("rb") as stream:
+            # `pre_buffer` would read ahead in background threads, which helps only with
+            # slow file systems.
             file = pq.ParquetFile(stream, page_checksum_verification=True, pre_buffer=False)
             _check_headings(file)
             yield file
+    # Errors of the ``with`` block are handled here, too.
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         reason = (
             f"is not a Parquet file, or is damaged: {' '.join(str(error).split())}; remove "
@@ -505,7 +508,7 @@ def write_columns(
     schema = _add_notes(table.schema, notes)
     with _open_parquet_writer(path, schema, compression) as writer:
         for rows in groups:
-            writer.write_table(table[rows].cast(writer.schema))
+            writer.write_table(table[rows])
 
 
 @contextmanager

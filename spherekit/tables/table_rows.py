@@ -217,14 +217,16 @@ def sort_by_mode(block: TableData) -> SortedBlock:
 def _find_modes_in_order(block: TableData) -> list[tuple[int, slice]] | None:
     """Return the slice of rows of each assembly mode in a block, None if out of order.
 
-    An assembly mode is one of the ways to assemble the mechanism. One mode and sample can
-    have several rows, one for each subject, such as a pole. The columns of modes and
-    samples then repeat each number, and are usually stored without repetitions. They are
-    compared in this form, which saves time. The result is also None if only one of the two
-    columns is stored without repetitions.
+    An assembly mode is one of the ways to assemble the mechanism. The rows are in order if
+    all rows of a mode follow each other, with samples that never decrease.
+
+    One mode and sample can have several rows, one for each subject, such as a pole. The
+    columns of modes and samples then repeat each number. `remove_repetitions` returns the
+    short columns without repetitions, which takes less time to compare.
     """
     modes, repeats = remove_repetitions(block[ASSEMBLY_MODE.name])
     samples, sample_repeats = remove_repetitions(block[SAMPLE.name])
+    # The short columns cannot be compared if only one of the two columns has repetitions.
     if sample_repeats != repeats:
         return None
     slices = _find_slices_in_order(modes, samples)

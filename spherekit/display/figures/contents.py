@@ -412,7 +412,7 @@ def _plan_axodes(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigur
     axodes are drawn with the link in its first pose.
     """
     for scene in scenes:
-        # The page of an assembly mode is its number. Pages with a title have no axodes.
+        # The page of an assembly mode is its number. Pages with a title get no figure.
         if not isinstance(scene.page, int):
             continue
         traces = [item for item in scene.primitives if isinstance(item, Trace)]

@@ -195,7 +195,7 @@ def _maximise_3d_view(client: ViewerClient, recording: Path) -> str:
         raise OutputError(f"{recording} shows no 3D view")
     blueprint["/viewport"]["ViewportBlueprint"]["maximized"] = visible[0]
     blueprint["/time_panel"]["TimePanelBlueprint"]["state"] = "Hidden"
-    client.set_blueprint(blueprint, "recording")
+    client.set_blueprint(blueprint, of="recording")  # not that of a table
     return visible[0]
 
 

@@ -30,14 +30,15 @@ def conformance(
 
     - `installed`: an entry point of a distribution leads to the class.
     - `metadata`: the class has a name, a version, a summary and a docstring.
-    - `needs`: declared needs have the right types and are always the same.
+    - `needs`: the declaration of the data that the analysis reads has the right types, and
+      is always the same.
     - `runs`: the analysis can be computed.
     - `reads`: it reads no data that it did not declare.
     - `inputs`: it leaves its input arrays as they were.
     - `tables`: its tables have the declared columns.
     - `findings`: its findings are valid.
     - `blocks`: rows do not depend on the blocks into which samples are divided.
-    - `failed rows`: NaN stays in its row.
+    - `failed rows`: a row of the motion that is NaN changes no results of other rows.
     - `rotation`: results agree if the whole mechanism is rotated.
     - `names`: results agree if links are renamed and renumbered.
     - `scene`: the viewer accepts the scene in its strict mode.

@@ -182,14 +182,12 @@ class ConformanceCase:
         rotations[:, links] = motion.rotations[:, links]
         values = np.full_like(motion.values, np.nan)
         values[:, variables] = motion.values[:, variables]
-        # `placed` are the orientations of the links.
+        # `placed` are the orientations from which a motion computes its properties.
         hidden = replace(motion, placed=rotations, values=values)
-        # The Jacobian (`linearisation`) and its conditioning need all links and pairs. So
-        # those of the motion without NaN are put into the cache of the new motion.
-        #
-        # The property `rotations` reads the orientations from the linearisation. From the
-        # one in the cache it would read all orientations. So the orientations with NaN are
-        # put into the cache, too.
+        # Properties of a motion are cached. The Jacobian (`linearisation`) and its
+        # condition number (`conditioning`) need all links and pairs. So the cached values
+        # of the motion without NaN are used. The property `rotations` would read
+        # orientations without NaN from this Jacobian. So its cached value is set, too.
         vars(hidden).update(
             linearisation=motion.linearisation,
             conditioning=motion.conditioning,

@@ -67,12 +67,13 @@ def check_reads(case: ConformanceCase) -> str:
     if case.run_plan.needs[0].tracer:
         return "all configurations, by the tracer"
     try:
+        # The tables and findings of all samples in one block.
         expected, _ = case.whole_results
     except SpherekitError:
         return ""  # another check reports it
-    tables, _ = case.compute_results(
-        len(case.sampling), change_read_motion=case.hide_undeclared
-    )
+    # As for `whole_results`, all samples are computed in one block.
+    block_size = len(case.sampling)
+    tables, _ = case.compute_results(block_size, change_read_motion=case.hide_undeclared)
     _require_same(case, expected, tables, "where what was not declared is NaN")
     return ""
 
@@ -99,11 +100,19 @@ def check_tables(case: ConformanceCase) -> str:
     """Check that tables have the columns, types and rows that the analysis declared.
 
     A sample is one choice of the inputs. A table whose rows belong to samples needs equally
-    many rows, at least one, for each sample of each assembly mode.
+    many rows for each sample of each assembly mode. A table without any rows is allowed,
+    unless it is the main (first) table.
 
     Returns
     -------
     An empty text, as there is nothing to note in the report.
+
+    Raises
+    ------
+    PluginError
+        If a table is not as declared.
+    NotApplicableError
+        If the main table has no rows.
     """
     # `compute_tables` raises an error if columns or types are not those that were declared.
     # All samples are computed in one batch.
@@ -112,12 +121,12 @@ def check_tables(case: ConformanceCase) -> str:
     tables = case.run_plan.tables_of(case.analysis)
     for table in tables:
         if not (table.in_assembly_modes and case.analysis.reads_samples):
-            continue  # its rows are no samples
+            continue  # the rows do not belong to samples
         data = arrays(computed[table.name])
         counts = Counter(zip(data[SAMPLE.name], data[ASSEMBLY_MODE.name], strict=True))
         required_rows = set(zip(batch.sample, batch.assembly_mode, strict=True))
         has_equal_counts = len(set(counts.values())) == 1
-        # An empty table (no `counts`) is allowed, unless it is the main table, see below.
+        # `counts` is empty if the table has no rows.
         if counts and (set(counts) != required_rows or not has_equal_counts):
             raise PluginError(
                 f"table {table.name} does not have the same number of rows for every "
