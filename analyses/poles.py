@@ -646,9 +646,9 @@ def _make_accuracy_columns(
 ) -> dict[str, Any]:
     """Return the error bounds and the conditioning of poles, by name.
 
-    The velocity coefficient is the relative angular velocity per unit rate of the input q,
-    and the acceleration coefficient its derivative with respect to q. ``direction_dq`` is
-    the derivative of the pole direction with respect to q.
+    The velocity coefficient is the relative angular velocity per unit rate of the input q.
+    The acceleration coefficient and ``direction_dq`` are the derivatives of this
+    coefficient and of the pole direction with respect to q.
 
     The conditioning is the relative speed of the two links divided by the sum of their
     speeds. If it is small, digits cancel in the difference of their angular velocities.

@@ -271,7 +271,7 @@ class EquivalentRotation(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of a rotation of the output link and of its schedule.
 
-        The output link is wanted to turn about an axis that is fixed in its reference link.
+        The output link is to turn about an axis that is fixed in its reference link.
         The table of the rotation has one row for each sampled angle. `orientation_error` is
         the angle between the reached and the wanted orientation. `drift` is the angle
         between the wanted axis and the axis about which the link momentarily turns. Each of

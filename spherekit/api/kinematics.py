@@ -812,7 +812,7 @@ class _SingleRowEvaluator:
 
         A batch has arrays for several configurations (rows), their pole axes, rates and
         error bounds. This batch has one row. `evaluated_row` has its numbers as plain
-        floats. `row_template` is a row of which all but these numbers is kept.
+        floats. They replace those of a known row, `row_template`.
         """
         values = np.array([evaluated_row.variables])
         # The input keeps the value that was asked for. The variables of all other pairs

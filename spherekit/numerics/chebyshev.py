@@ -243,9 +243,8 @@ def fit_cells(
 
     Returns
     -------
-    For each cell the coefficients of the series, (cells, degree + 1, ..., F), with one axis
-    of orders per variable. Also the deviations (cells, k, F) at the check positions, and
-    the largest absolute sample (cells,), where NaN is left out.
+    Coefficients (cells, degree + 1, ..., F) with one axis of orders per variable, absolute
+    deviations (cells, k, F), and the largest absolute sample of each cell, without NaN.
     """
     variables = bounds.shape[2]
     grid = grid_points([chebyshev_nodes(degree)] * variables)

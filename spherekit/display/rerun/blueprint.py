@@ -200,13 +200,8 @@ class Layout:
         the panels (graph and texts). Plots with results of an analysis (`has_findings`)
         come before plots of the motion.
 
-        Parameters
-        ----------
-        page
-            The number of an assembly mode (way to assemble the mechanism), or another text
-            that identifies the page. None: the only page.
-        title
-            The words on the tab.
+        `page` is the number of an assembly mode (way to assemble the mechanism), or a text
+        for a page with other results. `title` has the words on the tab.
         """
         # Items that all pages show have the page None.
         page_plots = [plot for plot in self.plots if plot.page in (None, page)]
