@@ -171,8 +171,9 @@ class Poles(AbstractAnalysis):
                     "conditioning",
                     "",
                     "relative speed of the two links divided by the sum of their speeds; "
-                    "1 for axes of pairs and for motion relative to the ground; if it is "
-                    "small, digits are lost, because nearly equal numbers are subtracted",
+                    "a small value means that digits are lost, because nearly equal "
+                    "velocities are subtracted; set to 1 for pair axes and for motion "
+                    "relative to the ground, which need no subtraction",
                     scale="none",
                 ),
                 Column(

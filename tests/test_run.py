@@ -59,6 +59,34 @@ def test_a_frame_that_is_changed_does_not_change_the_result(result):
     assert result.frame()["ux"].max() <= 1.0
 
 
+@pytest.mark.parametrize(
+    ("name", "column", "meaning"),
+    [
+        ("four_bar", "theta_41", "angle of pair 41"),
+        (
+            "roller_cam",
+            "s_contact_cam",
+            "arc length along the profile of link cam, from its start to the contact point "
+            "of pair contact",
+        ),
+        (
+            "bevel_differential",
+            "s_left_mesh",
+            "arc length by which links left and planet have rolled on each other at pair "
+            "left_mesh",
+        ),
+    ],
+)
+def test_a_column_of_a_pair_says_what_its_variable_measures(
+    name, column, meaning, tmp_path
+):
+    """The file columns.csv explains columns of R pairs and of both kinds of contacts."""
+    sk.run(name, samples=2).write(tmp_path)
+    columns = pd.read_csv(tmp_path / "columns.csv")
+    of_motion = columns[columns["table"] == "motion"].set_index("column")
+    assert of_motion.loc[column, "meaning"] == meaning
+
+
 def test_written_tables_are_read_back_bit_by_bit(result, tmp_path):
     """Tables written as CSV and Parquet are read back with the same numbers bit by bit.
 

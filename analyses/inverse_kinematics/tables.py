@@ -196,7 +196,7 @@ PAIRS = Table(
         Column(
             "value",
             "rad",
-            "angle of the pair, or the arc length along a profile of a contact",
+            "angle of an R pair; for a contact, an arc length along a profile",
         ),
     ),
 )

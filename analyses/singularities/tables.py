@@ -69,9 +69,8 @@ SINGULARITIES = Table(
         Column(
             "theta",
             "rad",
-            "angle of the passive pair (not driven)",
+            "variable of a passive pair (not driven): angle, or arc length at a contact",
             per_passive=True,
-            contact_meaning="arc length along a profile of the contact at the passive pair",
         ),
         Column(
             "curve",

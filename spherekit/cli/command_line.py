@@ -151,7 +151,7 @@ def _suggest_command_for_file(word: str) -> str:
     is_recording = word.endswith(".rrd")
     if is_recording or word.endswith(".toml") or any(pack.path(word) for pack in shipped()):
         command = "view" if is_recording else "run"
-        return f"; this is a file; try: spherekit {command} {word}."
+        return f". {word!r} is a file, not a command; try: spherekit {command} {word}."
     return ""
 
 

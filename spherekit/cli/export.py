@@ -107,9 +107,10 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--crossings",
         choices=("end", "pass"),
         help=(
-            "what an assembly mode does in source code where two curves of configurations "
-            "cross: end = the mode ends there (default); pass = it continues along its "
-            "smooth curve, on which a dyad changes its sign"
+            "what happens to an assembly mode in source code where two curves of "
+            "configurations cross: end = the mode ends there (default); pass = it "
+            "continues smoothly, although a dyad then changes to the other of its two "
+            "positions"
         ),
     )
     parser.add_argument(

@@ -116,9 +116,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         type=Path,
         action="append",
         help=(
-            "choose the settings for --tol from a measurement that `spherekit trade -o "
-            "DIR` has stored; give the option once for each analysis. For a simulation, "
-            "--tol is then the largest accepted error of the tables"
+            "choose the fastest settings that meet --tol by a measurement which `spherekit "
+            "trade -o DIR` has stored; give the option once for each analysis. With it, "
+            "--tol is the largest accepted error of the tables, also for a simulation"
         ),
     )
     parser.add_argument(

@@ -133,9 +133,10 @@ def add_time_arguments(parser: ArgumentParser) -> None:
         "--crossings",
         choices=("end", "pass"),
         help=(
-            "what an assembly mode does where two curves of configurations cross: end = "
-            "the mode ends there, and so does a simulation (default); pass = it continues "
-            "along its smooth curve, on which a dyad changes its sign"
+            "what happens to an assembly mode where two curves of configurations cross: "
+            "end = the mode ends there, and so does a simulation (default); pass = it "
+            "continues smoothly, although a dyad then changes to the other of its two "
+            "positions"
         ),
     )
     parser.add_argument(

@@ -150,6 +150,11 @@ class Joint(ABC):
     def variable_names(pair: str, links: Links) -> list[str]:
         """Return the names of the variables of a pair with this name and these links."""
 
+    @staticmethod
+    @abstractmethod
+    def variable_meanings(pair: str, links: Links) -> list[str]:
+        """Return what each variable of a pair measures, in words for users."""
+
     @property
     @abstractmethod
     def periods(self) -> Numbers:
@@ -299,6 +304,10 @@ class Revolute(Joint):
     def variable_names(pair: str, links: Links) -> list[str]:
         return [f"theta_{pair}"]
 
+    @staticmethod
+    def variable_meanings(pair: str, links: Links) -> list[str]:
+        return [f"angle of pair {pair}"]
+
     @classmethod
     def evaluate_states(cls, joints: Sequence[Self], values: Floats) -> PairStates:
         """Return the frames of m R pairs in both of their links, at n samples.
@@ -370,6 +379,14 @@ class Sliding(Joint):
     @staticmethod
     def variable_names(pair: str, links: Links) -> list[str]:
         return [f"s_{pair}_{link}" for link in links]
+
+    @staticmethod
+    def variable_meanings(pair: str, links: Links) -> list[str]:
+        return [
+            f"arc length along the profile of link {link}, from its start to the contact "
+            f"point of pair {pair}"
+            for link in links
+        ]
 
     @cached_property
     def contact_profiles(self) -> tuple[ContactProfile, ...]:
@@ -478,6 +495,13 @@ class Rolling(Joint):
     @staticmethod
     def variable_names(pair: str, links: Links) -> list[str]:
         return [f"s_{pair}"]
+
+    @staticmethod
+    def variable_meanings(pair: str, links: Links) -> list[str]:
+        return [
+            f"arc length by which links {links[0]} and {links[1]} have rolled on each "
+            f"other at pair {pair}"
+        ]
 
     @cached_property
     def contact_profiles(self) -> tuple[ContactProfile, ...]:

@@ -207,6 +207,15 @@ class Mechanism:
         )
 
     @cached_property
+    def variable_meanings(self) -> tuple[str, ...]:
+        """What each variable measures, in words for users."""
+        return tuple(
+            meaning
+            for pair in self.pairs
+            for meaning in pair.kind.variable_meanings(pair.name, pair.links)
+        )
+
+    @cached_property
     def angles(self) -> Mapping[str, int]:
         """The indices of the variables that are angles about fixed axes, by R pair."""
         return {

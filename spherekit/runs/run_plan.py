@@ -569,19 +569,10 @@ def motion_table(sampling: Sampling) -> Table:
     times.
     """
     mechanism = sampling.position_analysis.mechanism
-    angle_names = {mechanism.variable_names[i] for i in mechanism.angles.values()}
     variables = [
-        Column(
-            name,
-            "rad",
-            f"angle of pair {pair}"
-            if name in angle_names
-            else f"arc length along a profile of the contact at pair {pair}",
-        )
-        for name, pair in zip(
-            mechanism.variable_names,
-            mechanism.names_of(mechanism.variable_owners),
-            strict=True,
+        Column(name, "rad", meaning)
+        for name, meaning in zip(
+            mechanism.variable_names, mechanism.variable_meanings, strict=True
         )
     ]
     # `Table.of` replaces the placeholder `INPUTS` by one column for each input.

@@ -60,11 +60,8 @@ class Column:
         with the name of the pair: ``q_left``, ``q_right``. In the meaning the name of the
         pair follows the words "the driven pair".
     per_passive
-        Whether the column stands for one column per variable of the passive pairs, called
-        like the variable. In the meaning the name of the pair follows the words "the
-        passive pair".
-    contact_meaning
-        With `per_passive`, the meaning for variables of contacts, which are arc lengths.
+        Whether the column stands for one column per variable of the passive pairs (pairs
+        that are not driven). Each has the name and the meaning of its variable.
     scale
         How errors of the column are scaled. ``"absolute"``: they are not divided.
         ``"largest"``: they are divided by the largest number of the run. ``"unit"``: errors
@@ -89,7 +86,6 @@ class Column:
     kind: Kind = "number"
     per_input: bool = False
     per_passive: bool = False
-    contact_meaning: str = ""
     scale: Scale = "unit"
     turns: Turns = "no"
     on_request: str = ""
@@ -147,42 +143,28 @@ class Table:
         - With several inputs, a column with `per_input` becomes one column for each input.
           The name of the driven pair (joint) is appended to the name of the column.
         - A column with `per_passive` becomes one column for each variable of the pairs that
-          are not driven. The name of the column is the name of the variable. The variable
-          of an R pair (revolute joint) is an angle. Those of a contact are arc lengths.
+          are not driven, with the name and the meaning of the variable.
 
-        The meaning (the text for users) of such a column names the pair. For arc
-        lengths the meaning is `contact_meaning`.
+        Each column of an input has the name of its pair in its meaning (text for users).
         """
         driven_pairs = mechanism.input_pairs
-        pair_of_variable = dict(
-            zip(
-                mechanism.variable_names,
-                mechanism.names_of(mechanism.variable_owners),
-                strict=True,
-            )
-        )
-        angle_names = {mechanism.variable_names[i] for i in mechanism.angles.values()}
         columns: list[Column] = []
         for column in self.columns:
-            # Names of the columns that replace this one, each with its pair. By default the
-            # column remains, without a pair.
-            pair_by_name = {column.name: ""}
+            # The meanings of the columns that replace this one, by their names.
+            meaning_by_name = {column.name: column.meaning}
             if column.per_passive:
-                pair_by_name = {
-                    variable: pair
-                    for variable, pair in pair_of_variable.items()
-                    if pair not in driven_pairs
-                }
+                meaning_by_name = _passive_meanings(mechanism)
             elif column.per_input and len(driven_pairs) > 1:
-                pair_by_name = {f"{column.name}_{pair}": pair for pair in driven_pairs}
-            for name, pair in pair_by_name.items():
-                is_arc_length = column.per_passive and name not in angle_names
-                meaning = column.contact_meaning if is_arc_length else column.meaning
+                meaning_by_name = {
+                    f"{column.name}_{pair}": _name_pair(column.meaning, pair)
+                    for pair in driven_pairs
+                }
+            for name, meaning in meaning_by_name.items():
                 columns.append(
                     replace(
                         column,
                         name=name,
-                        meaning=_name_pair(meaning, pair),
+                        meaning=meaning,
                         per_input=False,
                         per_passive=False,
                     )
@@ -324,18 +306,27 @@ Units = Mapping[str, str]
 """Units by the names of columns or quantities."""
 
 
-def _name_pair(meaning: str, pair: str) -> str:
-    """Return the meaning of a column that belongs to one pair, with the name of the pair.
+def _passive_meanings(mechanism: Mechanism) -> dict[str, str]:
+    """Return what each variable of the pairs that are not driven measures, by its name."""
+    owners = mechanism.names_of(mechanism.variable_owners)
+    return {
+        name: meaning
+        for name, meaning, owner in zip(
+            mechanism.variable_names, mechanism.variable_meanings, owners, strict=True
+        )
+        if owner not in mechanism.input_pairs
+    }
 
-    The name follows the words "the driven pair" or "the passive pair". If the meaning does
-    not contain these words, the name is appended. If `pair` is empty, the meaning stays as
-    it is.
+
+def _name_pair(meaning: str, pair: str) -> str:
+    """Return the meaning of a column that belongs to an input, with the name of its pair.
+
+    The name follows the words "the driven pair". If the meaning does not contain these
+    words, the name is appended.
     """
-    if not pair:
-        return meaning
-    for words in ("the driven pair", "the passive pair"):
-        if words in meaning:
-            return meaning.replace(words, f"{words} {pair}")
+    words = "the driven pair"
+    if words in meaning:
+        return meaning.replace(words, f"{words} {pair}")
     return f"{meaning}, pair {pair}"
 
 
