@@ -26,7 +26,7 @@ def nearest(word: str, allowed: Iterable[str]) -> str:
     if not similar:
         similar = [x for x in words if sorted(x) == sorted(word)]
     if not similar:
-        similar = difflib.get_close_matches(word, words, n=1, cutoff=0.5)
+        similar = difflib.get_close_matches(word, words, n=1, cutoff=0.6)
     return f'; did you mean "{similar[0]}"?' if similar else ""
 
 

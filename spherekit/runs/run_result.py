@@ -364,8 +364,9 @@ class RunResult:
             )
         )
         if not candidates:
+            # The main table of an analysis has the name of the analysis.
             table_names = [
-                f"{name}/{declared.name}"
+                declared.name if declared.name == name else f"{name}/{declared.name}"
                 for name, result in self.results.items()
                 for declared in result.tables
             ]
