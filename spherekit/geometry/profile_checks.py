@@ -72,9 +72,9 @@ def check_colatitude(path: FourierPath) -> None:
 def _find_extremum_azimuths(path: FourierPath) -> Floats:
     """Return azimuths (m,), rad, among which are all extrema of the colatitude of a curve.
 
-    The colatitude (angle from an axis through the curve) is a Fourier series of the azimuth
-    about this axis. Its slope at the azimuth a is the sum of c_k cos(k a) + s_k sin(k a)
-    for k from 1 to n. With z = e^(i a) the slope is the sum of b_k z^k for k from -n to n.
+    The colatitude (angle from a fixed axis) is a Fourier series of the azimuth about this
+    axis. Its slope at the azimuth a is the sum of c_k cos(k a) + s_k sin(k a) for k from 1
+    to n. With z = e^(i a) the slope is the sum of b_k z^k for k from -n to n.
     Here b_k is (c_k - i s_k) / 2, b_(-k) its conjugate, and b_0 = 0. The slope times z^n is
     a polynomial. The extrema are at the angles of its roots with |z| = 1.
     """

@@ -173,7 +173,7 @@ class EliminantSamples:
     Attributes
     ----------
     values
-        (n, m) values of the eliminants; real numbers if the equations are real.
+        (n, m) values of the eliminants, stored as complex numbers.
     magnitude_limits
         (n, m) limits that the magnitudes of these values cannot exceed. An eliminant far
         below its limits at all m angles counts as zero everywhere.

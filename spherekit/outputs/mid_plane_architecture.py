@@ -156,9 +156,10 @@ class MidPlaneArchitecture:
     def orientations(self, normals: Floats) -> Floats:
         """Return the orientations of the end effector, the mirror image of the base.
 
-        The constant matrix `image` leads from the axes of the end effector to mirror axes,
-        which are axes of the base in which formulas are simple. There the mid-plane
-        reflects vectors. The constant rotation `frame` leads to the axes of the base.
+        Mirror axes are a second set of axes fixed to the base, in which formulas are
+        simple. The orientation is the product of three steps. The constant matrix `image`
+        leads from the axes of the end effector to mirror axes. Then vectors are reflected
+        in the mid-plane. The constant rotation `frame` leads to the axes of the base.
 
         Parameters
         ----------
@@ -315,11 +316,11 @@ class MidPlaneArchitecture:
         nearest mid-plane is returned.
 
         A mid-plane with the unit normal u belongs to the orientation ``frame @ mirror(u) @
-        image``, where mirror(u) is the reflection in the plane. The constant rotation
-        `frame` leads from mirror axes to the axes of the base. (Mirror axes are axes of the
-        base in which the formulas are simplest.) The constant matrix `image` leads from the
-        axes of the end effector to mirror axes. It contains a reflection too (determinant
-        -1), so that the orientation is a rotation.
+        image``, where mirror(u) is the reflection in the plane. Mirror axes are a second
+        set of axes fixed to the base, in which the formulas are simplest. The constant
+        matrix `image` leads from the axes of the end effector to mirror axes. The constant
+        rotation `frame` leads from mirror axes to the axes of the base. The determinant of
+        `image` is -1, so that the product with the reflection is a rotation.
 
         Parameters
         ----------
@@ -390,17 +391,18 @@ class MidPlaneArchitecture:
     def _choose_placing_pairs(self, link: int) -> tuple[int, int]:
         """Return two pairs of a link whose axes are not parallel.
 
-        The link is neither the base nor the end effector. There are two sorts of such
-        links. A link of a leg has the elbow of the leg, and its axis at the base or at the
-        end effector (tip). A further link has the elbow of a leg to which it is hinged, and
-        the normal of the mid-plane. So each link has axes of two kinds.
+        The two axes give the orientation of the link, which is neither the base nor the end
+        effector. Each such link has axes of two different kinds, which are not parallel:
 
-        The kinds have the order base, tip, elbow, normal. The first pair has the first kind
-        that the link has, and the second pair has the last one.
+        - A link of a leg has the axis of the leg at the base or at the end effector (tip),
+          and the elbow of the leg.
+        - Any other link has the elbow of a leg to which it is hinged, and the normal of the
+          mid-plane.
         """
         pairs_of_link = [
             pair for pair, ends in enumerate(self.mechanism.ends) if link in ends
         ]
+        # Sorted by kind of axis, the first and the last pair are of different kinds.
         pairs_of_link.sort(key=lambda pair: AXIS_KINDS.index(self.along[pair].kind))
         return pairs_of_link[0], pairs_of_link[-1]
 
@@ -423,12 +425,13 @@ class MidPlaneArchitecture:
         Returns
         -------
         (n, 3) axes, or (1, 3) for a pair of the base, whose axis does not move. All vectors
-        are in mirror axes: the axes of the base, turned by the constant matrix `frame`.
+        are in mirror axes, a set of axes fixed to the base in which formulas are simplest.
         """
-        # What the axis of this pair is: its kind, and the number of its leg. Several pairs
-        # can share an elbow or the normal. `sense` is -1 for those in opposite direction.
+        # What the axis of this pair is: its kind, and the number of its leg.
         pair_axis = self.along[pair]
-        # `plane.axes` has the axes of all legs at the base.
+        # `plane.axes` has the axes of all legs at the base. Only one pair has such an axis,
+        # and one has its mirror image. Several pairs can be on one elbow or normal: `sense`
+        # is -1 for those with the opposite direction.
         if pair_axis.kind == "base":
             return self.plane.axes[pair_axis.leg][None]
         if pair_axis.kind == "tip":
@@ -448,8 +451,9 @@ class MidPlaneArchitecture:
         return Transmission.from_mechanism(self.mechanism, self.output)
 
     def transmission(self, normals: Floats, elbows: Floats) -> Floats:
-        """Return the transmission measure (n,); 0 if the output moves with locked inputs.
+        """Return the transmission measure (n,): how well locked inputs hold the output.
 
+        The measure is 0 at a singularity, where the output can move with locked inputs.
         Base and output link mirror each other in the mid-plane. If the output declares a
         direction, this is the mirror image of `home`, a constant direction of the base.
 
@@ -463,7 +467,8 @@ class MidPlaneArchitecture:
         directions = None
         if self.output.direction is not None:
             directions = reflections(normals) @ self.home
-        return self._transmission.measure(self.axes(normals, elbows), directions)
+        pair_axes = self.axes(normals, elbows)
+        return self._transmission.measure(pair_axes, directions)
 
     def values(self, placed: Floats) -> tuple[Floats, Floats]:
         """Return the pair variables, computed from the orientations of all links.
@@ -482,7 +487,7 @@ class MidPlaneArchitecture:
             the pair's first link, and as carried by its second. It is zero, up to rounding,
             if the links fit together.
         """
-        # All joints are R pairs. `revolutes` only states this as their type.
+        # All joints are R pairs. `revolutes` returns them unchanged, for the type checker.
         joints = revolutes(self.joints)
         return measure_pair_angles(self.mechanism.ends, joints, placed)
 
@@ -550,11 +555,11 @@ class MidPlaneArchitecture:
         Parameters
         ----------
         start, stop
-            Normals (3,) of the mid-planes of both poses, in mirror axes. These are axes
-            fixed to the base in which the formulas of the mirror image are simplest.
+            Normals (3,) of the mid-planes of both poses, in mirror axes. These are a second
+            set of axes fixed to the base, in which formulas are simplest.
         modes
-            (legs,) signs, 1 or -1, which choose the elbow (axis between both links) of each
-            leg at the start. This is the sign of normal . (base axis x elbow).
+            (legs,) signs, 1 or -1, one for each leg at the start: the sign of normal .
+            (axis of the leg at the base x axis between its two links).
 
         Raises
         ------
@@ -571,10 +576,11 @@ class MidPlaneArchitecture:
         for normal in end_normals:
             self.check_reach(normal)
         # The orientations of the end effector, and so the axis of the rotation between
-        # them, are in the axes of the base.
+        # them, are in the usual axes of the base. `rotation_about` takes the axis in these,
+        # but the normal in mirror axes.
         start_orientation, stop_orientation = self.orientations(end_normals)
         axis, angle = axis_and_angle(start_orientation, stop_orientation)
-        start_normal = end_normals[0]  # still in mirror axes
+        start_normal = end_normals[0]
         return self.rotation_about(start_normal, axis, angle, signs)
 
     def rotation_about(
@@ -625,17 +631,17 @@ class MidPlaneArchitecture:
 
         A path cannot begin at a singular configuration, but can pass through it. So a path
         with a singular start begins a little earlier. Base and end effector mirror each
-        other in the mid-plane.
+        other in the mid-plane. Mirror axes are a second set of axes fixed to the base.
 
         Parameters
         ----------
         lead
             Angle (rad) of the end effector by which the path begins before the start.
         start
-            (3,) unit normal of the mid-plane at the start, in mirror axes (axes of the base
-            that are turned by the constant matrix `frame`).
+            (3,) unit normal of the mid-plane at the start, in mirror axes.
         axis
-            (3,) unit vector of the axis of the rotation, in the axes of the base.
+            (3,) unit vector of the axis of the rotation, in the axes of the base. It is at
+            right angles to the normal, so it lies in the mid-plane.
         angle
             Angle (rad) of the rotation after the start.
         modes
@@ -646,8 +652,8 @@ class MidPlaneArchitecture:
         -------
         The rotation. Its angles begin at -lead and are 0 at the start.
         """
-        # 1. Turn the mid-plane back from the start. It turns by half the angle of the end
-        # effector.
+        # 1. Turn the mid-plane back from the start. If a plane turns about an axis in the
+        # plane, mirror images turn about the same axis by twice the angle.
         axis_in_mirror_axes = self.frame.T @ axis
         rotation = rotation_about_axis(axis_in_mirror_axes, [-0.5 * lead])  # (1, 3, 3)
         first_normals = rotation @ start  # (1, 3)
@@ -683,12 +689,15 @@ def axis_in(mechanism: Mechanism, joints: Sequence[Joint], pair: int, link: int)
 def _spread_normals(plane: MidPlane) -> Floats:
     """Return normals (n, 3) of mid-planes spread evenly over the reach of all legs.
 
-    The angle between the base axis of a leg and a mid-plane has the sine normal . axis. The
-    leg reaches the mid-plane if this angle is at most its reach.
+    Base and end effector mirror each other in the mid-plane, and legs join them. The base
+    axis is the axis of a leg at the base. The angle between this axis and the mid-plane has
+    the sine normal . axis. The leg reaches the mid-plane if the angle is small enough.
     """
+    # A normal and its opposite belong to the same plane, so z >= 0 is enough.
     normals = spiral_directions(PROOF_DIRECTION_COUNT, min_z=0.0)
     # (n, legs) sines of the angles between the base axes of the legs and the mid-planes.
-    # Their limits are a little less than the reach, where rounding errors are large.
+    # Their limits are a little smaller than the largest possible angle, `plane.reach`. At
+    # this angle rounding errors are large.
     sines = np.abs(normals @ plane.axes.T)
     limits = np.sin(PROOF_REACH_RATIO * plane.reach)
     all_legs_reach = np.all(sines < limits, axis=1)

@@ -192,14 +192,14 @@ class _MidPlaneCurveSearch:
         """Yield the curves of type I: an input can move while the output rests.
 
         A driven leg (leg whose pair at the base is an input) is then at the limit of its
-        reach, stretched or folded. Base and output mirror each other in the mid-plane,
-        whose normal determines the pose. The curves are circles of such normals, as far as
-        all other legs reach.
+        reach, stretched or folded. Base and output mirror each other in the mid-plane. The
+        normal of this plane determines the pose, so each point of a curve is a normal. The
+        curves are circles, or arcs of circles that end where another leg does not reach.
 
         An assembly mode has a sign, 1 or -1, for each leg, which chooses one of its two
         possible elbows (axes between both links). The curves are yielded for each choice of
-        the signs of the other legs. At its limit the driven leg has only one elbow, so its
-        own sign is always 1.
+        the signs of the other legs. At its limit the driven leg has only one elbow, so
+        either sign would do for this leg. The sign 1 is used.
         """
         leg_count = len(self.form.legs)
         # `driven` has the numbers of the two driven legs.
@@ -234,12 +234,12 @@ class _MidPlaneCurveSearch:
     def find_determinant_zeros(self, budget: TimeLimit) -> Iterator[CurveSeen]:
         """Yield the curves of type II: the output can move while the inputs are locked.
 
-        With locked inputs the velocity equations of the loops are a square system for the
-        rates of the other pairs. Its determinant is 0 if the output can move. The
-        determinant is a function of the unit normal of the mid-plane, in which base and
-        output mirror each other. Its changes of sign are searched in each assembly mode. A
-        mode has a sign, 1 or -1, for each leg, which chooses one of two positions of its
-        elbow (axis between its two links).
+        In these mechanisms, base and output mirror each other in the mid-plane. The unit
+        normal of this plane determines the pose. With locked inputs the velocity equations
+        of the loops are a square system for the rates of the other pairs. Its determinant
+        is 0 if the output can move. The determinant is a function of the normal, whose
+        changes of sign are searched in each assembly mode. A mode has a sign, 1 or -1, for
+        each leg, which chooses one of two positions of the elbow (axis between two links).
 
         Parameters
         ----------
@@ -320,10 +320,11 @@ class _MidPlaneCurveSearch:
         (n,) measures. They are NaN where another leg does not reach the mid-plane, because
         there is no configuration.
         """
-        # (n, legs) measures of all legs. They are equal to the squares of the triple
-        # products of normal, base axis and elbow, which this method returns.
-        measures = self.form.plane.elbow_feet(normals).triple_product_square
-        others_reach = np.all(np.delete(measures, leg, axis=1) >= 0.0, axis=1)
+        # `elbow_feet` computes the elbows from this measure. Where an elbow exists, the
+        # measure is the square of the triple product of normal, base axis and elbow.
+        measures = self.form.plane.elbow_feet(normals).triple_product_square  # (n, legs)
+        measures_of_others = np.delete(measures, leg, axis=1)
+        others_reach = np.all(measures_of_others >= 0.0, axis=1)
         return np.where(others_reach, measures[:, leg], np.nan)
 
     def _find_reason(self, normals: Floats, signs: Integers) -> str:
@@ -350,8 +351,8 @@ class _MidPlaneCurveSearch:
         elbows, _products = self.form.plane.elbows(normals, signs)  # (n, legs, 3)
         # Sine of the angle between both elbows at each mid-plane.
         sine = np.linalg.norm(cross(elbows[:, first], elbows[:, second]), axis=1)
-        # The median is used because single points of another curve can also have elbows on
-        # one line.
+        # If the loops are the reason, the elbows can still be on one line at single points
+        # of the curve. The median ignores such points.
         if np.nanmedian(sine) < COLLINEAR_ELBOWS_SINE:
             names = " and ".join(self.form.mechanism.input_pairs)
             return f"elbows of the legs of {names} along one line"
@@ -361,8 +362,8 @@ class _MidPlaneCurveSearch:
         """Return the pair variables (n, variables) rad at mid-planes in one mode.
 
         Base and output mirror each other in the mid-plane. Its normal and the signs of the
-        legs determine a configuration. The result is NaN where a leg does not reach the
-        mid-plane.
+        legs determine a configuration, by the formulas of `form`. The result is NaN where a
+        leg does not reach the mid-plane.
 
         Parameters
         ----------
@@ -373,6 +374,7 @@ class _MidPlaneCurveSearch:
             elbows (axes between its two links) that the leg can have.
         """
         link_orientations = self.form.place(normals, signs)
+        # The links fit together by construction, so the closure residuals are not needed.
         values, _residuals = self.form.values(link_orientations)
         return values
 
@@ -409,10 +411,10 @@ class _MidPlaneCurveSearch:
         """Return the rates of the pairs that come nearest to a singular motion.
 
         At a singularity of type I an input moves while the output rests. At one of type II
-        the output moves while the inputs rest. The rates of all pairs then solve the
-        velocity equations of the loops together with the equations that the output (or the
-        inputs) rest. This is possible only if the least singular value of the matrix is 0.
-        Its singular vector has the rates.
+        the output moves while the inputs rest. The rates of all pairs then solve two groups
+        of linear equations: the velocity equations of the loops, and equations which state
+        that the output (or the inputs) rest. This is possible only if the least singular
+        value of the matrix of all equations is 0. Its singular vector has the rates.
 
         Parameters
         ----------
@@ -422,7 +424,8 @@ class _MidPlaneCurveSearch:
         linearisation = self.locus.tangent_space(values).linearisation
         # The equations of this type: the output rests (type I), or the inputs (type II).
         rest_equations = self.locus.constraint.equations(linearisation)
-        equations = np.hstack([linearisation.jacobian, rest_equations])
+        # (n, equations, variables)
+        equations = np.concatenate([linearisation.jacobian, rest_equations], axis=1)
         # The decomposition cannot take NaN, so the equations of missing configurations are
         # set to 0. Their closure residual is set to infinity below.
         _, singular_values, right_vectors = np.linalg.svd(np.nan_to_num(equations))
@@ -436,7 +439,7 @@ class _MidPlaneCurveSearch:
     def _make_curve(
         self, normals: Floats, signs: Integers, is_closed: bool, reason: str
     ) -> CurveSeen:
-        """Return a singular curve, without points that turn out to be open or regular.
+        """Return a singular curve, without points that turn out not to belong to it.
 
         Base and output link mirror each other in the mid-plane, a plane through the centre.
         Its unit normal and the signs of the mode determine the configuration, so a curve of
@@ -459,8 +462,8 @@ class _MidPlaneCurveSearch:
         # The same configurations with their inputs, their poses and their types.
         points = self.report.describe(values, motions.rates, motions.residual)
 
-        # Points with open loops, and points that are regular or of another type, are left
-        # out.
+        # The residual is 0 at a singular configuration. It is large at regular points and
+        # where a loop is open.
         is_singular = motions.residual < CLOSURE_TOLERANCE
         has_type = self.report.has_type(points.type)
         selected = np.flatnonzero(is_singular & has_type)
@@ -479,7 +482,10 @@ class _MidPlaneCurveSearch:
 
 
 def _make_mesh(centres: Sequence[Floats]) -> tuple[Floats, Indices]:
-    """Return a mesh of a hemisphere of unit normals, with some centres as vertices.
+    """Return a mesh of a hemisphere of unit normals, with some points as vertices.
+
+    The mesh serves to find curves on which a function of normals is zero. A circle that is
+    smaller than a triangle is found if its centre is a vertex.
 
     Parameters
     ----------
@@ -504,20 +510,23 @@ def _make_mesh(centres: Sequence[Floats]) -> tuple[Floats, Indices]:
 def _find_zeros_on_edges(
     function: Callable[[Floats], Floats], edge_ends: Floats, end_values: Floats
 ) -> Floats:
-    """Return the points of edges at which a function of unit normals is zero.
+    """Return the points of mesh edges at which a function is zero.
+
+    The mesh covers a part of the unit sphere. Its points are unit vectors, the variable of
+    the function.
 
     Parameters
     ----------
     function
-        Function of unit normals (n, 3) with values (n,).
+        Function of unit vectors (n, 3) with values (n,).
     edge_ends
-        (k, 2, 3) unit normals at both ends of each edge.
+        (k, 2, 3) unit vectors to both ends of each edge.
     end_values
         (k, 2) values of the function there, with opposite signs.
 
     Returns
     -------
-    (k, 3) unit normals.
+    (k, 3) unit vectors.
     """
     edge_starts, edge_stops = edge_ends.swapaxes(0, 1)
     edge_count = len(edge_ends)
@@ -543,9 +552,11 @@ def _find_zeros_on_edges(
 
 
 def _link_zeros(has_zero: Bools, triangle_edges: Indices) -> Indices:
-    """Return pairs of zeros (links, 2) on edges of the same triangle.
+    """Return pairs (n, 2) of neighbouring zeros of a function on a triangle mesh.
 
-    Zeros are numbered from 0 in the order of their edges.
+    The zeros form curves. An edge of the mesh has one zero at most. Two zeros are
+    neighbours if they are on edges of the same triangle. Zeros are numbered from 0 in the
+    order of their edges.
 
     Parameters
     ----------
@@ -556,8 +567,8 @@ def _link_zeros(has_zero: Bools, triangle_edges: Indices) -> Indices:
     """
     # The number of the zero of each edge, -1 without one.
     zero_of_edge = np.where(has_zero, np.cumsum(has_zero) - 1, -1)
-    # A curve crosses two edges of a triangle. Sorted, the zeros of the three edges are then
-    # -1 and the numbers of two zeros.
+    # A curve enters a triangle at one edge and leaves it at another one. Sorted, the three
+    # numbers are then -1 and those of two zeros. In other triangles nothing is joined.
     triangle_zeros = np.sort(zero_of_edge[triangle_edges], axis=1)
     has_two_zeros = np.sum(triangle_zeros >= 0, axis=1) == 2
     return triangle_zeros[has_two_zeros, 1:]

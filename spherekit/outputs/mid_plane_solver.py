@@ -30,13 +30,12 @@ class InputMidPlanes:
     ----------
     normals
         (n, 3) unit normals that point from the home direction to the direction of the
-        output. They are in mirror axes (axes of the base in which the formulas are
-        simplest). NaN where the inputs determine no mid-plane.
+        output. They are in mirror axes (a second set of axes fixed to the base). NaN where
+        the inputs determine no mid-plane.
     driven_signs
         (n, 2) signs, 1.0 or -1.0, of the two driven legs: the signs of n . (base axis x
-        elbow) with the normal n and the elbow, the axis between both links of the leg. The
-        signs are 0.0 if the output points in its home direction: the normal points from the
-        home direction to the direction of the output, so its sense is then undetermined.
+        elbow). The elbow is the axis between both links of the leg. 0.0 if the output
+        points in its home direction, because the sense of n is then undetermined.
     """
 
     normals: Floats
@@ -79,18 +78,19 @@ class MidPlaneKinematics(ClosedKinematics):
 
     @property
     def spans(self) -> tuple[LegSpan, ...]:
-        """The range of the angle between the two outer axes of every leg, its reach.
+        """The range of the angle between the two outer axes of every leg.
 
         The outer axes are the axes at the base and at the output link. They mirror each
-        other in the mid-plane, so the angle between them is twice the angle between one of
-        them and this plane. The latter is at most the reach of the leg. It is 0 if the leg
-        is folded, with its links over each other.
+        other in the mid-plane, a plane through the centre. So the angle between them is
+        twice the angle between one of them and this plane. It is 0 if the leg is folded,
+        with its links over each other.
         """
+        # `plane.reach` is the largest angle of each leg between its axis and the mid-plane.
         plane = self.form.plane
+        longest = (2.0 * plane.reach).tolist()
         # Links of some width cannot lie over each other. A width that the user states then
         # increases the smallest angle. Chen et al. (2021, section 3) apply it to the driven
         # legs only.
-        longest = (2.0 * plane.reach).tolist()
         return tuple(
             LegSpan(
                 first_pair=base,
@@ -120,13 +120,14 @@ class MidPlaneKinematics(ClosedKinematics):
 
         Base and output link mirror each other in the mid-plane, which contains the elbows
         of all legs (the axes between the two links of each leg). The inputs determine the
-        elbows of both driven legs, and thereby the mid-plane. Each other leg can still have
-        two elbows, so a pose is returned once for each choice. There is no pose if both
-        driven elbows are parallel.
+        elbows of both driven legs, and thereby the mid-plane. The elbow of each other leg
+        can have two positions. The same pose is returned once for each choice of these
+        positions. There is no pose if both driven elbows are parallel.
         """
         form = self.form  # the mid-plane architecture of the mechanism
         mid_planes = self._find_mid_planes(inputs)
         row, mode = self._list_modes(mid_planes)
+        # A mode has a sign, 1 or -1, for each leg, which chooses the position of its elbow.
         signs = np.array(self.modes)[mode]
         # The residuals show whether all loops close, which is known for this architecture.
         values, _residuals = form.values(form.place(mid_planes.normals[row], signs))

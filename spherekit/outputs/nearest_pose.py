@@ -501,8 +501,9 @@ class NearestPoseSearch:
     def _find_inward_direction(self, chart: NormalCoordinates, point: Floats) -> Floats:
         """Return the direction from a point at the border into the workspace.
 
-        A margin is how much is left to one limit of the mechanism. Along the direction, all
-        margins that are nearly 0 (active) grow.
+        A margin is how much is left to one limit of the mechanism. The caller moves the
+        point by a short step in this direction. A margin is active if a step of this length
+        could make it negative. Along the direction, all active margins grow.
 
         Parameters
         ----------
@@ -519,12 +520,12 @@ class NearestPoseSearch:
         values, gradients = self._linearise_margins(chart, point[None])
         margins = values[0]  # (bounds,)
         margin_gradients = gradients[0]  # (bounds, d)
-        # The caller moves the point by one of `INWARD_STEPS`. A margin that is 1000 times
-        # as large as the longest step hardly becomes negative. So only smaller margins are
-        # active.
+        # The caller tries steps up to the longest of `INWARD_STEPS`. With a safety factor
+        # of 1000, larger margins cannot become negative.
         longest_step = INWARD_STEPS[-1]
+        is_small = margins < 1e3 * longest_step
         has_gradient = np.linalg.norm(margin_gradients, axis=1) > 0.0
-        is_active = (margins < 1e3 * longest_step) & has_gradient
+        is_active = is_small & has_gradient
         # Find the shortest vector x with normals @ x >= 1.
         normals = unit_rows(margin_gradients[is_active])
         inward_direction, _multipliers = _solve_least_distance(

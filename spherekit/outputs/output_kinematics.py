@@ -111,8 +111,8 @@ class InverseRows(ArrayRows):
         left to the nearest limit.
 
         - A row with a negative margin becomes OUT_OF_REACH, and its values become NaN.
-        - Another row becomes AT_SINGULARITY if a measure of type I or II is nearly 0 or not
-          finite. At type I an input moves while the output rests; at type II the output can
+        - Another row becomes AT_SINGULARITY if a measure of type I or II is nearly 0 or
+          NaN. At type I an input moves while the output rests; at type II the output can
           move although the inputs are locked. Inputs that are not finite have the same
           effect.
         - All other rows become OK.
@@ -126,8 +126,9 @@ class InverseRows(ArrayRows):
         # if one of them is NaN, and then fails the comparison below.
         least_measure = np.minimum(np.min(self.type_1, axis=1), self.type_2)
         has_inputs = np.isfinite(self.inputs).all(axis=1)
-        # Each measure is the sine of an angle, the distance to the singularity. Below this
-        # limit half of the digits of the configuration are lost.
+        # Each measure is the sine of an angle, the distance to the singularity. Below the
+        # limit half of the digits of the configuration are lost. The limit is the same as
+        # for two links (a dyad) that are nearly in line.
         is_regular = has_inputs & (least_measure > SINGULAR_DYAD_SINE)
         status = np.where(is_regular, Status.OK, Status.AT_SINGULARITY)
         status[is_outside] = Status.OUT_OF_REACH
@@ -229,7 +230,7 @@ class OutputKinematics:
         Parameters
         ----------
         poses
-            (n, 3) directions or (n, 3, 3) rotations, see `points`.
+            (n, 3) directions of the output, or (n, 3, 3) rotations.
         modes
             Labels of the working modes, such as ``+-``.
         pairs
@@ -240,11 +241,10 @@ class OutputKinematics:
         PlanError
             Always in this base class, since the output has no inverse kinematics.
         """
-        # Inverse kinematics adds virtual links that hold the output in its pose. This is
-        # impossible here, for example because of the number of inputs. `with_wrist` raises
-        # the error that says why, so the next line is never reached.
+        # `with_wrist` is the first step of inverse kinematics. Outputs of this class fail
+        # there, for example because of their number of inputs. The error says why.
         with_wrist(self.mechanism, self.output.name)
-        raise AssertionError(f"{self.output.name} can have virtual links")
+        raise AssertionError("this line is never reached")
 
     def forward(self, inputs: Floats) -> PoseSolutions:
         """Return every pose found at inputs (n, inputs) rad."""
@@ -323,15 +323,16 @@ class ClosedKinematics(OutputKinematics, ABC):
         """Return the inputs of poses in some working modes, also for poses out of reach.
 
         A working mode is a choice of one of two positions for each leg. The result has a
-        row for each pose and mode. Its margin is the angle (rad) to the nearest limit,
-        negative beyond it. Its measures are 0 at singularities: of type I if an input can
-        move while the output rests, of type II if the output can move although the inputs
-        are locked.
+        row for each pose and mode (see `InverseRows`). Its margin is the angle (rad) to the
+        nearest limit, negative beyond it. Its measures are 0 at singularities: of type I if
+        an input can move while the output rests, of type II if the output can move although
+        the inputs are locked.
 
         Parameters
         ----------
         poses
-            (n, 3) directions if `points` is true, otherwise (n, 3, 3) rotations.
+            (n, 3) directions of an output that is a direction, or (n, 3, 3) rotations of an
+            output that is an orientation.
         modes
             Labels of the modes, such as ``+-``.
         pairs

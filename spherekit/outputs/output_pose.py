@@ -539,8 +539,7 @@ class PoseFinder:
         labels = candidates.labels.tolist()
         without_working_modes = [(label, "") for label in labels]
         # In some mechanisms base and output mirror each other in a plane, the mid-plane.
-        # `form` is then this architecture with its formulas, otherwise None. The labels are
-        # signs of the legs there, and serve for both modes.
+        # Each leg then has one sign for both modes, so there is no separate working mode.
         has_mid_plane = self.form is not None
         # Inverse kinematics needs as many inputs as the pose has coordinates: 2 of a
         # direction or 3 of an orientation (`COORDINATES`).
@@ -554,8 +553,8 @@ class PoseFinder:
             return without_working_modes
         poses = candidates.orientations
         # With two inputs a pose is the direction of the output, otherwise its orientation.
-        is_direction = kinematics.wrist.points
-        if is_direction:
+        has_direction_poses = kinematics.wrist.points
+        if has_direction_poses:
             poses = poses @ np.array(self.output.direction)
         solutions = kinematics.solutions(poses)
         modes = []
@@ -574,9 +573,9 @@ class PoseFinder:
 
         In a mid-plane symmetric architecture, base and output link mirror each other in a
         plane. This remains true along the path only if the axis lies in the mid-plane of
-        the start. Formulas then give the configurations, also for angles slightly below 0.
-        So the start may be singular: the path is followed from a small negative angle
-        instead. In all other cases the start must not be singular.
+        the start. Formulas then give every configuration, also before the start. A path
+        with a singular start can therefore begin shortly before. In all other cases the
+        start must not be singular.
 
         Parameters
         ----------
@@ -593,7 +592,8 @@ class PoseFinder:
         """
         start_orientation = start.orientations[number]
         architecture = self.form
-        if architecture is not None:
+        if architecture is not None:  # it is mid-plane symmetric
+            # Each sign chooses one of two positions of a leg.
             signs = _signs_of_legs(start.labels[number])
             if isinstance(end, AtRotation):
                 rotation = _rotate_in_mid_plane(architecture, start_orientation, signs, end)
@@ -617,9 +617,9 @@ class PoseFinder:
 def _find_working_mode(solutions: PoseSolutions, pose: int, values: Floats) -> str:
     """Return the label of the working mode of a configuration, "" if it is in none.
 
-    A working mode is one way to assemble the mechanism at a pose of the output. All
-    configurations of the pose are known with their modes. The configuration with the same
-    pair variables is searched.
+    A working mode is one way to assemble the mechanism at a pose of the output. It is given
+    by a sign for each group of links. All configurations of the pose are known with their
+    signs. The configuration with the same pair variables is searched.
 
     Parameters
     ----------
@@ -630,6 +630,7 @@ def _find_working_mode(solutions: PoseSolutions, pose: int, values: Floats) -> s
     values
         (variables,) pair variables (rad) of the configuration.
     """
+    # `solutions.row` has the index of the pose of each configuration.
     rows = np.flatnonzero(solutions.row == pose)
     if len(rows) == 0:
         return ""
@@ -667,13 +668,14 @@ def _rotate_in_mid_plane(
         (legs,) signs, 1.0 or -1.0, of the legs: each chooses one of two positions of the
         leg.
     end
-        Axis and angle of the rotation.
+        Axis and angle of the rotation. The axis is in the axes of the base.
     """
+    # The normal is in mirror axes, a second set of axes fixed to the base. The rotation
+    # `frame` leads from mirror axes to the axes of the base.
     normals, _deviation = architecture.normals(start_orientation[None])
     start_normal = normals[0]
     axis = unit(end.axis)
-    # The sine of the angle between the axis and the mid-plane. The normal is in mirror
-    # axes, from which `frame` leads to the axes of the base.
+    # The sine of the angle between the axis and the mid-plane.
     axis_sine = abs(start_normal @ architecture.frame.T @ axis)
     if not axis_sine < IN_PLANE_RAD:
         return None

@@ -99,7 +99,8 @@ class LegSpan(NamedTuple):
     Attributes
     ----------
     first_pair, second_pair
-        Numbers of the pairs with the outer axes, in the mechanism without driving wheels.
+        Numbers of the pairs with the outer axes. If wheels drive the legs, these are
+        numbers in the mechanism without wheels, in which pairs are numbered anew.
     shortest, longest
         Smallest and largest angle (rad) at which the leg closes.
     is_limited_by_width
@@ -189,7 +190,8 @@ class Constraints:
         (rad); 0 for no limit. The distance is arcsin(min(m, 1)) with a measure m that is 0
         at the singularity. For type I (the input moves while the output rests), m is the
         angular speed of the output per unit rate of the input. For type II (the output can
-        move although the inputs are locked), m is the transmission measure.
+        move although the inputs are locked), m is the transmission measure: how well the
+        locked inputs hold the output.
     width, radius
         Width of the links and radius of the sphere that they are on, in the same unit of
         length; 0 for no limit. A leg has two links and three axes. If it can fold so that
@@ -205,7 +207,7 @@ class Constraints:
 
 
 class LimitedOutput(Protocol):
-    """Interface of an output of a mechanism, from which its limits are computed.
+    """Interface of an output of a mechanism, from which limits of its poses are computed.
 
     Legs carry the output. A leg is two links in series, with three R pairs: one at the
     base, one between both links, and one at the output link. Wheels can drive these links.
@@ -216,10 +218,9 @@ class LimitedOutput(Protocol):
 
     @property
     def carrying(self) -> Mechanism:
-        """The mechanism without the wheels that drive it.
+        """The mechanism without wheels, in which a pose places all links.
 
-        The legs can be placed at a pose without the wheels. The pairs (joints) in `spans`
-        have their numbers in this mechanism.
+        Pair numbers in `spans` belong to this mechanism.
         """
 
     @property
@@ -227,10 +228,10 @@ class LimitedOutput(Protocol):
         """The reach of each leg: the range of the angle between its two outer axes."""
 
     def name_of(self, pair: int) -> str:
-        """Return the name of a pair.
+        """Return the name of a pair for messages.
 
-        Virtual pairs are added to the mechanism to fix the output in a pose. A virtual pair
-        has the name of the output.
+        To fix the output in a pose, pairs are added to the mechanism, which users do not
+        know. The name of such a pair is the name of the output.
         """
 
 
@@ -405,7 +406,7 @@ def _limit_axis_angles(
 
     Three sources give ranges of these angles:
 
-    - the arcs of the two links of a leg, for the angle between its outer axes,
+    - the arcs of the two links of a leg, for the angle between its first and third axis,
     - the width of links, which must not overlap when a leg folds,
     - the ranges of `constraints.apart`, which the user sets for any two axes.
 
@@ -415,8 +416,8 @@ def _limit_axis_angles(
     Parameters
     ----------
     kinematics
-        The output with the reach of its legs. The pairs have their numbers in
-        `kinematics.carrying`: the mechanism without the wheels that drive it.
+        The output, with its legs and the ranges of the angles between their axes. Pair
+        numbers belong to the mechanism `kinematics.carrying`.
     constraints
         The constraints that the user sets.
 
@@ -471,7 +472,7 @@ def _is_always_kept(
     Parameters
     ----------
     mechanism
-        The mechanism that carries the output.
+        The mechanism to which the pairs belong.
     limit
         Range of the angle between two axes.
     pair, other_pair
@@ -499,7 +500,10 @@ def _is_always_kept(
         axis = axis_in(mechanism, joints, pair, link)
         other_axis = axis_in(mechanism, joints, other_pair, link)
         angle = arc(axis, other_axis)
-        if not limit.low - COLLINEAR_SINE <= angle <= limit.high + COLLINEAR_SINE:
+        # COLLINEAR_SINE is so small that the sine equals its angle (rad). This angle is the
+        # tolerance for rounding errors.
+        tolerance = COLLINEAR_SINE
+        if not limit.low - tolerance <= angle <= limit.high + tolerance:
             raise _error(
                 mechanism,
                 f"apart: {where}: both axes are on one link, always "
@@ -510,13 +514,13 @@ def _is_always_kept(
 
 
 def _find_least_link_angle(mechanism: Mechanism, constraints: Constraints) -> float:
-    """Return the least angle (rad) between the outer axes of a leg with wide links.
+    """Return the least angle (rad) between the first and third axis of a leg.
 
     A leg has two links and three axes. If it folds, its links come to lie side by side, and
-    its outer axes are near each other. The links are bands on a sphere, with the axes in
-    the middle of the bands. To avoid a collision, the outer axes stay at least one width
-    apart, an arc of width / radius (Chen et al. 2021, section 3). The angle is 0 for links
-    without width.
+    its first and third axes are near each other. The links are bands on a sphere, with the
+    axes in the middle of the bands. To avoid a collision, these axes stay at least one
+    width apart, an arc of width / radius (Chen et al. 2021, section 3). The angle is 0 for
+    links without width.
 
     Raises
     ------
@@ -525,18 +529,21 @@ def _find_least_link_angle(mechanism: Mechanism, constraints: Constraints) -> fl
     """
     width = constraints.width
     radius = constraints.radius
-    # An angle between axes is at most pi, so the width is at most pi times the radius. The
-    # radius 0 means that the user stated none.
-    fits = 0.0 <= width <= np.pi * radius < np.inf
-    fits_without_width = width == 0.0 and 0.0 <= radius < np.inf
-    if not (fits or fits_without_width):
+    if width == 0.0:
+        fits = 0.0 <= radius < np.inf  # 0 means that the user stated no radius
+    else:
+        # An angle between axes is at most pi, so the width is at most pi times the radius.
+        fits = 0.0 < width <= np.pi * radius < np.inf
+    if not fits:
         raise _error(
             mechanism,
             f"links of width {width:g} do not fit on a sphere of radius {radius:g}; give "
             "both in the same unit of length; neither may be negative, and the radius has "
             "to be at least width / pi",
         )
-    return width / radius if width else 0.0
+    if width == 0.0:
+        return 0.0
+    return width / radius
 
 
 def _limit_pairs(

@@ -14,9 +14,10 @@ from spherekit.outputs.dyad_chain import reciprocal_vectors
 def turns_of(rates: Floats, directions: Floats | None) -> Floats:
     """Return the output's angular velocity per unit rate of each input.
 
-    The rates of the inputs per unit angular velocity form a matrix (inputs, 3). The angular
-    velocities are the columns of the inverse of this matrix. Column i is the angular
-    velocity while input i has the rate 1 and the others are locked.
+    Column i of the result is the angular velocity while input i has the rate 1 and the
+    others are locked. The rates of the inputs per unit angular velocity form a matrix
+    (inputs, 3). With two inputs, the direction of the output is added as a third row. The
+    result is the inverse of this matrix, without the column that belongs to the direction.
 
     Parameters
     ----------
@@ -29,11 +30,10 @@ def turns_of(rates: Floats, directions: Floats | None) -> Floats:
 
     Returns
     -------
-    (k, 3, inputs) angular velocities in the axes of the rates. They are not finite in
-    singular configurations, where the determinant of the rates is zero.
+    (k, 3, inputs) angular velocities. They are not finite in singular configurations, where
+    the determinant of the matrix is zero.
     """
-    # The columns of the inverse are the reciprocal vectors of its rows. With two inputs the
-    # direction is the third row.
+    # The columns of the inverse of a matrix are the reciprocal vectors of its rows.
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         scaled_reciprocals, volume = reciprocal_vectors(rates, directions)
         angular_velocities = scaled_reciprocals / volume[:, None, None]

@@ -42,7 +42,8 @@ def output_kinematics(
     3. Otherwise the output is held in each pose, and the position solver places all links
        group by group.
 
-    Unless there are two or three inputs, only the poses at inputs can be computed.
+    If there are not two or three inputs, only poses can be computed from given inputs, and
+    no inputs from a given pose.
 
     Parameters
     ----------
@@ -60,8 +61,8 @@ def output_kinematics(
         If the output link by itself cannot take every direction (or orientation), or if the
         mechanism does not have as many degrees of freedom as inputs.
     """
-    # A pose has two coordinates (direction) or three (orientation). It determines the
-    # inputs only if they are as many.
+    # A pose has two coordinates (direction) or three (orientation). A pose determines the
+    # inputs only if their number is the same.
     if len(mechanism.inputs) not in COORDINATES:
         return OutputKinematics(mechanism, chosen_output(mechanism, output), points=False)
     inverse = InverseKinematics(mechanism, output)

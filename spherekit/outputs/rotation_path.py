@@ -366,14 +366,14 @@ class RotationPath:
         theta
             (n,) angles of the target (rad).
         deviation
-            The configurations at these angles, compared with the target. They should be the
-            nearest ones.
+            The configurations at these angles, compared with the target. A configuration
+            that is not the nearest one to the target becomes a node that is not valid.
         """
         # First and second derivatives of the variables with respect to theta.
         rates = deviation.rates(self.axis)
         has_rates = all_finite(rates.first, 1)
-        # If the output link can reach the target (`exact`), the error is its rotation to
-        # the target. Otherwise it is a gradient that is 0 at the nearest configuration.
+        # The error (rad) is 0 at the configuration that is nearest to the target. `exact`
+        # says whether the output link can reach the target.
         is_nearest = deviation.error(self.exact) < NEAREST_TOLERANCE_RAD
         return PathNodes(
             theta=theta,
@@ -391,8 +391,8 @@ class RotationPath:
             condition=_measure_conditioning(deviation),
             # Positive if no other configuration nearby is as near to the target.
             stability=_measure_isolation(deviation),
-            # The smallest angular velocity of the output link for rates of unit length. It
-            # is 0 at a limit of its reach.
+            # The smallest angular velocity of the output link for rates of the variables
+            # of unit length. It is 0 at a limit of the reach of the link.
             reach=deviation.output_singular_value,
         )
 
@@ -540,18 +540,21 @@ class RotationPath:
         is a configuration in which the output link is as near to the target as possible. A
         step that fails is halved, and the step after a success is twice as long. Where
         short steps fail, the next configurations may be singular. One step over them is
-        then tried, a leap. The path ends where even the smallest step fails.
+        then tried, a leap. The path ends where even the smallest step fails, or when there
+        are too many nodes.
         """
         nodes = [first_node]
         # Angles (rad) of the singular configurations over which leaps have led.
         singular_thetas: list[float] = []
         step = FIRST_ROTATION_STEP_RAD
-        next_leap_theta = -np.inf  # No leap is tried before this angle.
+        # A leap is tried only beyond this angle, so that the path advances between leaps.
+        next_leap_theta = -np.inf
         end_status = Status.OK
         while (theta := float(nodes[-1].theta[0])) < end:
             node = nodes[-1]
             step = min(step, _longest_step(node))
             if len(nodes) >= MAX_PATH_NODES:
+                # MODE_LOST stands for all reasons without a status of their own.
                 end_status = Status.MODE_LOST
                 break
             if step < SMALLEST_ROTATION_STEP_RAD:

@@ -254,12 +254,14 @@ class TimeScaling:
         return max(self.extremes, key=required_duration_ratio)
 
     def at(self, t: ArrayLike) -> Trajectory:
-        """Return the inputs at times t (n,) from 0 to the duration (s).
+        """Return the inputs, their speeds and accelerations at times in the duration.
+
+        The output link turns by the angle theta, which follows a law of time, `shape`.
 
         Parameters
         ----------
         t
-            (n,) times (s).
+            (n,) times (s) from 0 to the duration.
 
         Raises
         ------
@@ -290,8 +292,8 @@ class TimeScaling:
         Parameters
         ----------
         samples
-            Number of times, at least 2. If the controller has a cycle time, it is ignored:
-            there is one time for each cycle instead.
+            Number of times, at least 2. If the controller has a cycle time, `samples` is
+            ignored: there is one time for each cycle instead.
         """
         if self.cycle is not None:
             # The duration is a whole number of cycles, up to rounding errors. `round` and
@@ -544,7 +546,7 @@ def _evaluate_unit_motion(
     samples
         The samples of the rotation at these times.
     motion
-        (n, 2 inputs) speeds (rad/s) of all inputs, then their accelerations (rad/s2).
+        (n, 2 * inputs) speeds (rad/s) of all inputs, then their accelerations (rad/s2).
 
     Raises
     ------
@@ -556,6 +558,7 @@ def _evaluate_unit_motion(
     # Rounding errors can move s a little outside of 0 to 1, where the rotation is not
     # defined.
     samples = rotation.at(angle * np.clip(s, 0.0, 1.0))
+    # Where the mechanism does not follow the rotation, there are no derivatives.
     is_lost = ~all_finite(samples.second_rates, 1)
     if np.any(is_lost):
         first_lost = np.argmin(np.where(is_lost, samples.theta, np.inf))

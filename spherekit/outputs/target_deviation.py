@@ -209,9 +209,10 @@ class TargetDeviation:
         """The closure Jacobian J, split by its singular value decomposition.
 
         J has the derivatives of the loop closure equations. At a regular configuration its
-        rank is r = variables - degrees of freedom. The pseudo-inverse uses the r largest
-        singular values. The other right singular vectors are the motions that keep the
-        loops closed (null space).
+        rank r is the number of variables minus the degrees of freedom of the mechanism. The
+        pseudo-inverse (n, variables, equations) uses the r largest singular values. The
+        other right singular vectors are the motions that keep the loops closed. They are
+        the columns of the null space (n, variables, freedoms).
         """
         variable_count = self.values.shape[1]
         rank = variable_count - self.output_link.degrees_of_freedom
@@ -223,6 +224,7 @@ class TargetDeviation:
         with np.errstate(all="ignore"):
             inverse = transpose(right_vectors[:, :rank]) / regular[:, None]
             inverse = inverse @ transpose(left_vectors)[:, :rank]
+            # The initial value 1 is the result if there are no loops, so r = 0.
             reciprocal_condition = np.min(regular / regular[:, :1], axis=1, initial=1.0)
         return JacobianSplit(
             pseudo_inverse=inverse,
@@ -280,13 +282,12 @@ class TargetDeviation:
         """(n, variables, 3) the moment that the pair of each variable transmits.
 
         Imagine a torsional spring of unit stiffness between the output link and its target.
-        Its moment on the link is the remaining rotation to the target. Pairs transmit this
+        The configuration nearest to the target is its equilibrium. The moments are needed
+        for derivatives of the equilibrium. The moment of the spring on the link is the
+        remaining rotation to the target, a rotation vector (n, 3). Pairs transmit this
         moment to the base. In a closed loop, they also transmit the reaction that keeps the
-        loop closed. The moment of a pair is the sum of the moment of the spring and the
-        reactions.
-
-        The configuration nearest to the target is the equilibrium of this spring. If the
-        link is on the target, all moments are zero.
+        loop closed. The moment of a pair is the sum of these moments. If the link is on the
+        target, all moments are zero.
         """
         spring_force = np.vecmat(self.remaining_rotation, self.output_jacobian)
         moments = self._transmitted_moments(
@@ -535,8 +536,9 @@ class TargetDeviation:
             output_error = self.remaining_rotation
         else:
             # The remaining rotation d is a rotation vector of the length a. If the link has
-            # the angular velocity w, the rate of a^2 / 2 is -d . w. `free_output_rates` has
-            # w for each motion that keeps the loops closed.
+            # the angular velocity w, the rate of a^2 / 2 is -d . w. Only its size matters.
+            # `free_output_rates` (n, 3, freedoms) has w for motions that keep the loops
+            # closed.
             output_error = np.vecmat(self.remaining_rotation, self.free_output_rates)
         return np.maximum(
             self.linearisation.closure_residual, max_abs(output_error, axis=1)

@@ -289,16 +289,18 @@ class VirtualPairFrames:
 def _make_virtual_frames(direction: Vector) -> tuple[VirtualPairFrames, ...]:
     """Return the frames of three virtual pairs, from the base to the output link.
 
-    The pairs hold the output in its pose. They rotate one after another about z, y and z
-    (Euler angles), where the last axis is the direction of the output.
+    A chain of two virtual links and three virtual pairs joins the base to the output link.
+    If the angles of the pairs are locked, the chain holds the output in a pose. The pairs
+    rotate one after another about z, y and z (Euler angles). The last axis is the direction
+    of the output. At the angle 0, the frames of a pair in its two links coincide.
 
     Parameters
     ----------
     direction
         Direction of the output in the axes of its link.
     """
-    # The columns of a frame are three axes in link axes. The last one is the pair axis. The
-    # angle of the pair is counted from the first one.
+    # The columns of a frame are three unit vectors in link axes. The last one is the pair
+    # axis. The three are in the cyclic order of x, y, z, so the frame is right-handed.
     x, y, z = np.eye(3)
     z_frame = np.stack([x, y, z], axis=1)  # the pair axis is z
     y_frame = np.stack([z, x, y], axis=1)  # the pair axis is y

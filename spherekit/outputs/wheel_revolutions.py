@@ -115,11 +115,10 @@ def _list_possible_lengths(
     """Return rolled lengths with which the wheels may mesh as in the mechanism file.
 
     The rolled length of a contact is the arc (rad) that one wheel has rolled on the other.
-    In the assembly of the file, the rolled lengths are linear functions of the inputs. The
-    given lengths close the loops, but need not obey these functions: wheels may mesh in
-    other teeth than in the file. Whole revolutions of wheels are added to the given
-    lengths. Of the results, all that some inputs produce by the linear functions are
-    returned.
+    If the wheels mesh as in the file, the rolled lengths are linear functions of the
+    inputs. The given lengths close the loops, but may belong to wheels that mesh in other
+    teeth. Whole revolutions of wheels are therefore added to the lengths. Results that are
+    values of the linear functions, for some inputs, are returned.
 
     Parameters
     ----------
@@ -214,9 +213,9 @@ def _find_input_revolutions(
     """Return inputs that roll the given lengths and differ from q by whole revolutions.
 
     Closed loops determine the inputs only up to whole revolutions. The lengths that the
-    wheels have rolled on each other decide how many revolutions there are. Inputs within
-    one period of the wheels are tried. After a period all wheels are in their first
-    positions again.
+    wheels have rolled on each other decide how many revolutions there are. Only inputs up
+    to half a period from q are tried. A period is the change of an input after which all
+    wheels are in their first positions again.
 
     Parameters
     ----------
@@ -249,8 +248,8 @@ def _list_inputs_of_one_period(gear_phases: GearPhases, q: Floats) -> Floats:
     Parameters
     ----------
     gear_phases
-        The ratios by which the lengths that wheels roll on each other follow from the
-        inputs, and the periods.
+        `ratios` (contacts, inputs): the length that the wheels of a contact roll on each
+        other per unit of each input. `periods` (inputs,): the period (rad) of each input.
     q
         (inputs,) values of the inputs (rad).
 
@@ -261,12 +260,10 @@ def _list_inputs_of_one_period(gear_phases: GearPhases, q: Floats) -> Floats:
     wheel remain as they are.
     """
     rolls_wheels = max_abs(gear_phases.ratios, axis=0) > GEAR_RATIO_TOLERANCE
+    # (inputs,) half a period, and the most revolutions that are tried.
     half_period = np.ceil(0.5 * np.asarray(gear_phases.periods) / TURN)  # in revolutions
-    most_revolutions = np.where(
-        rolls_wheels, np.minimum(MAX_INPUT_REVOLUTIONS, half_period), 0
-    )
-    revolutions_of_inputs = [
-        range(-most, most + 1) for most in most_revolutions.astype(int).tolist()
-    ]
+    limited_half_period = np.minimum(MAX_INPUT_REVOLUTIONS, half_period)
+    most_revolutions = np.where(rolls_wheels, limited_half_period, 0).astype(int)
+    revolutions_of_inputs = [range(-most, most + 1) for most in most_revolutions.tolist()]
     combinations = np.array(list(product(*revolutions_of_inputs)), dtype=float)
     return q + TURN * combinations

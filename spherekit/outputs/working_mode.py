@@ -57,18 +57,17 @@ class RateFraction:
 class ClosingLinkState:
     """The state of the closing link of a mechanism at n poses.
 
-    An output that points in a direction can turn about this direction. Once direction and
-    turn are known, most links are placed two at a time: as a dyad (two links with three
-    pairs) between two placed links. One link is left, the *closing link*, which joins two
-    placed links. The angle between the axes of its two pairs must be its arc, which is an
-    equation for the turn. The residual is the cosine of this angle less the cosine of the
-    arc.
+    An output link that points in a direction can turn about this direction. Direction and
+    turn place the output link. All other links but one follow from it. The remaining link,
+    the *closing link*, joins two of them. The angle between the axes of its two pairs must
+    be its arc, which is an equation for the turn. The residual is the cosine of this angle
+    less the cosine of the arc.
 
     Attributes
     ----------
     residual_rate
         Rate of the residual while the output has the angular velocity w: a fraction
-        ``numerator . w / denominator``.
+        ``numerator . w / denominator``. The rate can be infinite, but not its two parts.
     directions
         (3, n) directions of the output.
     status
@@ -164,12 +163,14 @@ class PairRateEquation:
     Attributes
     ----------
     normal
-        (3, n) vector at right angles to the axes of the other two pairs of the dyad.
+        (3, n) vector product of the axes of the other two pairs of the dyad: b x c for the
+        near pair, c x a for the middle pair, b x a for the far pair. Here a is the near
+        axis, b the middle axis and c the far axis.
     triple_product
-        (n,) triple product b . (a x c) of the near axis a, middle axis b and far axis c.
+        (n,) triple product b . (a x c).
     moving_link
-        Number of the moving link: the near link of the dyad for the near pair, the far link
-        for the two other pairs.
+        Number of the moving link: the near link of the dyad for the near pair, otherwise
+        the far link.
     """
 
     normal: Floats
@@ -496,10 +497,11 @@ class WorkingMode:
 
         Returns
         -------
-        (3, n), or (3, 1) if the axis is the same at all poses.
+        (3, n) at n poses, or (3, 1) if the axis is the same at all poses.
         """
         chain = self.chain
-        # The posed link is the one that the poses place. Some of its axes are stated there.
+        # The posed link is placed by the poses. For some of its pairs, the axes are given
+        # with the poses.
         if link == chain.posed_link and pair in self.posed_axes:
             return self.posed_axes[pair]
         # A dyad is two links, joined by its middle pair. The axis of this pair is computed
@@ -572,12 +574,14 @@ class WorkingMode:
     def signed_middle_axis(self, dyad_number: int) -> tuple[Floats, Floats]:
         """Return the middle axis b of a dyad, and the triple product b . (a x c).
 
-        Here a and c are the axes of the near and far pair of the dyad. The axis b is
-        (3, n), the product (n,). Both are NaN where the dyad does not reach.
+        A dyad is two links with three pairs. The middle pair joins the links to each other.
+        The near and the far pair, with the axes a and c, join them to links placed before.
+        The axis b is (3, n), the product (n,). Both are NaN where a and c are at an angle
+        that the two links cannot bridge.
         """
         parts = self._middle_axis_parts(dyad_number)
-        # Note that the result depends on the sign of this dyad. Modes in which this sign is
-        # equal share the result.
+        # Record that the result depends on the sign of this dyad. Modes in which this sign
+        # is equal share the result.
         self.recorded_dyads.add(dyad_number)
         # The side of the plane through a and c on which b is, 1 or -1. If this dyad has the
         # sign 1 in the mode, it is `positive_mode_side`; otherwise it is the other side.
@@ -638,7 +642,7 @@ class WorkingMode:
 
     @_shared_between_modes
     def angle(self, pair: int) -> Floats:
-        """Return the variable (n,) of a pair in (-pi, pi] rad, NaN out of reach.
+        """Return the variable of a pair at n poses, in (-pi, pi] rad, NaN out of reach.
 
         A vector is fixed in each link of the pair, not parallel to the axis. The angle
         about the axis leads from the vector of the first link to the vector of the second
@@ -646,12 +650,15 @@ class WorkingMode:
         variable is 0.
         """
         first_link, second_link = self.chain.ends[pair]
+        # Each vector is known in two sets of axes: at the poses in the axes of the base,
+        # and in a frame of the pair that is fixed in the link. If the variable is 0, the
+        # frames in both links coincide.
         first_vector = self._find_vector_off_axis(pair, first_link)
         second_vector = self._find_vector_off_axis(pair, second_link)
         axis = self.axis(pair, second_link)
         angle_at_poses = _angle_about_axis(axis, first_vector, second_vector)
         angle_at_zero = _angle_at_zero(first_vector, second_vector)
-        return angle_at_poses.subtract(angle_at_zero)
+        return angle_at_poses.subtract(angle_at_zero)  # reduced to (-pi, pi]
 
     def _find_vector_off_axis(self, pair: int, link: int) -> LinkVector:
         """Return a vector of a link that is not parallel to the axis of a pair.
@@ -714,9 +721,10 @@ class WorkingMode:
         """
         chain = self.chain
         dyad = chain.dyads[chain.dyad_of_pair[pair]]
-        # One of the two links of the pair is the moving link. Its rate relative to the
-        # other one follows from the angular velocities of the supports:
+        # The equation gives the rate of one link of the pair (the moving link) relative to
+        # the other link, from the angular velocities w_near and w_far of the supports:
         #     normal . (w_far - w_near) = -triple_product * rate.
+        # The triple product is b . (a x c) of the three pair axes a, b, c of the dyad.
         equation = self._pair_rate_equation(pair)
         # The normal is at right angles to the axes of the other two pairs of the dyad. If a
         # support turns about one of these axes, this adds nothing to normal . w. So such
@@ -742,9 +750,9 @@ class WorkingMode:
     def _pair_rate_equation(self, pair: int) -> PairRateEquation:
         """Return the equation for the rate of a pair of a dyad.
 
-        A dyad is two links between two supports. The chain is: near support, near pair,
-        near link, middle pair, far link, far pair, far support. The three pairs have these
-        axes and rates:
+        A dyad is two links between two supports. It can be placed in two ways, and a
+        working mode chooses one of them. The chain is: near support, near pair, near link,
+        middle pair, far link, far pair, far support. The pairs have these axes and rates:
 
         - a, A: the rate of the near link relative to the near support,
         - b, B: the rate of the far link relative to the near link,
@@ -767,7 +775,8 @@ class WorkingMode:
         dyad_number = self.chain.dyad_of_pair[pair]
         dyad = self.chain.dyads[dyad_number]
         a, c = self._outer_axes(dyad_number)
-        # The middle axis in this mode, and the triple product.
+        # The middle axis b (3, n) and the triple product t (n,) at n poses, if the dyad is
+        # placed in the way of this mode.
         b, t = self.signed_middle_axis(dyad_number)
         if pair == dyad.near_pair:
             return PairRateEquation(
@@ -807,7 +816,8 @@ class WorkingMode:
             Number of the link; its angular velocity is relative to the base.
         normal_pairs
             Pairs whose axes are at right angles to the vector. Rotation about them adds
-            nothing to the scalar product, so their rates are not computed.
+            nothing to the scalar product, so their rates are not computed. Only pairs of
+            the link have an influence.
         """
         chain = self.chain
         if link == chain.base:
@@ -819,9 +829,10 @@ class WorkingMode:
         if self._is_on_one_axis(outer_pair, normal_pairs, link):
             # The outer pair has the same axis as one of the normal pairs. So its axis is at
             # right angles to the vector, and its rate adds nothing. Only the part of the
-            # support remains. In it, the outer pair is passed as a normal pair: the next
-            # outer pair could have the same axis, too.
+            # support remains. The outer pair belongs to the support, too. It is a normal
+            # pair there.
             return self.angular_velocity_along(vector, support, normal_pairs=[outer_pair])
+        # The sum above. Normal pairs of this link do not belong to its support.
         support_part = self.angular_velocity_along(vector, support)
         # The rate of a pair is the rate of its second link relative to its first link.
         pair_rate = self.pair_rate(outer_pair)
@@ -901,23 +912,23 @@ class WorkingMode:
         that continue the square beyond this limit. It returns 0 where the dyad of the input
         reaches the pose, or where its outer axes are unknown.
 
-        A dyad is two links between two others, with three pair axes a, b and c. Let it join
-        the base to the output link, and let the input drive the link with the axes a and b.
-        The angular velocity w of the output is the sum of these axes times the rates of
-        their pairs. Let v = b x c, which is perpendicular to b and c. If the input has unit
-        rate, then v . w = v . a = t, with the triple product t of the three axes. The
-        length of v is sin(arc) with the arc of the link that the input does not drive. So
-        the speed of the output along v is |t| / sin(arc). If the input is at c, the result
-        is the same with a and c exchanged.
+        A dyad is two links between two others, with three pair axes a, b and c. Its near
+        link has the axes a and b, its far link b and c. Let the dyad join the base to the
+        output link, and let the input be the pair at a. The angular velocity w of the
+        output is the sum of the axes times the rates of their pairs. Let v = b x c, which
+        is perpendicular to b and c. If the input has unit rate, then v . w = v . a = t,
+        with the triple product t of the three axes. The length of v is sin(arc) with the
+        arc of the far link. So the speed of the output along v is |t| / sin(arc). If the
+        input is at c, the result is the same with a and c exchanged.
 
-        The square of t becomes negative smoothly out of reach. In other dyads the speed is
-        not exactly this quotient, but it also becomes 0 where t does. The quotient is used
-        for them, too.
+        The square of t follows from the three angles between the axes. By this formula it
+        becomes negative smoothly out of reach. In other dyads the speed is not exactly this
+        quotient, but also becomes 0 where t does. The quotient is used for them, too.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         dyad = self.chain.dyads[dyad_number]
         near_arc, far_arc = dyad.arcs
-        # The near pair, if it is the input, drives the near link.
+        # The arc of the link that the input does not drive.
         if pair == dyad.near_pair:
             undriven_arc = far_arc
         else:

@@ -114,14 +114,14 @@ def make_margins(
 ) -> Margins:
     """Return a function that computes how well poses keep all limits, in one working mode.
 
-    Each limit of an angle gives a pose a margin: the difference between the cosines of the
-    angle and of its limit, negative beyond the limit. A working mode is one way to assemble
-    the legs.
+    Each limit of an angle gives a pose a margin. Its size is the difference between the
+    cosines of the angle and of the limit. The margin is negative beyond the limit. A
+    working mode is one way to assemble the legs.
 
     Parameters
     ----------
     kinematics
-        The output, with formulas that give the configuration of the mechanism at a pose.
+        The formulas that give the configuration of the mechanism at a pose of its output.
     bounds
         The limits of angles that a pose has to keep.
     signs
@@ -137,11 +137,10 @@ def make_margins(
         """Return the margins (n, bounds), negative beyond a limit."""
         # Poses that the legs cannot reach have NaN, without warnings.
         with np.errstate(all="ignore"):
-            mode = kinematics.at(_convert_poses(kinematics, poses), signs)
-            # The method `column` returns the margins (n,) of one limit: the difference of
-            # cosines.
-            margin_of_each_limit = [limit.column(mode) for limit in bounds]
-            return np.stack(margin_of_each_limit, axis=1)
+            configurations = kinematics.at(_convert_poses(kinematics, poses), signs)
+            # The method `column` returns the margins (n,) of one limit.
+            margins_of_limits = [limit.column(configurations) for limit in bounds]
+            return np.stack(margins_of_limits, axis=1)
 
     return margins
 
@@ -416,8 +415,9 @@ def nearest_reachable(
     # Reachable poses (k, 3 or 4) from which the search starts, in addition to evenly spread
     # ones.
     if isinstance(workspace, OrientationWorkspace):
-        # `place` is one orientation well inside.
-        inside_poses = workspace.orientations.place[None]
+        # `orientations.place` is the orientation deepest inside the workspace.
+        deepest_pose = workspace.orientations.place
+        inside_poses = deepest_pose[None]
     else:
         region = workspace.region
         if not region.components:
