@@ -165,9 +165,9 @@ class Bearings(BearingFriction):
             another load has bearings of the same pair.
         """
         super().check(key, mechanism)
-        # A pair has one or two bearings, which support a couple. A single bearing does this
-        # together with the centre of the sphere, so it must not be there. Two bearings do
-        # this with opposite forces, so their positions must differ.
+        # A pair has one or two bearings, which support a couple by opposite forces. With a
+        # single bearing, the second force acts at the centre of the sphere. So the bearing
+        # must not be at the centre. Two bearings must not be at the same position.
         if len(self.positions) == 1:
             has_lever = self.positions[0] != 0.0
         elif len(self.positions) == 2:

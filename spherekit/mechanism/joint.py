@@ -193,9 +193,9 @@ class Joint(ABC):
         """Return the frames and curvatures of m pairs of one kind at n samples.
 
         A contact is between two profiles (curves), one on each link. The states have the
-        geodesic curvatures of both and their derivatives with respect to arc length. They
-        also tell whether the contact point is between the ends of both (`inside`). R pairs
-        (hinges) override this method.
+        geodesic curvatures of both profiles and the derivatives of the curvatures with
+        respect to arc length. `inside` tells whether the contact point is between the ends
+        of both profiles. R pairs (hinges) override this method.
 
         Parameters
         ----------
@@ -250,8 +250,8 @@ class Joint(ABC):
 
         Each class of pairs (joints) implements this method for m pairs of its kind in n
         configurations. The velocity vector of a variable is the angular velocity of the
-        second link relative to the first, per unit rate of the variable. It turns with the
-        links. At a contact, it also changes with the curvatures of the profiles.
+        second link relative to the first, per unit rate of the variable. This vector turns
+        with the links. At a contact, the curvatures of the profiles also change the vector.
 
         Parameters
         ----------

@@ -292,8 +292,8 @@ def _arc_between_starts(
 
     Returns
     -------
-    The arc length (rad), positive counter-clockwise about the centre. It is 0 for profiles
-    by points, which start at the first point in any axes.
+    The arc length (rad), positive counter-clockwise about the centre. For profiles by
+    points, which start at the first point in any axes, the result is 0.
     """
     # `round_axis` is the axis of a circle or great circle. Other curves have none.
     if profile.round_axis is None or rotated_profile.round_axis is None:

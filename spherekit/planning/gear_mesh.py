@@ -103,9 +103,9 @@ class CarriedContact(NamedTuple):
     and sin(s) g. So sin(r) f - sin(s) g is constant.
 
     Wheels that touch from outside turn in opposite senses about their own centres, so that
-    the sum would be constant. For one of them, the opposite point of the sphere is
-    therefore taken as centre. The angle about this centre has the opposite sign. The radius
-    is 180 degrees minus the usual radius, with the same sine.
+    sin(r) f + sin(s) g would be constant. For one of the wheels, the opposite point of the
+    sphere is therefore taken as centre. The angle about this centre has the opposite sign.
+    The radius is 180 degrees minus the usual radius, with the same sine.
 
     Attributes
     ----------

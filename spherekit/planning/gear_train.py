@@ -69,8 +69,8 @@ class GearTrain(NamedTuple):
     wheel_lengths
         (contacts, 2) arc lengths (rad) along the circles of both wheels to the point where
         they touch if the variables of all R pairs are zero, with whole turns. Lengths are
-        measured from the point of each circle that touches when the rolled length is zero.
-        They tell which teeth mesh. NaN if a reference pose determines `offsets` and
+        measured from the point of each circle that touches when the rolled length is zero,
+        and tell which teeth mesh. NaN if a reference pose determines `offsets` and
         `lengths`.
     """
 

@@ -34,9 +34,9 @@ class MotionRates:
     Attributes
     ----------
     scaled_speeds
-        The rate of each input, divided by the determinant D of the velocity equations. To
-        avoid divisions, other expressions are D times a rate while one input moves at unit
-        rate. The sum of these, each times the scaled speed of its input, is the rate.
+        The rate of each input, divided by the determinant D of the velocity equations. A
+        rate of the motion is a sum over the inputs: of D times the rate while only this
+        input moves at unit rate, times the scaled speed of this input.
     variable_rates
         The rate of each pair (joint) variable.
     w

@@ -939,7 +939,7 @@ class DesignExpressions:
         Parameters
         ----------
         pair
-            Name of the middle pair of the dyad. It must be the middle pair of one.
+            Name of the middle pair of a dyad.
         """
         number = self.mechanism.pair_number[pair]
         dyads = (group for group in self.structure.assembly.groups if group.is_dyad)

@@ -47,9 +47,9 @@ class ComparedRows:
     """Rows of one assembly mode at which the computed directions of poles may be reversed.
 
     A pole is the axis of the relative rotation of two links. Its computed direction can
-    jump to the opposite direction from one row to the next. It is then multiplied by -1, so
-    that it is continuous. Such jumps are possible only at compared rows. All rows up to the
-    next compared row get the factor (1 or -1) of the compared row before them.
+    jump to the opposite direction from one row to the next. A factor of 1 or -1 in each row
+    makes the direction continuous. Jumps are possible only at compared rows. The rows from
+    one compared row to the next have the same factor.
 
     Attributes
     ----------
@@ -469,8 +469,8 @@ def _add_signs_at_rest(
 
     A pole is the axis of the relative rotation of two links. The sign of its direction
     normally follows their relative angular velocity. Where the links rest, the direction
-    may still be known. It then gets the sign that agrees with the direction at the nearest
-    moving row.
+    may still be known. Its sign is then chosen such that the direction is close to that at
+    the nearest moving row, rather than to its opposite.
 
     Parameters
     ----------
@@ -561,13 +561,13 @@ def _sign_changes(path: VelocityPath) -> Floats:
     (k - 1,) -1 between two samples if v reverses an odd number of times, otherwise +1.
     """
     sign_changes = np.ones(len(path.coordinate) - 1)
-    # Only in these gaps between two samples can v have reversed.
+    # The gaps between two samples in which v can have reversed.
     gaps = np.flatnonzero(dot_columns(path.v[:, 1:], path.v[:, :-1]) < 0.0)
     if len(gaps):
         # (3, points, gaps) values of v at many points of each gap.
         v = _interpolate_in_gaps(path, gaps)
-        # v reverses where its scalar product with the next value is negative. The points
-        # are close, so v turns by more than 90 degrees between two of them only there.
+        # v reverses where its scalar product with the next value is negative. Between such
+        # close points, v turns by more than 90 degrees only if it reverses.
         products = np.sum(v[:, 1:] * v[:, :-1], axis=0)
         reversal_counts = np.sum(products < 0.0, axis=0)
         sign_changes[gaps] = np.where(reversal_counts % 2 == 1, -1.0, 1.0)

@@ -321,8 +321,8 @@ def make_closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | N
 
     A dyad is two links in series between two other links. It can be closed in two ways, and
     a sign chooses one of them. If its links are too short or too long, it cannot be closed.
-    A number shows this, the square of the triple product of its three axes. It is computed
-    from the arcs of the links, and is then negative.
+    The square of the triple product of its three axes, computed from the arcs of its links,
+    is then negative.
 
     Parameters
     ----------

@@ -433,9 +433,9 @@ def _eliminated_inverses(jacobians: Floats, order: EliminationOrder) -> Floats:
     for loop, chosen in order:
         # (n, 3, chosen) the coefficients of the variables of the pivot.
         coefficients = rows_by_loop[loop][:, :, chosen]
-        # The equations of this loop are multiplied by the left inverse of these
-        # coefficients. This solves them for the variables of the pivot. The solution, one
-        # row per variable, replaces the equations.
+        # The equations of this loop are solved for the variables of the pivot, by a product
+        # with the left inverse of the coefficients. The solution, one row per variable,
+        # replaces the equations.
         solved_rows = _solving_matrix(coefficients) @ rows_by_loop[loop]
         rows_by_loop[loop] = solved_rows
         # The solution is inserted into all other loops.

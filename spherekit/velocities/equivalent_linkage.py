@@ -149,8 +149,9 @@ class EquivalentLinkage:
         """Return the rotation from the first to the second link of each R pair (hinge).
 
         The linkage has R pairs only. It replaces a mechanism with contacts of circles. A
-        sliding contact becomes a link between the centres of both circles. Rolling contacts
-        give no pair here. They only couple the angles of other pairs.
+        sliding contact becomes a link between the centres of both circles. A rolling
+        contact gives no pair here. Its only effect is that it couples the angles of other
+        pairs, which is described elsewhere.
 
         Each rotation from link to link is a constant rotation, the rotation by the variable
         of the pair, and another constant rotation. The constant rotations depend on the

@@ -317,9 +317,9 @@ class GroupEquations:
         no other loop (private variables), there is one direction, perpendicular to their
         vectors. The component along this direction does not contain the two rates. (The
         other two components only determine the two rates, later.) If the loop has no
-        private variables, there is one direction along the vector of each variable. The
-        caller chooses independent components from all these. The directions turn with the
-        mechanism, so chosen components usually remain independent as it moves.
+        private variables, there is one direction along the vector of each variable. From
+        all directions the caller chooses some with independent components. The directions
+        turn with the mechanism, so components usually remain independent as it moves.
 
         Parameters
         ----------
@@ -376,7 +376,7 @@ class GroupEquations:
 
         The equation of each loop is sum of a_v x_v + c = 0. a_v are the vectors and x_v the
         rates of its unknown variables, and c is a known vector. Components of these vector
-        equations are a square system for the unknown rates. Cramer's rule gives D x_v with
+        equations form a square system for the unknown rates. Cramer's rule gives D x_v with
         the determinant D, without a division. So the result is finite where D is zero.
 
         Parameters
@@ -540,8 +540,8 @@ def _solve_private_rates(
 
         x a + y b + s = 0.
 
-    The vector s is known. It is D times `known_part`, plus the sum of a_v (D x_v) over the
-    other variables v with the vectors a_v. The component of the loop equation along
+    The known vector s is D times `known_part`, plus the sum of a_v (D x_v) over the other
+    variables v with the vectors a_v. The component of the loop equation along
     n = a x b was solved before, so s is at right angles to n. The scalar products of the
     equation with n x b and with a x n give
 

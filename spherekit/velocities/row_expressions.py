@@ -104,7 +104,7 @@ class RowExpressions(VelocityEquations):
             Symbols of all pair variables.
         pivots
             The order in which variables that are not inputs are eliminated. A pivot is a
-            loop, and up to three variables. The equations of the loop are solved for these.
+            loop and up to three variables, for which the equations of the loop are solved.
         inputs
             Indices of the driven pairs.
         """
@@ -201,8 +201,8 @@ class RowExpressions(VelocityEquations):
         """Return bounds of the errors of a variable's vector and of its slide.
 
         The vector is the angular velocity of a pair (joint) per unit rate of the variable.
-        It turns with a link. At a contact, it also changes with the variable. The slide is
-        its derivative with respect to the variable, as seen from the link, or 0.
+        The vector turns with a link. At a contact, the vector also changes relative to this
+        link. The slide is this change per unit of the variable.
 
         The loops of a computed configuration are open by up to `opening_rad`. Compared with
         the closed configuration, the link is therefore turned, and the variable differs:

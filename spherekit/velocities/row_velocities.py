@@ -194,7 +194,8 @@ class RowVelocities:
 
         A pole is the axis about which two links rotate relative to each other. The quantity
         is NaN in rows without a configuration. In rows in which the rates could not be
-        computed, only directions are not NaN. If no row has rates, everything is NaN.
+        computed, all quantities but directions are NaN. If no row has rates, directions are
+        NaN, too.
 
         Parameters
         ----------

@@ -217,14 +217,15 @@ class PassiveEquations:
     """The loop equations J x = 0 of the passive pairs, in units that suit a measure.
 
     Passive pairs (joints) are those that no input locks. A pair allows relative angular
-    velocities along a line, or in a plane if it has two variables. They are described by
-    one unit vector, or by two at right angles. x are the rates along these vectors.
+    velocities along a line, or in a plane if it has two variables. One unit vector spans
+    the line, and two unit vectors at right angles span the plane. x are the rates along
+    all unit vectors.
 
     The equation of a loop says that the angular velocities of its pairs add up to zero. In
     this sum, a pair has the coefficient 1 or -1 if the loop passes it, otherwise 0. The
     equations of all loops are replaced by as many linear combinations. The rows of their
     coefficients have length 1 and are at right angles to each other. The singular values of
-    J are then between 0 and 1. They do not depend on the units of the variables or on the
+    J are then between 0 and 1, and do not depend on the units of the variables or on the
     choice of the loops.
 
     Attributes
