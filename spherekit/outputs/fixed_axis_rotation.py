@@ -358,13 +358,10 @@ class FollowedRotation(RotationPath):
             # The interval from low to high becomes -1 to 1.
             x = (2.0 * theta[is_near] - low - high) / (high - low)
             degree = LEAP_CHEBYSHEV_POINTS - 1
-            # The first derivatives are replaced, then the second ones.
-            for samples, result in (
-                (rates_at_points.first, rates.first),
-                (rates_at_points.second, rates.second),
-            ):
-                coefficients = chebfit(chebyshev_points, samples, degree)
-                result[is_near] = chebval(x, coefficients).T
+            first_series = chebfit(chebyshev_points, rates_at_points.first, degree)
+            rates.first[is_near] = chebval(x, first_series).T
+            second_series = chebfit(chebyshev_points, rates_at_points.second, degree)
+            rates.second[is_near] = chebval(x, second_series).T
         return rates.first, rates.second
 
 
