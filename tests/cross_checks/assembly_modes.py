@@ -169,7 +169,8 @@ def whole_turns(evidence, notes):
 
     Three samples are compared. Without wheels the configurations at an input repeat after a
     whole turn. Rolling contacts (Cr) can have rolled on by then, so such mechanisms are
-    left out.
+    left out. So are configurations near a dead centre, because rounding decides there
+    whether a run finds them.
 
     Parameters
     ----------
@@ -193,11 +194,13 @@ def whole_turns(evidence, notes):
     for sample in samples:
         inputs, values = read_sample(evidence, sample)
         rows = (moved_motion.sample == sample) & (moved_motion.status == Status.OK)
-        # The orientations of both follow from the pair variables, by the same analysis.
+        # Orientations (n, links, 3, 3) of the configurations away from dead centres. The
+        # same analysis computes them from the pair variables of both runs.
         a_turn_on = well_conditioned_orientations(
             position_analysis, moved_motion.values[rows]
         )
         in_run = well_conditioned_orientations(position_analysis, values)
+        # A claim says whether a run may lack configurations.
         compare(
             notes,
             describe_inputs(inputs),

@@ -31,8 +31,8 @@ def _register_default_command(analysis):
     @check(
         f"{analysis} by default",
         f"`run -a {analysis}` computes tables or says why not; rows are in the range of "
-        "the inputs, numbers are exactly where the status is OK, a message explains an "
-        "empty table, the summary counts the rows of the tables",
+        "the inputs, a row has numbers if its status is OK and none otherwise, a message "
+        "explains an empty table, the summary counts the rows of the tables",
     )
     def check_default_command(evidence, notes):
         """Run the analysis without options, and check its tables, messages and counts.
@@ -49,6 +49,7 @@ def _register_default_command(analysis):
             return
         for name, frame in run.tables.items():
             judge_rows(evidence, name, frame, notes)
+        # The main table has the name of the analysis.
         judge_main_table(run, analysis, notes)
         judge_counts(run, notes)
 
@@ -106,11 +107,11 @@ def judge_rows(evidence, name, frame, notes):
 
 
 def _note_rows_out_of_range(evidence, name, frame, notes):
-    """Note rows outside the ranges of the inputs that do not say so.
+    """Note rows that are outside the ranges of the inputs without being marked so.
 
-    Tables with a column `inside` may have such rows if the column has the text "no" there.
-    Tables of wanted poses (workspace, inverse kinematics, equivalent rotation) have no
-    range of inputs.
+    A table may mark rows as outside by the text "no" in its column `inside`. A row inside
+    with this mark is noted, too. Tables of wanted poses (workspace, inverse kinematics,
+    equivalent rotation) have no range of inputs.
 
     Parameters
     ----------
@@ -127,8 +128,10 @@ def _note_rows_out_of_range(evidence, name, frame, notes):
         return
     q = frame[columns].to_numpy(dtype=float)
     ends = np.array([sorted((item.start, item.stop)) for item in inputs])
-    # Distance (rad) beyond the nearest end of the range, negative inside.
-    beyond = np.max(np.maximum(ends[:, 0] - q, q - ends[:, 1]), axis=1)
+    # (rows, inputs) distance (rad) beyond the nearest end of the range, negative inside.
+    beyond_of_inputs = np.maximum(ends[:, 0] - q, q - ends[:, 1])
+    # One input outside its range makes the row one outside.
+    beyond = np.max(beyond_of_inputs, axis=1)
     is_marked_outside = np.zeros(len(frame), dtype=bool)
     if "inside" in frame:
         is_marked_outside = frame["inside"].to_numpy() == "no"
@@ -153,7 +156,8 @@ def judge_main_table(result, analysis, notes):
     """Note a missing main table of an analysis, or an empty one that nothing explains.
 
     The main table has the name of the analysis. A printed line about the analysis with one
-    of the words `NOTHING` explains an empty table.
+    of the words `NOTHING` explains an empty table. The kind of the findings is `SILENT`: a
+    result is missing, and no message says so.
     """
     frame = result.tables.get(analysis)
     notes.count_comparisons()

@@ -56,7 +56,8 @@ def _check_on_curves(evidence, points, notes):
     Each must lie on its configuration curve at the input that is listed. There the
     mechanism with a locked input must be nearly movable: its condition number
     (`conditioning`) must exceed `MIN_SINGULAR_CONDITIONING`. Only singularities that are
-    certain and have an arc length `s` on a curve are checked.
+    certain and have an arc length `s` on a curve are checked. In a singularity of type III
+    two curves may cross.
 
     Parameters
     ----------
@@ -70,6 +71,7 @@ def _check_on_curves(evidence, points, notes):
     position_analysis = evidence.position_analysis
     input_variable = position_analysis.solver.input_variable
     points = points[points["s"].notna() & (points["certain"] == "yes")]
+    # Rows without some pair angles count their arc length in another way.
     points = _with_all_angles(points)
     row: Any
     # A few singularities of each mechanism are enough.
@@ -83,8 +85,8 @@ def _check_on_curves(evidence, points, notes):
             f"{conditioning:.3g} there",
         )
         if row.kind == "III":
-            # Two curves may cross in a type III; they are followed only up to a small
-            # distance from it.
+            # A computed curve ends a small distance before a crossing, so its input differs
+            # there. The condition number is large all the same.
             continue
         input_difference = abs(values[0, input_variable] - row.q)
         # Inputs that differ by whole turns are the same.
@@ -112,9 +114,9 @@ def _check_beside_listed_inputs(evidence, points, notes):
 
     At a singularity of type II or III two configurations meet, and the mechanism can move
     although its inputs are locked. One input at a time is changed by `DISTANCE_BESIDE_RAD`,
-    up and down, and all configurations are computed there. At least one must be nearly
-    singular: its condition number with locked inputs must be `MIN_CONDITIONING_BESIDE` or
-    more.
+    up and down, and all configurations are computed there. At least one of them must be
+    nearly singular: its condition number with locked inputs (`conditioning`) must be at
+    least `MIN_CONDITIONING_BESIDE`. The condition number is infinite at a singularity.
 
     Parameters
     ----------
@@ -122,7 +124,7 @@ def _check_beside_listed_inputs(evidence, points, notes):
         `Evidence`, which has the mechanism and the results of its analyses; and `Notes`,
         which collect contradictions.
     points
-        The table of singularities.
+        Rows of the table of singularities, all of type II or III.
     """
     position_analysis = evidence.position_analysis
     names = [f"q_{name}" for name in position_analysis.inputs]
@@ -218,6 +220,8 @@ def _is_point_listed_between(evidence, points, low, high):
     is_whole_curve = points["s"].isna() & points["q"].isna()
     if is_whole_curve.any():
         return True
+    # Over a whole turn both ends of the range are one configuration, which is listed at one
+    # end only. It is added at the other end.
     listed_q = add_opposite_ends(evidence, points["q"].to_numpy(dtype=float))
     is_between = (listed_q >= low - SAME_INPUT_RAD) & (listed_q <= high + SAME_INPUT_RAD)
     return bool(is_between.any())
@@ -252,8 +256,8 @@ def singular_rows_are_listed(evidence, notes):
 
     A row is one sample in one assembly mode. No singularity is required if the run says
     that the mechanism is singular everywhere, or if a whole configuration curve is listed
-    as singular. With several inputs the singular configurations are curves or surfaces, of
-    which the list has only some points. So a large distance is then no contradiction.
+    as singular. With several inputs nothing is required, and rows are only counted: the
+    singular configurations are then curves or surfaces, and the list has some points only.
 
     Parameters
     ----------
@@ -284,12 +288,12 @@ def singular_rows_are_listed(evidence, notes):
         names = [f"q_{name}" for name in evidence.position_analysis.inputs]
         places = points[names].to_numpy(dtype=float)
         has_whole_curve = False
+    is_required = evidence.has_one_input and not has_whole_curve and not is_everywhere
     for q in rows[names].to_numpy()[:MAX_CHECKED]:
         gap = np.min(np.max(np.abs(places - q), axis=1), initial=np.inf)
-        is_excused = has_whole_curve or is_everywhere or not evidence.has_one_input
         is_listed = gap < 1e-3
         notes.add_contradiction_if(
-            not is_listed and not is_excused,
+            is_required and not is_listed,
             f"a row at {describe_inputs(q)} is AT_SINGULARITY, the nearest place listed is "
             f"{gap:.2e} rad off",
         )

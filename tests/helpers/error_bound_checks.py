@@ -9,6 +9,7 @@ from typing import final
 import numpy as np
 from mechanism_examples.special_mechanisms import special_mechanism
 
+from spherekit.arrays import Bools
 from spherekit.errors import SpherekitError
 from spherekit.geometry.rotation import Floats
 from spherekit.planning.pole_plan import all_poles
@@ -49,8 +50,8 @@ class ErrorComparison:
     error, bound
         Per kind of `KINDS` a list of arrays, with one error and one bound per number.
     rows
-        Number of rows with status OK; one row is a configuration and the input that moves
-        in it.
+        Number of rows with status OK. A row is one configuration with one of its inputs
+        moving alone.
     pole_rows
         Number of these rows times number of poles.
     failed_rows
@@ -104,7 +105,7 @@ class ErrorComparison:
 def judge_bounds(mechanism, path, **options):
     """Assert that every number in a row with status OK has an error bound that holds.
 
-    A row is one configuration with the input that moves in it.
+    A row is one configuration with one of its inputs moving alone.
 
     Parameters
     ----------
@@ -168,7 +169,7 @@ def compare_special_mechanism(seed):
 def compare_errors_with_bounds(position_analysis, as_written=False, every=0):
     """Compare all rows of a motion that have status OK with their reference.
 
-    A row is one configuration with the input that moves in it. The reference solves the
+    A row is one configuration with one of its inputs moving alone. The reference solves the
     same loops in more digits.
 
     Parameters
@@ -215,10 +216,14 @@ def compare_errors_with_bounds(position_analysis, as_written=False, every=0):
         # compared with the float64 reference, whose mechanism is slightly different.
         float64_rows = is_ok & ~field.is_decimal
         if np.any(float64_rows):
-            _compare_rows(comparison, evaluated_poles, float64_rows, False, every)
+            _compare_rows(
+                comparison, evaluated_poles, float64_rows, is_decimal=False, every=every
+            )
         decimal_rows = is_ok if as_written else is_ok & field.is_decimal
         if np.any(decimal_rows):
-            _compare_rows(comparison, evaluated_poles, decimal_rows, True, every)
+            _compare_rows(
+                comparison, evaluated_poles, decimal_rows, is_decimal=True, every=every
+            )
     return comparison
 
 
@@ -285,7 +290,7 @@ class EvaluatedPoles:
 class RowErrors:
     """Errors of some rows against a reference, and the bounds stated for them.
 
-    A row is one configuration with the input that moves in it.
+    A row is one configuration with one of its inputs moving alone.
 
     Attributes
     ----------
@@ -297,7 +302,7 @@ class RowErrors:
 
     errors: dict[str, Floats]
     bounds: dict[str, Floats]
-    has_reference: Floats
+    has_reference: Bools
 
     def find_doubtful_rows(self):
         """Return the rows (rows,) on which the rounding of the reference might decide.
@@ -327,7 +332,10 @@ class RowErrors:
         self.has_reference[is_replaced] = better.has_reference
 
     def append_to(self, comparison):
-        """Append the errors and bounds that are numbers to an `ErrorComparison`."""
+        """Append errors and bounds to an `ErrorComparison`, where both have a value.
+
+        An infinite bound is a value: spherekit then promises nothing.
+        """
         comparison.rows_without_reference += int(np.sum(~self.has_reference))
         for kind in KINDS:
             errors = self.errors[kind]
@@ -340,9 +348,9 @@ class RowErrors:
 def _compare_rows(comparison, evaluated_poles, rows, is_decimal, every):
     """Append errors and bounds of some rows to a comparison.
 
-    A row is one configuration with the input that moves in it. All rows are compared with a
-    reference in few digits first. Doubtful rows have no reference, or an error of more than
-    half of its bound. They, and one of `every` rows, are compared again in 50 digits.
+    A row is one configuration with one of its inputs moving alone. All rows are first
+    compared with a reference in few digits. Doubtful rows have no reference, or an error of
+    more than half of its bound. Doubtful rows are compared again in 50 digits.
 
     Parameters
     ----------
@@ -356,13 +364,14 @@ def _compare_rows(comparison, evaluated_poles, rows, is_decimal, every):
         Whether the sizes of the reference mechanism are the exact decimal numbers of the
         file, and not these numbers rounded to float64.
     every
-        One of this many rows is compared in 50 digits even if it is not needed; 0 for none.
+        One of this many rows is compared in 50 digits even if it is not doubtful; 0 for
+        none.
     """
     row_errors = _errors_of_rows(evaluated_poles, rows, is_decimal, Digits(MIN_DIGITS))
     needs_50_digits = row_errors.find_doubtful_rows()
     if every:
-        # The first one is arbitrary. It changes with the inputs and the kind of reference,
-        # so that not always the same samples are chosen.
+        # The first row is arbitrary. The count of rows so far and the kind of reference
+        # choose it, so that different calls choose different rows.
         first = comparison.rows
         if is_decimal:
             first += 1

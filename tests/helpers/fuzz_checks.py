@@ -122,9 +122,9 @@ def _check_seed(seed, tally):
             motion = position_analysis.motion()
             poles = all_poles(len(mechanism.links))
             for pair in motion.assembly.inputs:
-                # Directions (`poles`) and velocity coefficients (`rates`) of all poles.
-                # `by_rank` is true if the degrees of freedom follow from the rank of the
-                # velocity equations, because their count gives another number.
+                # Directions (`poles`) and velocity coefficients (`rates`) of all poles, the
+                # axes of relative rotation. `by_rank` is true if the degrees of freedom
+                # follow from the rank of the velocity equations, not from counting.
                 pole_request = request(
                     position_analysis.mechanism,
                     mechanism.pairs[pair].name,
@@ -155,7 +155,7 @@ def find_faults(motion, field, moving_input, tally):
     assembly mode (way to assemble the links). The reference are angular velocities of all
     links by least squares (`link_rates`), without poles.
 
-    Velocities are compared as if the configuration were exact first. Near a singularity,
+    First, velocities are compared as if the configuration were exact. Near a singularity,
     where the velocity equations are badly conditioned, a small error of the configuration
     changes them much. A row there that fails is compared again with this change allowed.
 
@@ -184,6 +184,8 @@ def find_faults(motion, field, moving_input, tally):
     faults += _find_wrong_inputs(motion, rows)
     for k, row in enumerate(rows.tolist()):
         if field.status[row] != Status.OK:
+            # At a dead centre of the input, poles have directions without velocities. The
+            # free matrix has the velocity equations without this input.
             faults += _find_wrong_directions(field, row, reference.free_matrix[k], tally)
             continue
         reference_row = ReferenceRow(
@@ -412,11 +414,12 @@ def _find_faults_of_row(field, reference_row, allowed_change, tally):
 
 
 def _find_wrong_directions(field, row, free_matrix, tally):
-    """Return faults of pole directions at a dead centre of the moving input.
+    """Return faults of pole directions at a dead centre of one input.
 
     A pole is the axis of the relative rotation of two links. At a dead centre the input
-    stands still, so only directions are evaluated. The reference is the motion with the
-    input free: the last right singular vector of the velocity equations without this input.
+    stands still while links move, so only directions are evaluated. The reference is the
+    motion with the input free. It is the last right singular vector of the velocity
+    equations without this input.
 
     The deviation is the length of the cross product of the direction with the relative
     angular velocity of the reference. It may be as large as the largest of four limits:
@@ -424,7 +427,7 @@ def _find_wrong_directions(field, row, free_matrix, tally):
     - `TOLERANCE`;
     - `ROUNDING_FACTOR` times the rounding error, which grows if a second motion is nearly
       possible;
-    - `MISFIT_FACTOR` times the misfit of the reference motion;
+    - `MISFIT_FACTOR` times the misfit, by which the reference violates the equations;
     - `BOUND_FACTOR` times the error bound that spherekit states for the direction, times
       the length of the relative angular velocity.
 
@@ -441,10 +444,14 @@ def _find_wrong_directions(field, row, free_matrix, tally):
     # With fewer equations than unknowns, several motions are possible. The gap of 0 then
     # makes the limit so large that nothing is reported.
     has_all_values = len(singular_values) == free_matrix.shape[1]
-    # The last value is zero if there is a motion, the last but one if there are two.
-    gap = singular_values[-2] / singular_values[0] if has_all_values else 0.0
-    # Zero if some motion satisfies all equations.
-    motion_misfit = singular_values[-1] / singular_values[-2] if has_all_values else 0.0
+    if has_all_values:
+        # Zero if two independent motions satisfy all equations.
+        gap = singular_values[-2] / singular_values[0]
+        # Zero if one motion satisfies all equations.
+        motion_misfit = singular_values[-1] / singular_values[-2]
+    else:
+        gap = 0.0
+        motion_misfit = 0.0
     w = np.concatenate([np.zeros(3), right_vectors[-1]]).reshape(-1, 3)
     faults = []
     for pole, directions in field.direction.items():

@@ -161,6 +161,7 @@ def hostile_study_texts():
         "mechanism outside": with_mechanism("../../../../../../etc/passwd"),
         "mechanism a device": with_mechanism("/dev/zero"),
         "mechanism a folder": with_mechanism("."),
+        # The test saves the text under this name, so the study names itself.
         "mechanism itself": with_mechanism("hostile.study.toml"),
         "mechanism with NUL": with_mechanism("a\\u0000b"),
         "mechanism of a long name": with_mechanism("a" * 4000),
@@ -168,8 +169,9 @@ def hostile_study_texts():
         "folder with NUL": STUDY + '[output]\nfolder = "a\\u0000b"',
         "folder with an escape": STUDY + '[output]\nfolder = "a\\u001b[2Jb"',
         "many values": STUDY + "[inputs.21]\nvalues = [" + "1," * MILLION + "]",
+        # A file may have 200000 values.
         "the most values": STUDY + "[inputs.21]\nvalues = [" + "1.5," * 190000 + "]",
-        "a grid of grids": STUDY + "samples = [" + "1," * MILLION + "]",
+        "a grid over a million inputs": STUDY + "samples = [" + "1," * MILLION + "]",
         "negative samples": STUDY + "samples = -1",
         "many analyses": STUDY + "".join(f"[analyses.q{k}]\n" for k in range(40000)),
         "many parameters": STUDY + f"[analyses.poles]\n{parameters}",

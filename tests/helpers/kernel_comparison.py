@@ -181,10 +181,10 @@ def find_differences(evaluations, same_signs=True):
 def _signs_of_kernel_pole(kernel_field, reference_field, pole, same_signs):
     """Return (rows,) the signs by which the results of the kernel for a pole are compared.
 
-    Opposite directions describe the same pole. The sign is -1 where the kernel has the
-    opposite direction and may have it, otherwise 1. It may have it everywhere unless
-    `same_signs` is true. Even then it may where the velocity about the pole is within its
-    error bound, because there rounding decides on the direction.
+    Opposite directions describe the same pole, so a row with opposite directions gets the
+    sign -1. With `same_signs` an opposite direction is a difference, and the sign stays 1.
+    An exception are rows in which the velocity about the pole is within its error bound:
+    rounding decides there which of both directions a computation has.
     """
     if same_signs:
         rate = reference_field.velocity_coefficient[pole]
@@ -249,11 +249,14 @@ def _compare_pole(differences, kernel_field, reference_field, pole, is_ok, same_
 
     sign = _signs_of_kernel_pole(kernel_field, reference_field, pole, same_signs)
     for name in ("direction", "velocity_coefficient", "acceleration_coefficient"):
+        # A direction is an array (rows, 3), a coefficient an array (rows,).
         kernel_values = getattr(kernel_field, name)[pole]
         reference_values = getattr(reference_field, name)[pole]
-        # If the direction is reversed, both coefficients change their sign with it.
+        # If the direction is reversed, both coefficients change their sign with it. The
+        # transposes have the rows as their last axis, as the signs (rows,) have.
         gaps = kernel_values.T * sign - reference_values.T
         gap_sizes = np.linalg.norm(np.atleast_2d(gaps), axis=0)
+        # The components of a direction are all finite or all NaN, so one is enough.
         is_finite = np.isfinite(reference_values.reshape(len(sign), -1)[:, 0])
         if not np.array_equal(is_finite, np.isfinite(gap_sizes)):
             differences.beyond.append(f"{name} {pole}: finite in one evaluation only")

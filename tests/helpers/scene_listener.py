@@ -43,11 +43,15 @@ class SceneListener:
             `RecordingHead` of the run.
         """
         self.inputs = head.inputs
-        self.focus = head.focus  # unit vector to the side from which a viewer looks
-        self.row = head.row  # number of samples in a row of the grid of inputs
+        # Unit vector to the middle of the mechanism, where a viewer looks at the sphere.
+        self.focus = head.focus
+        # With two inputs the samples form a grid; this is the length of one of its rows.
+        self.row = head.row
+        # Words about the run by name, such as versions.
         self.properties = head.properties
         self.assembly_modes = head.assembly_modes
         self.times = head.times
+        # Names of the drawn objects that do not change with the samples.
         self.static_paths = [
             primitive.path for scene in head.scenes for primitive in scene.primitives
         ]

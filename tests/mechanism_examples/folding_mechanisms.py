@@ -19,8 +19,8 @@ def with_second_coupler(mechanism):
     """Return a four-bar whose coupler (link 3) is there twice, on the same joint axes.
 
     The copy 3b repeats the constraint of link 3: a redundant loop that still moves. In
-    `LinkSizes`, arcs lead from the first joint axis of a link to each further axis. Angles
-    turn the later arcs about the first axis, from the arc to the second axis.
+    `LinkSizes`, an arc leads from the first joint axis of a link to each further axis. The
+    angle of a later arc is measured from the first arc, about the first axis.
     """
     links = dict(mechanism.geometry.links)
     crank = links["2"]
@@ -71,11 +71,11 @@ def with_cam(mechanism, pivot_arc, cam, roller, cam_link="2"):
     mechanism
         The mechanism of revolute pairs.
     pivot_arc
-        Arc (deg) on the ground from its first joint axis to the pivot of the follower. This
-        arc is turned by 200 deg about the first axis.
+        Arc (deg) on the ground from its first joint axis to the pivot of the follower. The
+        angle about the first axis, from the arc to the second axis to this one, is 200 deg.
     cam, roller
-        The circles of the cam link and of the follower, each as a tuple: angle (deg) of its
-        centre from the z axis of the link, and its radius (deg).
+        The circles of the cam link and of the follower, each as a tuple: arc (deg) from the
+        z axis of the link to its centre, in the plane of x and z, and its radius (deg).
     cam_link
         The link that has the cam on it.
     """
@@ -101,9 +101,9 @@ def with_cam(mechanism, pivot_arc, cam, roller, cam_link="2"):
 def limited_cam(random):
     """Return a random cam with a roller follower, in which the cam cannot turn fully.
 
-    Cam and roller are circles. The cam turns about the axis of its pair; its eccentricity
-    is the arc from this axis to the centre of its circle. The arc of the follower leads
-    from its pivot to the centre of the roller.
+    Cam and roller are circles in sliding contact (pair of type Cs). The eccentricity of the
+    cam is the arc from its axis of rotation to the centre of its circle. The arc of the
+    follower leads from its pivot to the centre of the roller.
 
     The contact of two circles acts like a link between their centres, with the sum of both
     radii as its arc. This link and the follower connect the centre of the cam to the pivot
@@ -127,8 +127,9 @@ def limited_cam(random):
     else:
         follower_arc_deg = float(np.round(distance_deg + radii_deg, 2))
     # With an arc of 0 the roller would turn about its own centre, so the arc is at least 3
-    # deg. The distance can then vary by twice 3 deg. A whole turn of the cam would vary it
-    # by at least twice 8 deg, so the cam is limited all the same.
+    # deg. With 3 deg the distance can lie between |radii - 3| and radii + 3 deg, a range of
+    # 6 deg. A whole turn of the cam needs a range of twice the eccentricity, at least 16
+    # deg. So the cam is limited all the same.
     follower_arc_deg = max(follower_arc_deg, 3.0)
     links = {
         "1": LinkSizes(("21", "f1"), (float(np.radians(ground_deg)),)),
@@ -182,10 +183,11 @@ def folding_mechanism(seed):
 
 
 def inputs_beside_folds(mechanism, seed):
-    """Return inputs (n, 1) in rad at which a mechanism is folded (in line), or nearly so.
+    """Return inputs (n, 1) in rad at which a mechanism may be folded (in line), or nearly.
 
-    They lie 1e-6 to 1e-16 rad beside random multiples of 90 degrees and beside the ends of
-    assembly modes (ways to assemble the links). Two of the inputs lie exactly there.
+    A fold is sought at random multiples of 90 degrees, and at the ends of assembly modes
+    (ways to assemble the links). The inputs lie 1e-6 to 1e-16 rad beside these angles, and
+    two of them exactly there.
 
     Raises
     ------
@@ -195,7 +197,9 @@ def inputs_beside_folds(mechanism, seed):
     random = np.random.default_rng(seed)
     folds = np.radians(90.0 * random.integers(0, 5, 6)).tolist()
     for mode in PositionAnalysis(mechanism, samples=9).assembly_modes:
-        if isinstance(mode.guide, ModeCurve):  # a mode that ends within the range
+        # A mode that ends within the range of the input has a curve as its guide. The first
+        # and last inputs of this curve are the ends of the mode.
+        if isinstance(mode.guide, ModeCurve):
             for end in mode.guide.inputs[[0, -1]]:
                 folds += [end] * 3
     count = len(folds)

@@ -137,8 +137,8 @@ def mechanism_from_sizes(links, pairs, inputs, output, zeros=None):
     ----------
     links
         By link: its axes as words, then its arcs and its angles in degrees. The arcs lead
-        from the first axis to each other axis. The angles are about the first axis, from
-        the first arc to each other arc. The first link is the ground.
+        from the first axis to each of the other axes. The angles are about the first axis,
+        from the first arc to each of the other arcs. The first link is the ground.
     pairs
         By pair: its two links as words.
     inputs
@@ -297,6 +297,7 @@ def two_followers(contact_links=("3", "5"), contact="external"):
     `"external"` or `"internal"`.
     """
     degree = np.pi / 180.0
+    # On the ground, the arcs from axis 12 to the axes 14 and 15 form an angle of 50 deg.
     arcs = (60.0 * degree, 80.0 * degree)
     sizes = {
         "1": LinkSizes(("12", "14", "15"), arcs, (50.0 * degree,)),
@@ -307,6 +308,7 @@ def two_followers(contact_links=("3", "5"), contact="external"):
     }
 
     def circle(colatitude_deg, radius_deg):
+        """Return a circle, its centre at an arc from the z axis of its link."""
         centre = direction_at_colatitude(colatitude_deg * degree)
         return Profile("circle", centre, radius_deg * degree)
 

@@ -208,10 +208,10 @@ def degenerate(random, mechanism):
 
 
 def reordered(mechanism, order):
-    """Return the same mechanism with other names and another order of links and pairs.
+    """Return the same mechanism with other names of links and another order of parts.
 
-    Results must not depend on them. Every other revolute pair that is not an input has its
-    two links exchanged.
+    Results must not depend on them. The pairs get the reverse order. Of every other pair
+    the two links are exchanged, if the pair is revolute and no input.
 
     Parameters
     ----------
@@ -228,15 +228,19 @@ def reordered(mechanism, order):
         New names of the links by old ones.
     """
     names = {mechanism.ground: "base"}
-    for number, k in enumerate(order):
-        names[mechanism.links[1 + k]] = f"link_{number}"
+    # The ground is the first of the links.
+    old_links = [mechanism.links[1 + number] for number in order]
+    for number, old_link in enumerate(old_links):
+        names[old_link] = f"link_{number}"
     input_pairs = {item.pair for item in mechanism.inputs}
     pairs = []
-    for k, pair in enumerate(reversed(mechanism.pairs)):
+    for place, pair in enumerate(reversed(mechanism.pairs)):
         ends = tuple(names[link] for link in pair.links)
-        is_swapped = pair.type == "R" and pair.name not in input_pairs and k % 2 == 0
-        pairs.append(replace(pair, links=ends[::-1] if is_swapped else ends))
-    links = ["base", *(names[mechanism.links[1 + k]] for k in order)]
+        may_be_exchanged = pair.type == "R" and pair.name not in input_pairs
+        if may_be_exchanged and place % 2 == 0:
+            ends = ends[::-1]
+        pairs.append(replace(pair, links=ends))
+    links = ["base", *(names[old_link] for old_link in old_links)]
     renamed = replace(mechanism, ground="base", links=tuple(links), pairs=tuple(pairs))
     return renamed, names
 

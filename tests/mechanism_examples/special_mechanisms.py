@@ -21,9 +21,10 @@ FOUR_BAR = (("41", 1, 4), ("21", 1, 2), ("32", 2, 3), ("43", 3, 4))
 
 
 def special_mechanism(seed):
-    """Return a random mechanism of special geometry, and inputs near special angles.
+    """Return a random mechanism of special geometry, and inputs, many near right angles.
 
-    Rounding errors are largest in such geometry. The mechanism is a four-bar with none, one
+    Special are right angles, equal arcs, and arcs with which all links can lie in line.
+    Rounding errors are then largest. The mechanism is a four-bar with none, one
     or two dyads (two links joined by a pair). In half of the cases one arc of the four-bar
     is changed by 1e-3 to 1e-12 degrees, so its geometry is only nearly special.
 
@@ -41,9 +42,10 @@ def special_mechanism(seed):
     dyad_count = int(random.choice([0, 1, 2], p=[0.5, 0.3, 0.2]))
     arcs_deg = _arcs(random, kind)
     if random.random() < 0.5:
-        # A change of 1e-3 to 1e-12, in 12 decimals, as a file would have the number.
         k = random.integers(4)
-        arcs_deg[k] = float(f"{arcs_deg[k] + _tiny(random, 3, 12):.12f}")
+        # A change of either sign, 1e-3 to 1e-12 in size.
+        changed_deg = arcs_deg[k] + _tiny(random, 3, 12)
+        arcs_deg[k] = float(f"{changed_deg:.12f}")  # 12 decimals, as in a file
     mechanism = four_bar(arcs_deg)
     # Arcs of dyads are right angles or arcs of the four-bar, which makes special geometry
     # likely. A set has no order, so they are sorted to get the same mechanism each time.
@@ -64,7 +66,7 @@ def straight_mechanism(seed):
     - 0: an arc of the four-bar differs from 0 or 180 degrees by 1e-2 to 1e-9 degrees.
     - 1: the four-bar nearly has a change point, at which all its links are on one great
       circle. Its fourth arc is by 1e-1 to 1e-9 degrees longer than such a four-bar needs.
-    - 2: the arcs of the dyads can be chosen as near to 0 or 180 degrees as in kind 0.
+    - 2: one of the arcs of which dyads are made is as near to 0 or 180 degrees.
     """
     # The offset gives other random numbers than those of `special_mechanism(seed)`.
     random = np.random.default_rng(seed + 10**6)
@@ -81,6 +83,7 @@ def straight_mechanism(seed):
         if not fourth_deg < 180.0:
             fourth_deg = 60.0
         arcs_deg[3] = float(f"{fourth_deg:.12f}")  # 12 decimals, as in a file
+    # `_with_dyad` draws the arcs of a dyad from this list. Its order has no meaning.
     dyad_arcs_deg = sorted(
         float(np.round(random.uniform(10.0, 170.0), 3)) for _ in range(4)
     )

@@ -79,7 +79,9 @@ B1B2."""
 
 
 def mid_plane_area():
-    """Return the area (sr) of the workspace of a mid-plane mechanism for z > 0.
+    """Return the area (sr) of half of the workspace of a mid-plane mechanism.
+
+    The halves z > 0 and z < 0 are mirror images of each other.
 
     The mechanism is that of Z. Chen et al. (2021), source [2] of this module. Base and end
     effector are mirror images of each other in the mid-plane. B1 and B6 are axes on the
@@ -89,7 +91,7 @@ def mid_plane_area():
 
     Let m be the unit normal of the mid-plane with m . Q > 0, s1 = m . B1 and s6 = m . B6.
     The arc from B1 to its mirror image B3 is 2 arcsin(s1). A leg of two equal links spans
-    this arc, so the arc is at most twice the arc of a link. It is at least
+    this arc. So the arc is at most twice the arc of a link, `MID_PLANE_LEG`. It is at least
     `SMALLEST_ANGLE`. So s1 has a fixed range, and s6 has the same one by the other leg.
 
     The area of P is the integral of the area per ds1 ds6 over this square.
@@ -101,15 +103,18 @@ def mid_plane_area():
     def density(s1, s6):
         """Return the area that P sweeps per ds1 ds6.
 
-        With h = `half_base`, the axes B1 and B6 are (cos h, +-sin h, 0). So s1 and s6 are
-        cos(h) m_x +- sin(h) m_y, and ds1 ds6 = sin(2 h) dm_x dm_y.
+        P is the mirror image of Q = (1, 0, 0) in a plane with the unit normal m. s1 and s6
+        are the cosines between m and two axes, B1 and B6. With h = `half_base`, these axes
+        are (cos h, +-sin h, 0). So s1 and s6 are cos(h) m_x +- sin(h) m_y, and ds1 ds6 =
+        sin(2 h) dm_x dm_y.
         """
         m_x = (s1 + s6) / (2.0 * np.cos(half_base))
         m_y = (s1 - s6) / (2.0 * np.sin(half_base))
         m_z = np.sqrt(1.0 - m_x * m_x - m_y * m_y)
-        # Polar coordinates about Q: if m is at the angle b from Q, then -P is at the angle
-        # 2 b, at the same azimuth. The area of m is sin(b) db per azimuth, and that of P is
-        # sin(2 b) d(2 b). Their ratio is 4 cos(b) = 4 m_x.
+        # Polar coordinates about Q. -P is Q turned by half a turn about m. So if m is at
+        # the angle b from Q, then -P is at the angle 2 b, at the same azimuth. The area of
+        # m is sin(b) db per azimuth, and that of P is sin(2 b) d(2 b). Their ratio is
+        # 4 cos(b) = 4 m_x.
         area_of_p_per_area_of_m = 4.0 * m_x
         # dm_x dm_y is the area of m, projected along z: m_z times the area on the sphere.
         return float(area_of_p_per_area_of_m / m_z / np.sin(2.0 * half_base))

@@ -73,7 +73,9 @@ class FourBar(NamedTuple):
 
             Three links rotate relative to each other about u21, `axis` and `other_axis`
             with w axis = w21 u21 + w_other other_axis. The cross product with the last
-            axis removes the last term.
+            axis removes the last term. As u21, `axis` and `other_axis` lie in one plane,
+            both remaining cross products are parallel to its normal. Dot products with
+            this normal give numbers.
             """
             normal = cross(axis, u["21"])
             numerator = dot(normal, cross(other_axis, u["21"]))
@@ -85,13 +87,14 @@ class FourBar(NamedTuple):
         """Return the parts of links 2, 3 and 4 in the inertia B reduced to the input.
 
         The part of link j is (w_j / w21)^2 u_j . I_j u_j, and B is the sum of the parts.
-        Link j rotates relative to the frame about the axis u_j with the angular velocity
-        w_j, and w21 is that of the input link 2.
+        Link j rotates relative to the ground about the axis u_j with the angular velocity
+        w_j, and w21 is that of the input link 2. u31 is the axis of link 3.
 
         Parameters
         ----------
         tensors
-            Inertia tensor I_j (3, 3) by number of the link, in the axes of the link.
+            Inertia tensor I_j (3, 3) about the centre of the sphere by number of the link,
+            in the axes of the link.
         """
         u31, ratio31, ratio41 = self.coefficients()
         parts = []
@@ -163,8 +166,8 @@ def second_axis_of_link(frame, cosine, sine):
 def four_bar(arcs, q, p, maths=mp):
     """Return the four-bar at an input angle, Di Gregorio (2024), equations 14 and 22.
 
-    This is an independent reference for tests. The pair axes follow each other around the
-    loop as 41, 21, 32, 43, with the arcs of links 1 to 4 between them. Link 1 is fixed,
+    This is an independent reference for tests. Link 1 leads from pair axis 41 to axis 21,
+    link 2 from 21 to 32, link 3 from 32 to 43, and link 4 from 43 to 41. Link 1 is fixed,
     link 2 turns about axis 21 by q, and link 4 about axis 41 by theta41.
 
     The axes i, j, k of a link: k is its first pair axis, and j is perpendicular to k, on
@@ -191,8 +194,8 @@ def four_bar(arcs, q, p, maths=mp):
     i1, j1, k1 = frame1
     axis41 = k1
     axis21 = second_axis_of_link(frame1, c1, s1)
-    # At q = 0 the arc of link 2 leads from axis 21 towards axis 41. From there link 2 turns
-    # about axis 21 by q, in the plane of this direction and i1.
+    # At q = 0 the arc of link 2 leads from axis 21 towards axis 41. This direction, a unit
+    # vector, and i1 are perpendicular to axis 21. q turns the direction towards i1.
     towards_axis41 = add((s1, k1), (-c1, j1))
     j2 = add((sin(q), i1), (cos(q), towards_axis41))
     frame2 = (cross(j2, axis21), j2, axis21)

@@ -36,9 +36,12 @@ def count_configuration_curves(arcs):
     """Return the number of closed configuration curves of a four-bar, in closed form.
 
     The diagonal between the axes 32 and 41 must lie in the range that links 1 and 2 allow,
-    and in the range that links 3 and 4 allow. If one end of the first range is out of reach
-    of links 3 and 4, the two assembly modes meet there and form one curve. If both ends or
-    none are out of reach, there are two curves.
+    and in the range that links 3 and 4 allow. If no end of the first range is out of reach
+    of links 3 and 4, the crank turns fully. Each of the two assembly modes is then a curve.
+
+    If an end is out of reach, the two modes meet where the reach ends. With one such end
+    the crank swings over the other end, and both modes form one curve. With two such ends
+    the crank stays on one side of the ground arc, and each side has a curve.
 
     Parameters
     ----------
