@@ -185,10 +185,12 @@ class Sizes:
 
         The coupler is a bar that replaces two circles in sliding contact. It has a pair at
         each of their centres. The frame is in the axes of `link`, which is the coupler or
-        the link of a circle. The z axis is the centre. The angle of the pair is the azimuth
-        of the point of contact about the centre, from x in the link of the circle to x in
-        the coupler.
+        the link of a circle. The z axis points to the centre of the circle. In the link of
+        the circle, x is a fixed direction. In the coupler, x points to the contact. The
+        pair angle leads from the first to the second.
         """
+        # The contact of the circles, and the circle with this pair: 0 is the first, 1 the
+        # second.
         contact, circle_number = self.couplers[pair]
         item = self.data["pairs"][contact]
         first_link, second_link = item["links"]
@@ -261,6 +263,9 @@ class Sizes:
         - With axes in a reference pose, x is chosen from the axis alone, so it is the same
           in both links. In the second link, x and y are then rotated by `value`, the angle
           of the pair in this pose.
+
+        The entries are balls (numbers with an error bound) with the uncertainty of the
+        sizes of the file, `slack`.
         """
         # A coupler is a bar that replaces two circles sliding on each other.
         if pair in self.couplers:
@@ -274,18 +279,18 @@ class Sizes:
             # An axis that coincides with the axis of the pair gives no direction: its
             # normal is zero.
             towards = [np.cross(n, axis) for n in normals if n @ n > 1e-18]
-            zero = None if is_second else item.get("zero")
+            rotation = None if is_second else item.get("zero")
         else:
-            key = "xyz" if "xyz" in item else "lonlat"
-            axis = self.direction(item[key], key == "xyz")
+            # Cartesian coordinates, or longitude and latitude.
+            is_xyz = "xyz" in item
+            axis = self.direction(item["xyz" if is_xyz else "lonlat"], is_xyz)
             towards = []
-            zero = item.get("value") if is_second else None
+            rotation = item.get("value") if is_second else None
         # Any fixed direction will do if no axis gives one.
         x = unit([*towards, np.cross(axis, farthest_coordinate_axis(axis))][0])
         y = np.cross(axis, x)
-        if zero is not None:
-            # `slack` is the uncertainty of the sizes of the file, a ball about zero.
-            s, c = (self.angle(zero) + self.slack).sin_cos()
+        if rotation is not None:
+            s, c = (self.angle(rotation) + self.slack).sin_cos()
             x, y = c * x + s * y, c * y - s * x
         return np.stack([x, y, axis], axis=1)
 
@@ -357,8 +362,7 @@ class System:
         self.unknowns = construction["unknowns"]
         self.inputs = list(certificate["inputs"])
         self.follower = self._read_follower(follower_pairs)
-        # The variable of the system is the input angle itself: once round in one
-        # revolution.
+        # Each variable is the angle of an input, and one turn of it is 1 revolution.
         self.choose_variable(1)
 
         self.root = construction["root"]
@@ -370,7 +374,7 @@ class System:
                 self.frames[pair, link] = self.sizes.frame(pair, link)
 
     def _read_follower(self, follower_pairs):
-        """Return the follower: the pair that wheels turn together with an input.
+        """Return the follower: the pair that is coupled to an input by wheels in mesh.
 
         The follower is found from the mechanism file. It must be the pair that the
         certificate (file of a proof) names. `need` raises an error otherwise.
@@ -378,8 +382,8 @@ class System:
         Parameters
         ----------
         follower_pairs
-            The names of followers that the certificate states; empty without wheels. The
-            result is then None.
+            A list of the one follower that the certificate names. It is empty without
+            wheels, and the result is then None.
         """
         if not follower_pairs:
             return None
@@ -461,10 +465,10 @@ class System:
     def choose_variable(self, revolutions):
         """Choose a variable of which one turn brings all wheels back to their start.
 
-        Wheels in mesh: the input turns the first one, and the pair of the second one, the
-        follower, turns with it. Both are back at their first position only after several
-        revolutions of the input. Then the angles of both pairs are multiples of one
-        variable, which has the name of the input; `driven_angles` has these relations.
+        The input turns the first of two wheels in mesh. The follower is the pair of the
+        second wheel. Both wheels are back at their start only after several revolutions of
+        the input. Then the angle of each of the two pairs is rate * variable + offset, with
+        one variable, which has the name of the input. `driven_angles` has these relations.
         Without wheels, each variable is the angle of its pair.
 
         Parameters
@@ -478,9 +482,11 @@ class System:
         input_pair = self.follower.driven
         ratio = self.follower.ratio * revolutions
         follower_rate = arb(ratio.numerator) / ratio.denominator
-        self.driven_angles[input_pair] = LinearAngle(input_pair, arb(revolutions), arb(0))
+        self.driven_angles[input_pair] = LinearAngle(
+            variable=input_pair, rate=arb(revolutions), offset=arb(0)
+        )
         self.driven_angles[self.follower.pair] = LinearAngle(
-            input_pair, follower_rate, self.follower.offset
+            variable=input_pair, rate=follower_rate, offset=self.follower.offset
         )
 
     def bound(self):
@@ -491,15 +497,15 @@ class System:
         """Return the degree of each equation (row) in each unknown (column).
 
         The unknowns are half tangents tan(angle / 2); the degrees bound the number of
-        solutions. The equation of a link that closes a loop says that the axes of its two
-        pairs have the arc of the link between them. Two paths of links lead to these axes
-        from the last link that both paths share. Each rotation by an angle on a path adds 2
-        to the degree in this angle.
+        solutions. A placement puts a link on one or two links placed before it, its
+        parents. With two parents the link closes a loop, and has an equation: the arc
+        between its two axes is that of the link. A path of links leads from the root to
+        each axis. Only the parts after the last common link matter. Each rotation by an
+        angle on these parts adds 2 to the degree in this angle.
 
         A `TurnedLink` is a link on a path with the names of all angles on which its
-        orientation relative to the link before it depends. A link on one pair depends on
-        one angle. A link that closes a loop depends on all angles of this loop. An angle
-        can therefore occur several times on a path.
+        orientation depends, relative to the link before it. A link on one pair depends on
+        one angle. A link that closes a loop depends on all angles of this loop.
         """
         path_by_link = {self.root: []}
         degrees_of_equations = []
@@ -517,6 +523,7 @@ class System:
                 angles_of_loop.extend(turned_link.angles)
             degrees = [2 * angles_of_loop.count(unknown) for unknown in self.unknowns]
             degrees_of_equations.append(degrees)
+            # The loop places this link relative to the last common link.
             path_by_link[link] = [*common, TurnedLink(link, tuple(angles_of_loop))]
         return degrees_of_equations
 
@@ -571,19 +578,20 @@ class PolynomialEquations:
     def _turn_about_pair(self, link):
         """Return the scaled rotation from a link to the link before it, and its scale.
 
-        The link is joined to the link before it by one pair. The scale is the common
-        denominator of the rotation matrix. Multiplied by it, the matrix is polynomial in
-        the unknowns.
+        The link is joined to the link before it by one pair, whose angle is known or
+        unknown. The scale is the common denominator of the rotation matrix. Multiplied by
+        it, the matrix is polynomial in the unknowns, numbers e^(i angle).
 
-        Both results are dual arrays: index 0 of the first axis is the value. Indices from 1
-        are derivatives, first by the unknowns e^(i angle), then by the angles in `moving`.
+        Results are dual arrays, which hold a value and its derivatives along the first
+        axis: index 0 is the value, and further indices are derivatives.
         """
         placement = self.placements[link]
         (pair,) = placement.pairs
         (parent,) = placement.parents
         # The angle of a pair counts from its first link to its second.
         sense = 1 if self.system.sizes.ends[pair][0] == parent else -1
-        if pair in self.points:
+        is_unknown = pair in self.points  # which has the value of each unknown
+        if is_unknown:
             turn, scale = self._turn_by_unknown_angle(pair, sense)
         else:
             turn = self._turn_by_known_angle(pair, sense)
@@ -687,12 +695,12 @@ class PolynomialEquations:
 
         The link is joined by two pairs to two links placed before it, its parents. A path
         is the list of links from the root (first link) to a parent. The common link is the
-        last one that both paths share. In its coordinates, the equation says that the axes
-        of both pairs have the arc of the link between them.
+        last one that both paths share. The equation says that the arc between the axes of
+        both pairs, as the parents place them, is the arc of the link.
 
         The matrix takes vectors from the coordinates of the link to those of the common
-        link, and multiplies them by the scale. The scale is the product of all
-        denominators, so that the matrix is polynomial in the unknowns.
+        link, and multiplies them by the scale. The scale is the product of the denominators
+        of all rotations on both paths, so that the matrix is polynomial in the unknowns.
 
         Results are dual arrays: index 0 of the first axis is the value, further indices are
         its derivatives.
@@ -866,10 +874,10 @@ def check_root(root, system, driven):
     """Check that a root of a certificate exists; return balls of its e^(i angle).
 
     A root states a disk about a complex number (`centre`) for each unknown angle.
-    Krawczyk's operator must prove that these disks contain exactly one solution. For a real
-    root the centres must be real: a mirrored solution would be in the disks too, so the
-    only one is real. For another root, the disk of some angle must be apart from the real
-    axis.
+    Krawczyk's operator must prove that squares in these disks contain exactly one solution.
+    For a real root the centres must be real: a mirrored solution would be in the squares
+    too, so the only one is real. For another root, the disk of some angle must be apart
+    from the real axis.
 
     Parameters
     ----------
@@ -883,7 +891,6 @@ def check_root(root, system, driven):
     centre = [acb(dyadic(re), dyadic(im)) for re, im in root["centre"]]
     radius = root["radius"]
     need(0 < radius < 0.1, "a radius out of range")
-    # Balls are squares here, so one that lies within the disk is tested.
     half_side = SQUARE_IN_DISK * radius
     need(has_one_solution(system, centre, half_side, driven), "a root is not shown")
     if root["real"]:
@@ -892,7 +899,7 @@ def check_root(root, system, driven):
         imaginary_parts = [arb(c.imag) + arb(0, radius) for c in centre]
         is_apart_from_axis = any(not part.contains(0) for part in imaginary_parts)
         need(is_apart_from_axis, "a root that may be real")
-    # The square about the disk contains all its angles.
+    # The squares about the disks contain the solution, too.
     return [(acb(0, 1) * (c + square(radius))).exp() for c in centre]
 
 
@@ -916,7 +923,7 @@ def exclude_other_modes(system, driven, real_roots, undecided_boxes):
 
     First, a box about each root is proven to contain no second root. Then the space of all
     angles is divided into parts, until each part contains no root or is in one of the
-    boxes. Undecided boxes are those in which the certificate decides nothing.
+    boxes.
 
     Parameters
     ----------
@@ -924,26 +931,26 @@ def exclude_other_modes(system, driven, real_roots, undecided_boxes):
         Equations, and balls (numbers with a rigorous error bound) of the input angles by
         their pairs.
     real_roots
-        The roots of the certificate with real angles.
+        The roots of the certificate (file of a proof) with real angles.
     undecided_boxes
-        Boxes of the certificate in which roots are not decided.
+        Boxes in which the certificate leaves open whether there are roots.
     """
     # 80 bits: rounding of about 1e-24, far less than the smallest part (1e-7).
     ctx.prec = 80
     boxes = []  # centre and half widths (unknowns,) in rad
     for root in real_roots:
-        # The certificate gives a number as two integers, mantissa and exponent of 2.
+        # Real and imaginary part of each angle. The imaginary parts are zero. A part is
+        # stated as two integers, mantissa and exponent of 2.
         centre = [acb(dyadic(re)) for re, _ in root["centre"]]
-        # First half width (rad) that is tried. A larger one saves divisions, but its test
-        # fails more often.
+        # Half width (rad) of the box. It is halved until one root only is proven in it.
         radius = 0.04
         while not has_one_solution(system, centre, radius, driven):
             radius /= 2
             need(radius > root["radius"], "a root is not alone")
         middle = np.array([float(c.real.mid()) for c in centre])
         boxes.append((middle, np.full(len(centre), radius)))
-    # A small margin: rounding of floats does not matter where a part and a box share a
-    # side.
+    # A small margin. Otherwise rounding could decide whether a part is in a box that shares
+    # a side with it.
     for box in undecided_boxes:
         boxes.append((np.array(box["centre"]), 1.001 * np.array(box["half"]) + 1e-12))
 
@@ -954,6 +961,7 @@ def exclude_other_modes(system, driven, real_roots, undecided_boxes):
         """
         for centre, halves in boxes:
             farthest_distance = np.abs(wrapped(middle - centre)) + half_widths
+            # `PERIOD` is a whole turn.
             has_all_angles = halves >= PERIOD / 2
             if np.all(has_all_angles | (farthest_distance <= halves - 1e-12)):
                 return True
@@ -962,6 +970,7 @@ def exclude_other_modes(system, driven, real_roots, undecided_boxes):
     count = len(system.unknowns)
     # Not centred at zero: roots at special angles such as 0 would be on the sides of parts.
     start = ball(0.7 + 0.1 * np.arange(count))
+    # Slightly more than half a turn to both sides, so that no angle is left out.
     radii = np.full(count, arb.pi() * 1.0001)
     exclude_zeros(
         lambda place: system.values(place, driven),
@@ -1147,13 +1156,17 @@ class Arc:
     def _slopes_across(self, axis_points, cuts):
         """Return balls of the derivatives of F by y, for all y of the piece.
 
-        The result is the union of the derivatives over smaller cells, which gives narrower
-        balls. Each y is cut into equal intervals, numbered from 0 to `cuts` - 1. A cell has
-        one interval of each y.
+        F = 0 are the closure equations. A piece is a straight box. y are the coordinates
+        across its axis, each from -radius to radius. `axis_points` are balls that contain
+        the points of the axis.
+
+        Each y is cut into equal intervals, numbered from 0 to `cuts` - 1. A cell has one
+        interval of each y. The result is the union of the derivatives over all cells, which
+        is narrower than the derivatives over the whole box.
         """
         slopes = None
-        for cell in itertools.product(range(cuts), repeat=len(self.inverse_slope)):
-            # The intervals of y together reach from -radius to radius.
+        y_count = len(self.inverse_slope)
+        for cell in itertools.product(range(cuts), repeat=y_count):
             middle = self.radius * (2 * ball(cell) + 1 - cuts) / cuts
             y = middle + arb(0, (self.radius / cuts).upper())
             _, derivatives = self.equations(axis_points + self.across @ y)
@@ -1178,6 +1191,7 @@ class Arc:
         y = self._narrowed(self.all_y, axis_point, axis_points, step)
         if any(item.rad() > 0.9 * self.radius for item in y):
             # The balls are hardly smaller, since the bounds of F' over all y are too wide.
+            # Bounds over parts of the piece are narrower, so the piece is cut into parts.
             y = self._inside_piece_by_cuts(axis_point, axis_points, step)
             y = self._narrowed(y, axis_point, axis_points, step)
         return axis_points + self.across @ y
@@ -1232,8 +1246,9 @@ class Arc:
     def _image_across(self, y, axis_point, axis_points, step):
         """Return the image of balls of y by Krawczyk's operator, for all s of a range.
 
-        A point has the coordinate s along the axis of the piece and the coordinates y
-        across it. The image contains all solutions of F = 0 that the balls contain. The
+        A piece is a straight box about a part of a curve. A point has the coordinate s
+        along the axis of this box and the coordinates y across the axis, in the directions
+        `across`. The image contains all solutions of F = 0 that the balls contain. The
         image is m + (1 - C F'_y) (y - m) - C F(m), with the middles m of the balls. C is an
         approximate inverse of the derivatives F'_y by y. F(m) for all s follows from the
         mean-value theorem: the value at the middle of the range, plus the derivative along
@@ -1246,6 +1261,7 @@ class Arc:
             points, and the ball of s relative to the middle.
         """
         middle_y = mid(y)
+        # The equations return F and its derivatives.
         value_at_middle, _ = self.equations(axis_point + self.across @ middle_y)
         _, slope = self.equations(axis_points + self.across @ y)
         slope_by_s = slope @ self.axis
@@ -1341,7 +1357,7 @@ def check_singularities(equations, system, certificate, chains):
     A variable stops where its rate along a curve of configurations is zero. A stop of the
     input is a dead centre. A stop of an output is a singularity of type I, or of type III
     if the input may stop there too; the certificate then says "I or III". An output is only
-    checked if its two links are joined by a revolute pair, whose variable is the output.
+    checked if a pair joins its two links, and the angle of this pair is an unknown.
 
     Parameters
     ----------
@@ -1352,7 +1368,7 @@ def check_singularities(equations, system, certificate, chains):
     certificate
         Certificate (file of a proof) with the stops of each curve.
     chains
-        Two lists for each curve, which is covered by pieces, boxes in a row along it. The
+        Two lists for each curve. Boxes in a row along the curve, its pieces, cover it. The
         first list has the `Arc` of each piece, the part of the curve in it. The second list
         has the piece that follows each one.
     """
@@ -1368,14 +1384,14 @@ def check_singularities(equations, system, certificate, chains):
     singularities = certificate["singularities"]["found"]
     curves = zip(certificate["curves"], chains, strict=True)
     for number, (curve, (arcs, following)) in enumerate(curves):
-        input_variable = len(equations.names) - 1
+        *unknowns, _ = equations.names
+        input_variable = len(unknowns)
         check_stops(arcs, following, input_variable, curve["input_stops"])
         for name, output in outputs:
             reference = output.get("relative_to", system.sizes.data["ground"])
             links = {output["link"], reference}
             pairs = [p for p, ends in system.sizes.ends.items() if set(ends) == links]
-            # No pair joins the two links, or its angle is not an unknown.
-            if not pairs or pairs[0] not in equations.names[:-1]:
+            if not pairs or pairs[0] not in unknowns:
                 continue
             stops = [
                 item

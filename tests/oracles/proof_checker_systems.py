@@ -477,7 +477,8 @@ class SolutionOverBox:
         """Return a ball of the mirror image 1 / conj(x) less z + Z d, for one unknown x.
 
         The angle of x is real if x and its mirror image in the unit circle are the same.
-        `show_real` concludes this from the ball (number with a rigorous error bound).
+        `show_real` concludes this if the image is in the box with one solution that has the
+        centre z + Z d. A ball is a number with a rigorous error bound.
 
         The solution over a box of inputs is x = z + Z d + w, with the value z at the
         centre, the rates Z, the real changes d of the inputs, and a remainder w. With e =
@@ -486,7 +487,8 @@ class SolutionOverBox:
 
             1 / conj(x) = z s / (1 + c) = z s (1 - c + c^2 / (1 + c)).
 
-        Its difference from z + Z d is z times
+        With c = conj(Z / z) d + conj(w / z), as d is real, the difference from z + Z d is z
+        times
 
             s - 1 - (s conj(Z / z) + Z / z) d + s (c^2 / (1 + c) - conj(w / z)).
 
@@ -505,8 +507,8 @@ class SolutionOverBox:
         s = 1 / (z * z.conjugate())
         c = e.conjugate()
         conjugate_rates = np.array([rate.conjugate() for rate in relative_rates])
-        # These terms nearly cancel on the unit circle, so they are added before d is
-        # inserted.
+        # These terms nearly cancel on the unit circle. Their sum is formed before the
+        # product with the balls d, because the radii of balls would add up.
         linear_terms = (s * conjugate_rates + relative_rates) @ self.input_changes
         other_terms = s * (c * c / (1 + c) - relative_remainder.conjugate())
         return z * (s - 1 - linear_terms + other_terms)
@@ -525,10 +527,9 @@ class SolutionOverBox:
         (`is_inverse`) the solution is e^(-i angle) instead.
         """
         angles = []
-        # Z / z, w / z and e, for each unknown.
-        for is_inverse, (z, relative_rates, relative_remainder, e) in zip(
-            self.is_inverse, self.relative_parts(), strict=True
-        ):
+        for is_inverse, parts in zip(self.is_inverse, self.relative_parts(), strict=True):
+            # Z / z and w / z are the relative rates and the relative remainder.
+            z, relative_rates, relative_remainder, e = parts
             # An inverse unknown is e^(-i angle), so it gives the negative angle.
             sign = -1 if is_inverse else 1
             angle = sign * z.log().imag
@@ -538,7 +539,8 @@ class SolutionOverBox:
             rates = [arb((sign * rate.imag).mid()) for rate in relative_rates]
             error_of_logarithm = size**2 / (2 * (1 - size))
             error_at_centre = arb(angle.rad())
-            # The rates are the middles of balls. Their radii are less than this.
+            # The rates are the middles of balls. Their radii are roundings to 80 bits,
+            # about 1e-24 of the rates. Times d, the errors are far below this.
             error_of_rates = arb(1e-20)
             remainder = (
                 abs(relative_remainder)

@@ -107,18 +107,23 @@ class Wheels:
             need(row["pair"] not in self.rates, "a pair twice")
             need(len(row["ratios"]) == len(inputs), "other inputs")
             # Larger errors would make the statement worthless.
-            need(0 <= row["off"] < 1e-12, "ratios that are no numbers")
+            need(0 <= row["off"] < 1e-12, "ratios that are too uncertain")
             self.rates[row["pair"]] = [arb(ratio, row["off"]) for ratio in row["ratios"]]
         need(sorted(self.rates) == sorted(self.sizes.ends), "pairs are missing")
         self.followers = [row["pair"] for row in certificate["ratios"]]
         self.contacts = [n for n, p in data["pairs"].items() if p["type"] == "Cr"]
+        # If this number of pairs joins all links, they form no loop.
         need(len(self.sizes.ends) == len(self.sizes.links) - 1, "a loop of R pairs")
+        first_link = self.sizes.links[0]
+        for link in self.sizes.links:
+            self.path_of_pairs(first_link, link)  # refuses a link that is not joined
 
     def path_of_pairs(self, start, goal):
         """Return the pairs from one link to another in order, as a list of `PairOnPath`.
 
-        The links are searched breadth first from the start. R pairs join all links without
-        a loop, so there is one path only.
+        The links are searched breadth first from the start. `ends` has the links of all
+        pairs but contacts. These pairs join all links without a loop, so there is one path
+        only.
         """
         path_by_link = {start: []}
         waiting = [start]
@@ -134,7 +139,7 @@ class Wheels:
                     step = PairOnPath(pair, link, next_link, sense)
                     path_by_link[next_link] = [*path_by_link[link], step]
                     waiting.append(next_link)
-        need(goal in path_by_link, "wheels that no pairs join")
+        need(goal in path_by_link, "links that no pairs join")
         return path_by_link[goal]
 
     def path_between_wheels(self, contact):
@@ -147,7 +152,8 @@ class Wheels:
 
         The file has circles by their centres and radii, or cones by their axes and their
         numbers of teeth or half angles. Sizes are balls (numbers with an error bound) with
-        the uncertainty of the file (`sizes.slack`).
+        the uncertainty of the file (`sizes.slack`). The sine of a radius is the distance of
+        the circle from its axis, which determines how fast the circle rolls.
         """
         item = self.sizes.data["pairs"][contact]
         # In an internal contact the first circle lies within the second.
@@ -158,16 +164,16 @@ class Wheels:
         first_centre, first_radius = self.sizes.circle(contact, first_link)
         second_centre, second_radius = self.sizes.circle(contact, second_link)
         if is_internal:
-            arc = second_radius - first_radius
+            arc_between_centres = second_radius - first_radius
         else:
-            arc = first_radius + second_radius
+            arc_between_centres = first_radius + second_radius
         return RollingCircles(
             first_centre,
             second_centre,
-            first_radius.sin(),
-            second_radius.sin(),
-            arc,
-            is_internal,
+            first_sine=first_radius.sin(),
+            second_sine=second_radius.sin(),
+            arc=arc_between_centres,
+            is_internal=is_internal,
         )
 
     def _circles_of_cones(self, item, is_internal):
@@ -278,8 +284,9 @@ class Wheels:
             before = self.sizes.frame(step.pair, step.link_before)
             after = self.sizes.frame(step.pair, step.link_after)
             axis_by_pair[step.pair] = step.sense * (rotation @ before[:, 2])
-            # The third axis of both frames is that of the pair. The entries of the rotation
-            # about it are cos, sin, and 1 on the axis.
+            # The third axis of both frames is the axis of the pair, about which it turns.
+            # The sense is -1 if the path leads from the second link of the pair to the
+            # first.
             s, c = angle.sin_cos()
             rotation_of_pair = spin(c, step.sense * s, 1)
             rotation = rotation @ before @ rotation_of_pair @ after.T
@@ -308,9 +315,12 @@ def check_wheels(certificate):
     """Check a certificate that wheels roll at the stated ratios, and at no others.
 
     A certificate is the file of a proof. It states the ratios of the followers (pairs that
-    are no inputs). Suppose other ratios were possible: then a combination of the followers'
-    slips would be zero. No others are possible if these slips are linearly independent.
-    `check_rolling` returns the slip of each pair at a contact.
+    are no inputs). `check_rolling` checks them. It returns the slip at a contact of each
+    pair that turns alone at unit rate.
+
+    Suppose other ratios were possible. Then the inputs at rest and the followers at the
+    differences of the ratios would cause no slip. This is impossible if the slips of the
+    followers are linearly independent.
     """
     ctx.prec = 80  # bits of all balls
     wheels = Wheels(certificate)
@@ -336,8 +346,8 @@ def check_rolling(wheels, contact):
     all angles. `need` refuses the certificate if a condition is false.
 
     The result has the slip (3,) at the contact by pair, while this pair turns alone at unit
-    rate. It is that in the last of these positions. The caller needs it in one position
-    only: it shows that no other ratios roll there, so that none roll in all positions.
+    rate, in the last of these positions. The caller shows with these slips that no other
+    ratios roll in this position. So no others roll in all positions.
     """
     path = wheels.path_between_wheels(contact)
     need(len(path) <= MAX_PAIRS, "too many pairs between two wheels")

@@ -128,8 +128,8 @@ def least_misfit(ends, axes, locked, link, reference_link, direction=None):
     The result is 0 if the link can move relative to the reference link although these pairs
     are locked. It is 1 if all pairs are locked.
 
-    The rates (angular velocities) of links may contradict what the pairs allow. The misfit
-    is the norm of the velocity equations at these rates. The link gets a unit rate, and all
+    The misfit of rates (angular velocities) of links is the norm of the residuals of the
+    velocity equations, which say what the pairs allow. The link gets a unit rate, and all
     other links get the rates with the least misfit. This least misfit is divided by its
     value if all pairs are locked.
 
@@ -150,19 +150,19 @@ def least_misfit(ends, axes, locked, link, reference_link, direction=None):
         equations = velocity_equations(ends, axes, held=locked_pairs)
         return largest_rate(equations, link, reference_link, direction)
 
-    # The least misfit at unit rate is the inverse of the largest rate at unit misfit.
+    # Misfits are proportional to rates. So the least misfit at unit rate is 1 divided by
+    # the largest rate at unit misfit.
     all_pairs = range(len(ends))
     return rate_at_unit_misfit(all_pairs) / rate_at_unit_misfit(locked)
 
 
 def largest_rate(equations, link, reference_link, direction=None):
-    """Return the largest angular velocity (rate) of a link at which the misfit is 1.
+    """Return the largest angular velocity (rate) of a link, if the misfit |E w| is 1.
 
-    The misfit of the rates w of all links is |E w|, with the velocity equations E. Rates
-    with the misfit 1 are w = E^+ e, with a unit vector e and the pseudo-inverse E^+. Three
-    rows of E^+ give the rate of the link. The largest rate is the spectral norm of these
-    rows. With the singular value decomposition E = U S V^T they are V_link S^-1 U^T, where
-    U^T does not change the norm.
+    E w = 0 are the velocity equations for the rates w of all links. Let E = U S V^T be the
+    singular value decomposition. With e = U^T E w, which has the length 1, the rates are w
+    = V S^-1 e. Three rows of V S^-1 give the rate of the link. The largest rate is the
+    spectral norm of these rows.
 
     Parameters
     ----------
@@ -171,7 +171,8 @@ def largest_rate(equations, link, reference_link, direction=None):
     link, reference_link
         Numbers of the link, and of the link relative to which it turns.
     direction
-        Unit vector; only the part of the rate perpendicular to it is counted.
+        Unit vector of a pointer on the link. Only the part of the rate perpendicular to it
+        is counted, which moves the pointer. By default the whole rate is counted.
     """
     # The columns of the reference link are left out: it does not move.
     columns = [k for k in range(equations.shape[1]) if k // 3 != reference_link]
@@ -181,7 +182,7 @@ def largest_rate(equations, link, reference_link, direction=None):
     columns_of_link = [columns.index(3 * link + k) for k in range(3)]
     rows_of_link = right_vectors[:, columns_of_link].T  # V_link
     if direction is not None:
-        # Only the part of the rate across the pointing direction is counted.
+        # The part of the rate along the pointer is removed.
         part_along_direction = np.outer(direction, direction @ rows_of_link)
         rows_of_link = rows_of_link - part_along_direction
     return np.linalg.norm(rows_of_link / singular_values, 2)
@@ -261,8 +262,8 @@ class LinkRates:
         (n, rows, 3 links - 3) equations without those that prescribe the moved input. Their
         null vector is the motion at a dead centre, where this input cannot have a rate.
     gaps
-        (n,) largest distance between the places of an axis (or circles) in its two links, 0
-        if the loops are closed.
+        (n,) largest error of a pair: distance between its axis as each of the two links
+        places it, or between two circles that should touch. 0 if the loops are closed.
     """
 
     w: Any
@@ -381,20 +382,20 @@ def link_rates(mechanism, rotations, inputs, moved):
 def _contact_vector(pair_type, line):
     """Return the unit vector (n, 3) of a pair, for the velocity equations.
 
-    - Revolute pair (R): the axis.
-    - Rolling contact of circles (Cr): the unit vector to the contact point.
+    - Revolute pair (R): the axis. The relative angular velocity of the links is along it.
+    - Rolling contact of circles (Cr): the unit vector to the contact point. The relative
+      angular velocity is along it, too.
     - Sliding contact of circles (Cs): the normal of the plane that contains both centres.
-      The relative angular velocity of the links has no component along it.
+      The relative angular velocity has no component along it.
 
     Parameters
     ----------
     pair_type
         Type of the pair.
     line
-        Two terms (weight, vector (n, 3), link that carries the vector). The first term of
-        an R pair is its axis with the weight 1, and the second is None. Terms of contacts
-        are the centres of both circles. The sum of weights times centres is the unit vector
-        to the contact point.
+        Two terms (weight, vector (n, 3), link that carries the vector). An R pair has its
+        axis with the weight 1, and None. A contact has the centres of both circles, and the
+        sum of weights times centres is the unit vector to the contact point.
     """
     (first_weight, first_centre, _), second_term = line
     if second_term is None:
