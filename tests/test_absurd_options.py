@@ -214,7 +214,8 @@ def test_absurd_options_are_refused_in_a_sentence(
     assert "Traceback" not in errors
     assert not re.search(r"Warning\b|\.py:\d", errors)
     assert "spherekit did not expect this warning" not in errors, errors
-    assert "\u202e" not in errors  # the value is escaped where it is quoted
+    # A value with this character, which reverses the direction of text, is escaped.
+    assert "\u202e" not in errors
     statuses = allowed_statuses(command, option, value)
     assert status in statuses, (status, errors)
     if statuses == REFUSED:

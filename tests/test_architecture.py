@@ -62,7 +62,8 @@ def imports(path):
     -------
     set of (module, is_for_types)
     """
-    deepest = len(path.relative_to(ROOT).parts) - 1 if path in ANALYSES else 0
+    # The most dots of a relative import that stays in the repository. 0 forbids all.
+    most_dots = len(path.relative_to(ROOT).parts) - 1 if path in ANALYSES else 0
     imported = set()
 
     def visit(node, is_for_types):
@@ -75,7 +76,7 @@ def imports(path):
         if isinstance(node, ast.Import):
             imported.update((alias.name, is_for_types) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            assert node.level <= deepest, f"{path}: relative import"
+            assert node.level <= most_dots, f"{path}: relative import"
             imported.add((node.module, is_for_types))
         for child in ast.iter_child_nodes(node):
             visit(child, is_for_types)

@@ -182,7 +182,8 @@ def test_every_public_callable_refuses_a_wrong_type_by_the_name_of_the_argument(
 
     Each argument in turn is an object that its type hint does not allow. All other required
     arguments have values that their hints allow (`allowed`). The call must raise a
-    `SpherekitError`. `callables` lists all public functions, constructors and methods.
+    `SpherekitError`. An argument that is the name of a part of a mechanism need not be
+    named. `callables` lists all public functions, constructors and methods.
     """
     count = 0
     missed = []
@@ -208,7 +209,8 @@ def test_every_public_callable_refuses_a_wrong_type_by_the_name_of_the_argument(
                 function(*positional, **keywords)
             except SpherekitError as error:
                 # The message names the argument and shows the wrong object: 'NAME is
-                # <object ...', or for texts that are names 'is named "<object ...'.
+                # <object ...'. For the name of a part it may say instead that there is no
+                # such part: 'no pair is named "<object ...'.
                 if not re.search(f'({wrong.name} is|is named) "?<object', str(error)):
                     missed.append(f"{name}: {wrong.name}: {error}")
             except Exception as error:

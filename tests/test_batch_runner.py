@@ -49,9 +49,10 @@ def compare_kernel_with_reference(mechanism, same_signs=True, **options):
     mechanism
         Mechanism that is moved.
     same_signs
-        Whether pole directions must also have the same sign.
+        Whether directions of poles (axes of relative rotation) must also have the same
+        sign. Opposite directions describe the same pole.
     options
-        Further fields of a study, such as `samples`.
+        Further options of the run, such as `samples`.
 
     Returns
     -------
@@ -158,10 +159,11 @@ def test_signs_of_pole_directions_continue_through_slices_as_without_a_kernel(
 ):
     """Pole directions are continuous along an assembly mode, although a sign is arbitrary.
 
-    A pole is the axis of the relative rotation of two links. A kernel (functions that
-    compute many rows at once) continues the signs from row to row, in slices of consecutive
-    rows. The reference is a run without a kernel (`evaluate_both_ways`). Slices have the
-    usual number of rows, or one row.
+    A pole is the axis of the relative rotation of two links. A kernel (compiled functions
+    that compute many rows at once) computes directions of arbitrary sign. They are then
+    multiplied by signs 1 or -1, which are continued in slices of consecutive rows. The
+    reference is a run without a kernel (`evaluate_both_ways`). Slices have the usual number
+    of rows, or one row.
     """
     # The kernel is compiled for any number of rows, if the compiler heyoka is installed.
     if available():
@@ -173,12 +175,12 @@ def test_signs_of_pole_directions_continue_through_slices_as_without_a_kernel(
         evaluations = evaluate_both_ways(sk.load(name), samples=300)
         differences = find_differences(evaluations)
         assert differences.are_none, differences
-        # Only rows that are OK can be computed by the kernel: two of the six modes of
-        # `three_rrr` close at 20 of the 300 samples only.
+        # The kernel computes most of the rows with status OK. Other rows cannot be
+        # assembled: two modes of `three_rrr` have 20 of the 300 samples only.
         share_of_kernel = differences.share
         share_of_ok_rows = np.mean(evaluations.reference_motion.status == Status.OK)
         assert share_of_kernel > 0.7 * share_of_ok_rows
-    # The comparison means something only if signs change within the motion.
+    # The comparison means something only if these signs change within the motion.
     assert sum(count_sign_changes(signs) for signs in recorded_signs) > 10
 
 
@@ -267,7 +269,8 @@ def test_rows_do_not_depend_on_the_size_of_blocks(name, block, monkeypatch):
     A kernel is a set of compiled functions that compute many rows at once. Columns of whole
     numbers and statuses must be equal, pole directions and velocity coefficients up to
     rounding. The signs of directions are equal too: they continue from block to block, and
-    over gaps. About half of the rows of the five-bar are such gaps: they are out of reach.
+    over rows without a value. About half of the rows of the five-bar are out of reach, and
+    have no values.
     """
     options = {"samples": 2900, "assembly_mode": 0}
     mechanism = wide_five_bar() if name == "five_bar" else sk.load(name)
@@ -284,12 +287,12 @@ def test_rows_do_not_depend_on_the_size_of_blocks(name, block, monkeypatch):
             if table[column].dtype.kind != "f":
                 assert np.array_equal(table[column], same_table[column]), column
         for column in ("ux", "uy", "uz", "velocity_coefficient"):
-            gap = np.abs(table[column] - same_table[column])
-            has_gap = np.isnan(table[column])
-            assert np.array_equal(has_gap, np.isnan(same_table[column]))
-            assert np.nanmax(gap) < tolerance
+            difference = np.abs(table[column] - same_table[column])
+            has_no_value = np.isnan(table[column])
+            assert np.array_equal(has_no_value, np.isnan(same_table[column]))
+            assert np.nanmax(difference) < tolerance
     if name == "stephenson":
-        # The share of the rows that the kernel computed.
+        # The kernel computed nearly all rows.
         assert whole.summary["errors_reached"]["fraction_by_kernel"] > 0.99
     else:
         assert 0.4 < np.mean(np.isnan(table["ux"])) < 0.6

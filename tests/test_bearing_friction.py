@@ -115,12 +115,18 @@ def moving(name):
 def test_inverse_dynamics_with_friction_recovers_the_torque_of_a_simulation():
     """Inverse dynamics of a simulated motion returns the torque that drove it.
 
-    A crank is driven by 5 sin(2 t) N m against a bearing with friction. The friction
-    follows from reactions, and these from the torque, so both are solved together. Two
-    analyses do so: one by the equation of Eksergian, the other for any number of inputs.
+    The crank of a four-bar is driven by 5 sin(2 t) N m. The bearings of its rocker (pair
+    41) have friction. The friction follows from reactions, and these from the torque, so
+    both are solved together. Two analyses do so: one by the equation of Eksergian, the
+    other for any number of inputs.
     """
     bearings = sk.Bearings(
-        "rub", "41", positions=(0.4, 0.9), radius=0.1, coefficient=0.8, speed=0.05
+        "rub",
+        "41",
+        positions=(0.4, 0.9),
+        radius=0.1,
+        coefficient=0.8,
+        speed=0.05,  # rad/s below which friction is smoothed
     )
     run = sk.run(
         moving("four_bar").with_loads(bearings),
@@ -171,12 +177,14 @@ def test_simulations_with_bearing_friction_satisfy_euler_s_equations(name):
     def driving_torques(t, rates):
         return [5.0 * np.sin(2.0 * t) - 0.5 * rates[0], *[0.0] * (len(inputs) - 1)]
 
-    # A moment M across the axis loads each of the two bearings with M / (0.5 m). The
-    # friction torque is coefficient times radius times the sum of both forces.
+    # Bearings without shares of the axial force (`axial`) only support moments. A moment M
+    # across the axis loads each of the two bearings with M / (0.5 m). The friction torque
+    # is coefficient times radius times the sum of both forces.
     friction_per_moment = 2 * coefficient * radius / 0.5
     check_simulated_motion(
         simulation,
         driving_torques,
+        # The friction torque per moment M, by pair.
         grips=dict.fromkeys(friction_pairs, friction_per_moment),
         speed=0.05,  # that of the bearings, below which friction is smoothed
         within=1e-9,

@@ -44,7 +44,8 @@ def mechanism_on_bearings(name, seed=3, distance=0.7):
     name, seed
         Shipped mechanism, and seed of its masses.
     distance
-        Distance (m) of all contacts from the centre of the sphere.
+        Distance (m) from the centre of the sphere of all contacts, the pairs that are no R
+        pairs: wheels and cams.
 
     Returns
     -------
@@ -58,15 +59,16 @@ def mechanism_on_bearings(name, seed=3, distance=0.7):
     mechanism = mechanism.with_inputs(*[item.pair for item in mechanism.inputs])
     pairs = []
     for pair in mechanism.pairs:
-        if not pair.kind.has_axis:
-            angle = PRESSURE_ANGLE_RAD if pair.type == "Cr" else None
-            pair = replace(pair, distance=distance, pressure_angle=angle)
+        if pair.type == "Cr":  # wheels that roll on each other, by their teeth
+            pair = replace(pair, distance=distance, pressure_angle=PRESSURE_ANGLE_RAD)
+        elif not pair.kind.has_axis:
+            pair = replace(pair, distance=distance, pressure_angle=None)
         pairs.append(pair)
     mechanism = replace(mechanism, pairs=tuple(pairs))
 
-    # What the file would have to state to determine all forces. It is enough that the pairs
-    # in `floating` let their links slide along the axis. Centres of mass and distances of
-    # contacts are all stated.
+    # `lacking` says what is missing to determine all forces. Centres of mass and distances
+    # of contacts are not missing. It is enough that the pairs in `floating` let their links
+    # slide along the axis.
     lacking = reactions(
         motion_by_polynomial_laws(mechanism, STARTS[name], [0.0, 0.2])
     ).lacking
@@ -102,7 +104,7 @@ def test_bearing_forces_are_those_of_free_bodies(name):
     computed_reactions = reactions(
         motion_by_polynomial_laws(mechanism, STARTS[name], [0.0, 0.2])
     )
-    # All forces are determined, and the file need not state anything else for them.
+    # No force is undetermined, and no information about the mechanism is missing.
     assert not np.any(computed_reactions.open_forces)
     missing_information = computed_reactions.lacking.wanted
     assert not missing_information
@@ -114,6 +116,7 @@ def test_bearing_forces_are_those_of_free_bodies(name):
         solutions = []
         for signs in product((1.0, -1.0), repeat=len(meshes)):
             flanks = dict(zip(meshes, signs, strict=True))
+            # Also the number of undetermined forces, and the residual of the equations.
             forces, undetermined, residual = bearing_forces(*arguments, flanks)
             # The y axis of the frame of a mesh points to the first wheel. A push of this
             # wheel on the second one has a negative y component.
@@ -159,10 +162,12 @@ def test_a_vertical_shaft_stands_on_its_fixed_bearing(speed, tmp_path):
     (tmp_path / "shaft.toml").write_text(SHAFT)
     shaft = sk.load(tmp_path / "shaft.toml")
     angle = 0.4
-    computed_reactions = reactions(
-        motion_by_polynomial_laws(shaft, (angle,), [0.0], speed, 0.0)
+    motion = motion_by_polynomial_laws(
+        shaft, starts=(angle,), t=[0.0], rate=speed, quadratic=0.0
     )
-    # Forces on the shaft, in the frame of the pair: x and y are radial, z is axial.
+    computed_reactions = reactions(motion)
+    # Forces on the shaft at the two bearings, at the only time. They are in the frame of
+    # the pair: x and y are radial, z is axial. "bearings" is the name of the load.
     ((first, second),) = computed_reactions.on_bearings["bearings"]
     frame = computed_reactions.frames[0, 0]  # columns: axes of this frame in ground axes
     outwards = np.array([np.cos(angle), np.sin(angle), 0.0])  # x of the shaft
@@ -303,6 +308,7 @@ def test_reactions_name_what_is_missing_to_determine_forces():
     mechanism, _ = with_masses_and_loads("stephenson", np.random.default_rng(3))
     light = replace(mechanism.masses[2], mass=None, centre=None)
     masses = (*mechanism.masses[:2], light, *mechanism.masses[3:])
+    # Gravity is left out, because it needs the mass of every link.
     loads = [load for load in mechanism.loads if not isinstance(load, sk.Gravity)]
     mechanism = replace(mechanism, masses=masses, loads=tuple(loads))
     computed_reactions = reactions(
@@ -310,7 +316,7 @@ def test_reactions_name_what_is_missing_to_determine_forces():
     )
     assert computed_reactions.lacking.centres == (light.link,)
     assert len(computed_reactions.lacking.floating) == 6
-    is_undetermined = computed_reactions.open_forces
+    is_undetermined = computed_reactions.open_forces  # per component of each force
     assert np.all(is_undetermined)
 
     run = sk.run(mechanism, "reactions", samples=3)

@@ -58,6 +58,7 @@ def test_angles_beside_folds_are_within_their_bounds_or_missing(seeds):
             motion = PositionAnalysis(mechanism, path=path).motion()
         except SpherekitError:  # its loops close nowhere
             continue
+        # No computed configuration has loops that stay open.
         assert not np.any(motion.status == Status.NOT_CLOSED)
         has_angles = np.all(np.isfinite(motion.values), axis=1)
         assert np.all(has_angles[motion.status == Status.OK])
@@ -100,6 +101,11 @@ def _rocker_rates(crank_angle):
     frame, crank, coupler, rocker = (mp.radians(mp.mpf(arc)) for arc in FOLDING)
 
     def rocker_angle(theta, sign):
+        """Return the rocker angle from the crank angle theta and the sign of the mode.
+
+        The diagonal is the arc from the end of the crank to the axis of the rocker. All
+        angles but theta are at this axis.
+        """
         cos_diagonal = mp.cos(frame) * mp.cos(crank)
         cos_diagonal += mp.sin(frame) * mp.sin(crank) * mp.cos(theta)
         diagonal = mp.acos(cos_diagonal)
@@ -166,9 +172,9 @@ def inputs_of_dead_centres(position_analysis):
 def test_a_followed_group_has_rows_up_to_its_dead_centre():
     """Error bounds are right 1e-12 and 1e-14 rad beside the end of an assembly mode.
 
-    The mechanism contains a triad (a group of four links without a closed form). Its modes
-    are followed as curves through computed configurations, which do not come so near to the
-    end. `judge_bounds` asserts that errors are within bounds in all rows with status OK.
+    The mechanism contains a triad (a group of four links without a closed form), whose
+    modes are followed as curves. `judge_bounds` asserts that errors are within bounds in
+    all rows with status OK.
     """
     random = np.random.default_rng(2)
     mechanism = grow_dyad_chain(random, links=8, triads=True)
@@ -176,12 +182,12 @@ def test_a_followed_group_has_rows_up_to_its_dead_centre():
     dead_centre = inputs_of_dead_centres(PositionAnalysis(mechanism, samples=5))[0]
     distances = np.array([1e-12, 1e-14])
     path = np.unique(dead_centre + np.concatenate([distances, -distances]))
-    # `judge_bounds` asserts that the errors of all rows with status OK are within bounds.
     comparison = judge_bounds(mechanism, path[:, None])
     compared_rows = comparison.rows  # rows with status OK
     rows_with_another_status = comparison.failed_rows
-    # Two modes meet at the dead centre. They have a configuration at two of the four
-    # inputs, and are out of reach at the other two, beyond the dead centre.
+    # Two modes meet at the dead centre. At the two inputs before it they have
+    # configurations, which must be rows with status OK. At the two inputs beyond it they
+    # are out of reach.
     assert rows_with_another_status <= compared_rows
 
 

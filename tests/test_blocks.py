@@ -62,9 +62,11 @@ def test_angles_continue_from_block_to_block_as_in_one_motion(size):
     for position_analysis in (many_turns(), five_bar):
         names = list(position_analysis.mechanism.angles)
         mode_count = len(position_analysis.assembly_modes)
+        # How the whole turns of each angle are counted.
         unwrapping = position_analysis.angle_unwrapping
         motion = with_missing_samples(position_analysis.motion())
         whole = continue_angles(motion, names, unwrapping, {})
+        # The last angles of a block, which each call reads and replaces.
         state = {}
         blocks = []
         for block in position_analysis.blocks(size):
@@ -158,9 +160,11 @@ def test_eksergian_gives_the_same_tables_and_findings_in_blocks(course):
                 if values.dtype.kind != "f":
                     assert np.array_equal(values, block_values)
                     continue
-                # With loads the torque tau is a difference of larger numbers.
+                # The torque tau is a difference of larger numbers. One of them is Q, the
+                # generalized force of the loads.
                 scale_column = columns["Q"] if column == "tau" else values
                 scale = max(np.nanmax(np.abs(scale_column), initial=0.0), 1.0)
+                # Rows that failed are NaN, which is ignored.
                 gap = np.nanmax(np.abs(values - block_values), initial=0.0)
                 assert gap <= 2e-14 * scale, column
 
@@ -247,12 +251,12 @@ def test_findings_that_differ_between_blocks_need_a_way_to_join_them():
 @final
 @dataclass(frozen=True, kw_only=True)
 class SampleFreeAnalysis(MinimalAnalysis):
-    """Analysis for tests that reads no samples of the run.
+    """Analysis for tests whose results do not depend on the samples of the run.
 
-    Its table has three rows and its page four, so that neither number is that of the
-    samples. Findings and values are arbitrary numbers. `calls` gets an item for each call
-    of `compute`: the first sample of the batch. So tests see that the analysis is called
-    once, and not for every block of samples.
+    Its table has three rows, and its page for the viewer a series of four values. The runs
+    have another number of samples. Findings and values are arbitrary numbers. `calls` gets
+    an item for each call of `compute`: the number of the first sample. So tests see that
+    the analysis is called once, and not for every block of samples.
     """
 
     name: ClassVar = "apart"
@@ -278,9 +282,10 @@ ROW_AXIS = Axis("row", "", np.arange(4.0))
 def test_an_analysis_that_reads_no_samples_is_computed_once():
     """An analysis that reads no samples is called once in a run of seven blocks.
 
-    `SampleFreeAnalysis` counts its calls. Its page is shown once, and its four rows are
-    spread over the range of the input, 0 to 270 degrees in steps of 90, or over the
-    duration of a run in time. `SceneListener` collects the pages.
+    `SampleFreeAnalysis` counts its calls. Its table has three rows. Its page has four rows
+    and is shown once. The rows of the page start at 0, 90, 180 and 270 degrees of the
+    input, or at quarters of the duration of a run in time. `SceneListener` collects the
+    pages.
     """
     mechanism = sk.load("four_bar")
     listener = SceneListener()
@@ -289,7 +294,7 @@ def test_an_analysis_that_reads_no_samples_is_computed_once():
     result = sk.run(mechanism, analyses, samples=25, block=4, recorder=listener)
     assert SampleFreeAnalysis.calls == [0]  # one call, with a batch from sample 0 on
     assert result.summary["samples_in_a_block"] == 4
-    assert result.frame("apart")["x"].tolist() == [0.0, 1.0, 2.0]  # its own three rows
+    assert result.frame("apart")["x"].tolist() == [0.0, 1.0, 2.0]
 
     # Pages with a name are logged once; the others are pages of assembly modes.
     logged = [entry for entry in listener.logged if isinstance(entry[0], str)]
@@ -335,7 +340,7 @@ def test_no_motion_is_computed_for_analyses_that_read_no_samples(request_text, m
     assert not result.failures
     assert not result.results["motion"].tables
     assert result.summary["assembly_modes"] == []
-    assert result.summary["remarks"]
+    assert result.summary["remarks"]  # findings of the analysis
     with pytest.raises(AssertionError, match="was traced"):
         sk.run(mechanism, [request_text, "poles"])
 

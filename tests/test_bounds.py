@@ -49,9 +49,10 @@ LONG = pytest.param(range(12, 400), marks=pytest.mark.long)
 def test_error_bounds_are_right_for_special_geometry(seeds):
     """Every number of every row with status OK is within its error bound.
 
-    A row is a configuration with the input that moves in it. The reference is evaluated in
-    more digits, from the float64 sizes of the mechanism and from the decimal degrees of its
-    file. Rows with another status are not compared.
+    A row is one configuration with one of its inputs moving alone. There are two references
+    in more digits: one for the float64 sizes of the mechanism, one for the decimal degrees
+    of its file. Rows with another status are not compared. Special are right angles, equal
+    arcs, and links that can lie in line.
 
     Bounds must not be useless either: the error of some direction is more than 5 % of its
     bound, and there is less than one row with another status for every ten poles compared.

@@ -166,7 +166,9 @@ def test_a_served_run_can_be_reached_and_ends_with_an_interrupt():
         process.kill()
     url = f"rerun+http://127.0.0.1:{port}/proxy"
     assert first_lines[0] == f"serving at {url}; open it with: rerun {url}\n"
+    # The line can come after another one, and is then in the rest of the output.
     assert "the run is done" in first_lines[1] + err
+    # Each mode has a number and, in brackets, the name that the source gives to it.
     assert "2 assembly modes, both exist over the whole range: 0 (p1), 1 (p0)" in out
     assert process.returncode == 0
     assert "Traceback" not in err

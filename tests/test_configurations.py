@@ -105,14 +105,15 @@ to 4.0 (over 0), 101.0 to 112.2, 118.8 to 140.9 and 324.2 to 346.3 deg only."""
 def test_components_between_five_equally_spaced_inputs_are_found():
     """All curves of a six-bar that exist only in narrow ranges of the input are found.
 
-    A curve consists of configurations that join each other. The four curves exist in ranges
-    of 11 and 22 degrees. Configurations at five equally spaced inputs would miss three of
-    them. `configurations` first finds the turning points, which are the inputs at which
-    curves turn back. It claims to be complete. The expected ends of the ranges (deg) were
-    computed earlier.
+    A curve consists of configurations that join each other. There are four curves.
+    Configurations at five equally spaced inputs miss three of them, which exist in ranges
+    of 11 and 22 degrees only. `configurations` first finds the turning points, which are
+    the inputs at which curves turn back. It claims to be complete. The expected ends of the
+    ranges (deg) were computed earlier.
     """
     # Unit vectors of the pair axes in a reference pose.
     axes = np.array(HIDDEN) / np.linalg.norm(HIDDEN, axis=1, keepdims=True)
+    # The pair of the links 5 and 6 is driven over a whole turn.
     position_analysis, configurations = with_curves(STEPHENSON, axes, "p5_6")
     solver = position_analysis.solver
     curves = [item.curve for item in configurations.curves]
@@ -120,7 +121,8 @@ def test_components_between_five_equally_spaced_inputs_are_found():
     # Counts of modes at single inputs agree with the curves.
     assert not configurations.mismatches
     # Both turning points divide a closed curve into two pieces, each of which is one
-    # assembly mode. The curve through the input 0 is also cut there, into four pieces.
+    # assembly mode. The range of the input begins and ends at 0. So the curve through the
+    # input 0 is cut at this input, too: both of its pieces become two.
     mode_count = 2 + 2 + 2 + 4
     pieces = [piece for item in configurations.curves for piece in item.pieces]
     assert sorted(piece.assembly_mode for piece in pieces) == list(range(mode_count))
@@ -175,15 +177,17 @@ def test_curves_do_not_depend_on_the_pair_that_finds_them():
 def test_curves_have_every_configuration_that_a_random_search_finds(chain, seed, inputs):
     """Whatever a random search for configurations finds lies on a configuration curve.
 
-    `with_curves` computes all curves. The independent search (`search_configurations`) has
-    other equations and starts at 96 random places for each random input. It finds more than
-    85 % of the configurations, so it would notice a missing curve.
+    `with_curves` computes all curves of a mechanism. The independent search
+    (`search_configurations`) has other equations and starts at 96 random places for each
+    random input. It finds more than 85 % of the configurations, so it would notice a
+    missing curve. One random edge of the chain, the pair of the links a and b, is driven.
     """
     random = np.random.default_rng(100 + seed)
     edges = parse_chain(chain)
     a, b = edges[random.integers(len(edges))]
     axes = random_axes(random, len(edges))
     position_analysis, configurations = with_curves(chain, axes, f"p{a}_{b}")
+    # Counts of configurations at single inputs agree with the curves.
     assert not configurations.mismatches
     assert configurations.guarantee is Guarantee.COMPLETE
 
@@ -198,6 +202,7 @@ def test_curves_have_every_configuration_that_a_random_search_finds(chain, seed,
         closure = position_analysis.solver.closure.linearise(np.concatenate(points))
         rotations = closure.rotations
         assert np.max(closure.closure_residual, initial=0.0) < 1e-12
+        # Orientations (n, bodies, 3, 3), and the number of a link of each body.
         searched, links = search_configurations(
             position_analysis.mechanism, random, 96, q=q
         )

@@ -56,18 +56,20 @@ def test_humpages_gear_has_the_speed_ratios_of_its_pitch_cones(tmp_path):
 
     Relative to the arm, two wheels in mesh turn at rates in inverse proportion to the sines
     of their half angles. With the sines s and r of sun and ring, the arm turns by s / (s +
-    r) of the sun. With the sines p and q of the planet and o of the output, the output
-    turns by (1 - r q / (p o)) of the arm.
+    r) of the sun. With the sines p and q of the larger and the smaller wheel of the planet,
+    and o of the output, the output turns by (1 - r q / (p o)) of the arm.
     """
     path = tmp_path / "humpage.toml"
     path.write_text(HUMPAGE)
     mechanism = sk.load(path)
-    sun, ring, planet, out = np.sin(np.radians([18.0, 78.0, 42.0, 95.0]))
+    sun, ring, larger_planet, out = np.sin(np.radians([18.0, 78.0, 42.0, 95.0]))
     smaller_planet = np.sin(np.radians(25.0))
     arm_ratio = sun / (sun + ring)
-    out_ratio = arm_ratio * (1.0 - ring * smaller_planet / (planet * out))
+    out_ratio = arm_ratio * (1.0 - ring * smaller_planet / (larger_planet * out))
     rows = sk.evaluate(mechanism, 0.4)
     assert np.max(np.abs(rows.velocity_coefficient("arm/case") - arm_ratio)) < 1e-13
+    # In the file the axis of the output shaft has the direction opposite to those of sun
+    # and arm, so the coefficient is negative.
     out_coefficient = np.abs(rows.velocity_coefficient("out/case"))
     assert np.max(np.abs(out_coefficient - out_ratio)) < 1e-13
 
@@ -134,7 +136,9 @@ def test_internal_bevel_gears_turn_by_the_ratio_of_their_teeth():
         pairs.append(pair)
     internal = replace(external, pairs=tuple(pairs), geometry=SizeGeometry(sizes))
     _, field = evaluate_poles_of_motion(internal, samples=13)
-    assert np.max(np.abs(field.velocity_coefficient[0, 2] - 20 / 50)) < 1e-13
+    ground, second_wheel = 0, 2  # numbers of links
+    coefficient = field.velocity_coefficient[ground, second_wheel]
+    assert np.max(np.abs(coefficient - 20 / 50)) < 1e-13
 
 
 @pytest.mark.slow

@@ -140,7 +140,8 @@ def test_contact_forces_and_torques_with_friction_are_those_by_hand(
         mechanism,
         ["reactions", "eksergian", "dynamics"],
         samples=9,
-        laws={"shaft": sk.ConstantSpeed(SPEED, 0.1 * SPEED)},
+        # The time of a run begins at 0. So its inputs begin at the angle at t = 0.1 s.
+        laws={"shaft": sk.ConstantSpeed(SPEED, start=0.1 * SPEED)},
         duration=3.9,
         assembly_mode=mode,
     )

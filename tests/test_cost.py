@@ -103,7 +103,7 @@ def test_a_recording_holds_the_requested_poles_only(twelve_bar, tmp_path):
         path = tmp_path / f"{name}.rrd"
         with RerunRecorder("twelve_bar", path=path) as recorder:
             result = sk.run(twelve_bar, text, samples=9, assembly_mode=0, recorder=recorder)
-        rows[name] = logged(path)
+        rows[name] = logged(path)  # number of rows by entity
         sizes[name] = path.stat().st_size
         cost = result.summary["cost"]["recording"]
         assert cost["entities"] == len(rows[name])
@@ -120,7 +120,8 @@ def test_a_recording_holds_the_requested_poles_only(twelve_bar, tmp_path):
     plots = {x for x in narrow if "/plots/" in x}
     # Velocity and acceleration coefficient of the pole.
     assert len(plots) == 2
-    # Both recordings show all links. That of all poles has a second page with links.
+    # Both recordings show all links. That of all poles has a second page with links, the
+    # construction of the poles.
     links = {x for x in narrow if "/link/" in x}
     all_links = {x for x in wide if "/link/" in x}
     assert links == {x for x in all_links if "/construction/" not in x}
@@ -235,7 +236,7 @@ def test_singularities_of_a_part_are_listed_once_for_all_modes_that_have_them(tw
     singularities at the same input angles.
     """
     text = "singularities:output=4/1"
-    run = sk.run(twelve_bar, [text, "poles:only=41"], samples=73)
+    run = sk.run(twelve_bar, [text, "poles:only=41"], samples=73)  # pole 4/1 only
     singularities = run.frame("singularities")
     rates = {
         int(mode): rows["velocity_coefficient"].to_numpy()
@@ -259,7 +260,8 @@ def test_singularities_of_a_part_are_listed_once_for_all_modes_that_have_them(tw
         assert singularity["assembly_mode"].split("+") == modes_with_change
         assert len(modes_with_change) == 16
 
-    # The table `relation` repeats the velocity coefficient, in its rows of the form i. The
+    # The table `relation` has the relation between the rates of input and output, in
+    # the forms i and ii. In the form i the output rate is the velocity coefficient. Its
     # sign depends on the direction of the pole, so sizes are compared.
     relation = run.frame("singularities", "relation")
     for mode, rows in relation[relation["form"] == "i"].groupby("assembly_mode"):
@@ -274,14 +276,16 @@ DERIVATIVE = "sensitivity:of=theta_14,by=links.2.arc,draws=0"
 def test_only_needed_leaves_the_numbers_of_dynamics_statics_and_sensitivity(analysis):
     """With `only_needed`, a run of a part of the mechanism has the same numbers.
 
-    The first four-bar of Watt's six-bar has a mass and a spring at its rocker. The other
-    two links do not matter and are left out, with three pairs. The whole mechanism has more
-    assembly modes than the part, several of them with the same columns. So the rounded
-    columns of all modes are compared as sets.
+    The first four-bar of Watt's six-bar has a mass and a spring at its rocker, link 4 on
+    pair 14. The other two links do not matter and are left out, with three pairs. The whole
+    mechanism has more assembly modes than the part, several of them with the same columns.
+    So the rounded columns of all modes are compared as sets.
     """
+    # Sensitivity has a derivative, dynamics and statics have a driving torque.
     column = "derivative" if analysis == DERIVATIVE else "tau"
     spring = sk.Spring("spring", "14", 1.0, 0.2)
     mechanism = sk.load("watt").with_mass("4", 1e-3 * np.eye(3))
+    # Without outputs, only masses and loads decide which links are needed.
     mechanism = replace(mechanism, loads=(spring,), outputs=())
     whole = sk.run(mechanism, analysis, samples=9)
     part = sk.run(mechanism, analysis, samples=9, only_needed=True)

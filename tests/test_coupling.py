@@ -100,8 +100,9 @@ def test_second_derivatives_of_a_coupling_table_are_symmetric(five_bar_table):
 def test_interpolation_in_a_coupling_table_is_exact_for_cubic_polynomials(five_bar_table):
     """Interpolation from values and derivatives at nodes is exact for cubic polynomials.
 
-    A coupling table stores angles on a grid of inputs (nodes), with their first and second
-    derivatives by the inputs. Here a table on the nodes of the five-bar's table is filled
+    A coupling table stores angles on a grid of inputs (nodes), with their first derivatives
+    by the inputs (`coefficients`) and the second ones (`derivatives`). Here a table on the
+    nodes of the five-bar's table is filled
     with a cubic of both inputs and its derivatives, as the only angle of one assembly mode
     (way to assemble the links). It is evaluated at 50 random points. All cells of the grid
     are marked as sure, which means that they can be interpolated. No input is periodic, so
@@ -130,6 +131,7 @@ def test_interpolation_in_a_coupling_table_is_exact_for_cubic_polynomials(five_b
     interpolated = table.at(np.stack([a, b], axis=1))
     value = a**3 - 2.0 * a**2 * b + 0.5 * a * b**2 + b**3 + a * b - 4.0
     by_a = 3 * a**2 - 4 * a * b + 0.5 * b**2 + b
+    # The axes are: point, angle, and input.
     assert interpolated.angles[:, 0] == pytest.approx(value, abs=1e-12)
     assert interpolated.coefficients[:, 0, 0] == pytest.approx(by_a, abs=1e-12)
 

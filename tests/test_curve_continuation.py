@@ -223,10 +223,11 @@ def test_modes_that_meet_at_dead_points_are_one_curve():
 def test_a_curve_has_two_configurations_between_dead_points_and_one_at_each(no_crank):
     """A configuration curve has one place with a dead point's input, and two before it.
 
-    At a dead point the input turns back and two assembly modes (ways to assemble the links)
-    meet in a double place. 1e-9 rad before it there are two configurations, and 1e-6 rad
-    beyond it none. Whole turns of the input do not matter. `no_crank` is the curve of a
-    four-bar without a crank.
+    A place is an arc length along the curve. `no_crank` is the closed curve of a four-bar
+    whose input swings between two dead points. At a dead point the input turns back and two
+    assembly modes (ways to assemble the links) meet in a double place. 1e-9 rad before it
+    there are two configurations, and 1e-6 rad beyond it none. Whole turns of the input do
+    not matter.
     """
     input_variable = 0
     dead_points = no_crank.dead_points(input_variable).places

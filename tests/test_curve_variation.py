@@ -138,12 +138,16 @@ def test_the_derivative_of_a_changing_curve_is_its_central_difference(kind, back
     reference is the difference of the curves at x = STEP and x = -STEP. `backwards`
     reverses the direction of the curve.
     """
+    # The derivative is that of the reversed curve if `backwards`. `curve_at` returns the
+    # curve as it is.
     curve_at, derivative = curves(kind, backwards)
 
     def columns_at(x, s):
         """Return the columns (8, n) of the curve at a parameter x, at arc lengths s."""
         curve = curve_at(x)
-        return columns(curve.reversed() if backwards else curve, s)
+        if backwards:
+            curve = curve.reversed()
+        return columns(curve, s)
 
     length = curve_at(0.0).length
     s = np.linspace(0.01, 0.97, 41) * length

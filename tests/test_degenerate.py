@@ -48,7 +48,8 @@ def run(mechanism, samples=7, search=False):
 
     Rows with status OK have no NaN. Only the derivative du/dq of a pole direction u by the
     input q may be missing, with its error bound, if its error would be large. Rows out of
-    reach have no coefficient.
+    reach have no coefficient. `search` is whether assembly modes without a closed form are
+    searched.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -72,9 +72,9 @@ def tutorial():
 def folder(tmp_path, monkeypatch):
     """Return a working folder with all files that pages show under a file name.
 
-    Python finds the module of the plugin tutorial and the helpers of the site in it. One
-    more file has a misspelt key; a page shows the message for it. `blocks` returns the code
-    blocks of a page by their language.
+    Python finds the module of the plugin tutorial in it, and the helpers of the site in the
+    folder of the documentation. One more file has a misspelt key; a page shows the message
+    for it. `blocks` returns the code blocks of a page by their language.
     """
     for page in PAGES:
         for kind, file_name in FILE_NAMES.items():
@@ -85,7 +85,8 @@ def folder(tmp_path, monkeypatch):
     crank_rocker = (tmp_path / "crank_rocker.toml").read_text(encoding="utf-8")
     misspelt = crank_rocker.replace("arcs = [60.0]", "arc = [60.0]")
     (tmp_path / "misspelt.toml").write_text(misspelt, encoding="utf-8")
-    (tmp_path / f"{PLUGIN}.py").write_text(tutorial()[0], encoding="utf-8")
+    plugin_code = tutorial()[0]
+    (tmp_path / f"{PLUGIN}.py").write_text(plugin_code, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(DOCS))  # helpers of code that the site runs
     monkeypatch.syspath_prepend(str(tmp_path))

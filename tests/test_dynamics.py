@@ -131,7 +131,11 @@ def test_tables_1_and_2_of_the_source(four_bar_run, exact, assembly_mode):
     reference = exact[mode_of(exact, theta[0])].T
     theta41 = reference[0]
     u31 = reference[1:4].T
-    w31, w41, dw31, dw41, inertia, inertia_dq, on_crank, on_rocker, tau = reference[4:]
+    # Velocity coefficients w and acceleration coefficients dw of the poles 31 and 41.
+    w31, w41, dw31, dw41 = reference[4:8]
+    # Inertia of the equation of motion, generalized forces of the loads on crank and
+    # rocker, and driving torque.
+    inertia, inertia_dq, on_crank, on_rocker, tau = reference[8:]
     assert np.max(np.abs(np.sin(0.5 * (theta - theta41)))) < tolerance
 
     # This table has the poles of all moving links relative to the ground.
@@ -148,6 +152,7 @@ def test_tables_1_and_2_of_the_source(four_bar_run, exact, assembly_mode):
         assert np.max(np.abs(pole_31[name].to_numpy() * sign - exact_31)) < tolerance
         assert np.max(np.abs(pole_41[name].to_numpy() - exact_41)) < tolerance
 
+    # The analysis "eksergian" has the quantities of the equation of motion.
     rows = rows_of(four_bar_run.frame("eksergian"), assembly_mode)
     for name, values in (
         ("B", inertia),
@@ -188,7 +193,8 @@ def test_a_reduced_model_moves_as_the_mechanism(four_bar):
     history = simulation.at(t)
     # Poles (axes of rotation) are not needed for the motion.
     model = sk.reduced_model(four_bar, poles=()).with_torque(DRIVING)
-    # The functions depend on the input angle q, because the crank turns fully.
+    # The stored functions are functions of the input angle q, because the crank turns
+    # fully. For an input that turns back they would be functions of an arc length.
     assert model.heading.by == ("q",)
     for tolerance in (1e-7, 1e-9):
         # The input starts at 0.3 rad with 1 rad/s, as above.
@@ -250,13 +256,13 @@ def differences_of_the_source(mechanism, start, duration, torque, step):
     Parameters
     ----------
     mechanism, start
-        Four-bar with masses, and `Start` with q and its rate.
+        The four-bar of the source with masses, and `Start` with q and its rate.
     duration, step
         Seconds.
     torque
         Function of time that returns the generalized force Q.
     """
-    arcs = [mp.radians(angle) for angle in (60, 20, 70, 40)]
+    arcs = [mp.radians(angle) for angle in (60, 20, 70, 40)]  # of this four-bar
     tensors = {int(mass.link): mass.tensor for mass in mechanism.masses}
 
     def inertia(q):
@@ -270,8 +276,8 @@ def differences_of_the_source(mechanism, start, duration, torque, step):
             if number > 0:
                 inertia_dq = (inertia(q[-1] + h) - inertia(q[-1] - h)) / (2 * h)
                 force = torque(number * step)
-                acceleration = step**2 * force - inertia_dq * change**2 / 2
-                change += acceleration / inertia(q[-1])
+                numerator = step**2 * force - inertia_dq * change**2 / 2
+                change += numerator / inertia(q[-1])
             q.append(q[-1] + change)
     return np.array(q, dtype=float)
 
@@ -282,7 +288,7 @@ def test_the_finite_differences_of_the_source_converge_to_the_simulation(four_ba
 
     They are of first order: half the step, half the error. `differences_of_the_source` has
     only one torque, a function of time. So the loads of the file are removed from the
-    simulation.
+    simulation. Both have the torque `DRIVING`, 10 sin(2 t).
     """
     mechanism = replace(four_bar, loads=())
     start = Start(0.3, 1.0)
@@ -386,9 +392,10 @@ def test_steps_begin_anew_where_a_torque_table_has_kinks(four_bar):
 def test_a_simulation_ends_where_a_contact_leaves_its_profile():
     """A cam with an open profile moves until its roller reaches the end of the profile.
 
-    It starts with 2 rad/s and has no loads, so the kinetic energy stays constant. The
-    expected last cam angle is the last of 61 equally spaced ones at which the mechanism can
-    be assembled. The simulation must come within 0.01 rad of it.
+    It starts with 2 rad/s and has no loads, so the kinetic energy stays constant. Inverse
+    dynamics gives the last of 61 equally spaced cam angles at which the mechanism can be
+    assembled. The end of the profile lies at this angle or beyond. The simulation must
+    reach at least this angle less 0.01 rad.
     """
     tensor = (0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.15)
     cam = replace(example_mechanisms.open_cam(), masses=(Mass("2", tensor),))
@@ -399,6 +406,7 @@ def test_a_simulation_ends_where_a_contact_leaves_its_profile():
         cam, ConstantSpeed(1.0), times, assembly_mode=0, search=False
     )
     is_ok = solution.status == sk.Status.OK
+    # The first configuration; the cam (pair 12) turns with 2 rad/s.
     start = PoseStart(solution.values[is_ok][0], "12", 2.0)
     simulation = forward_dynamics.simulate(cam, start, 20.0, tolerance=1e-7)
     assert simulation.end.kind == "off_profile"
@@ -419,10 +427,11 @@ def test_a_crossing_of_curves_ends_a_simulation_unless_it_may_be_passed():
     t1 and t2, tan(angle / 2) of crank and rocker, t1 / t2 is constant on one of the curves,
     and t1 t2 on the other one.
     """
-    start = Start(1.0, -1.0)
+    start = Start(1.0, -1.0)  # input (rad) and its rate (rad/s)
+    # This helper computes with NumPy, one of two engines. Below, the program chooses the
+    # engine.
     stopped = simulate(PARALLELOGRAM, start, 5.0)
     assert stopped.end.kind == "singularity"
-    # The helper `simulate` asks for NumPy. Here the program chooses the engine.
     passed = forward_dynamics.simulate(
         PARALLELOGRAM, start, 2.0 * stopped.end.t, crossings="pass"
     )
@@ -554,7 +563,7 @@ def test_bad_input_is_refused_before_anything_is_integrated(call):
 
 @pytest.mark.parametrize("left_out", ["masses", "loads"])
 def test_totals_of_no_masses_or_no_loads_are_nan_in_failed_rows(four_bar, left_out):
-    """A sum over no loads, or over no masses, is 0 in rows that are OK, and NaN elsewhere.
+    """A sum over no loads, or over no masses, is a number only in rows that are OK.
 
     The four-bar is driven at its rocker (41), which can only oscillate. At other rocker
     angles it cannot be assembled, so rows fail. Both a run and `inverse_dynamics` are

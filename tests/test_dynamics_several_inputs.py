@@ -148,6 +148,7 @@ def test_inverse_dynamics_of_a_planned_rotation_drives_the_same_motion():
     # `modes` are the signs of the three legs, each of which can be bent in two ways. Here
     # the driven links point outward, as in Fig. 5(a).
     rotation_path = form.rotation_between(start, stop, modes=(-1, 1, 1))
+    # Limits of the inputs, in rad/s and rad/s^2.
     plan = sk.time_optimal(rotation_path, speed=0.5, acceleration=1.3)
     duration = plan.duration
     inputs = plan.rotation.inputs
@@ -166,8 +167,10 @@ def test_inverse_dynamics_of_a_planned_rotation_drives_the_same_motion():
 
         return torque
 
+    # First and last row of the plan; theta is the angle of rotation about the axis.
     ends = plan.at([0.0, duration])
     first_pose = rotation_path.at(ends.theta[:1])
+    # The simulation starts with all pair angles of the first pose.
     simulation = sk.simulate(
         mechanism,
         sk.PoseStart(first_pose.values[0], inputs, ends.rates[0]),

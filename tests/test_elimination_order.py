@@ -100,8 +100,8 @@ def four_bar_with_two_equal_couplers(random):
 def check_rates_against_null_space(mechanism, samples=9):
     """Assert that the angular velocities of all links are those of another method.
 
-    The reference is the null space of the velocity equations (one equation for each pair,
-    without elimination), scaled to a rate of 1 rad/rad of the driven pair. A row
+    The reference is the null space of the velocity equations of all pairs, without
+    elimination. It is scaled to a rate of 1 rad/rad of the driven pair. A row
     (configuration) must have the status AT_SINGULARITY exactly if the closure Jacobian with
     the input locked has a singular value below `LEAST_SINGULAR_VALUE`. The result is the
     number of rows in which the velocities were compared.
@@ -110,8 +110,9 @@ def check_rates_against_null_space(mechanism, samples=9):
     motion = position_analysis.motion()
     poles = all_poles(len(mechanism.links))
     (driven_pair,) = mechanism.input_pairs
-    # The mechanisms have redundant loops, so the number of degrees of freedom may be known
-    # by the rank of the equations only (`by_rank`), and not by counting.
+    # Velocities are requested for all poles (axes of relative rotation of two links). With
+    # redundant loops, counting gives too few degrees of freedom. They are then those by the
+    # rank of the equations (`by_rank`).
     pole_request = request(
         mechanism, driven_pair, poles, rates=poles, by_rank=position_analysis.by_rank
     )
@@ -310,9 +311,9 @@ def test_singular_configurations_do_not_change_the_orders_of_regular_ones(positi
     """Regular configurations get the same orders with and without singular ones.
 
     An order says in which order variables are eliminated from the velocity equations. The
-    program code for each order is generated separately, so their number is limited, and
-    none may be spent on a singular configuration. As many singular Jacobians as regular
-    ones are placed before, between or after them.
+    program code for each order is generated separately, so their number is limited. A
+    singular configuration must get one of the orders of regular ones. As many singular
+    Jacobians as regular ones are placed before, between or after them.
 
     The Jacobian has more equations than passive variables (all but the input). So its
     columns of these variables have many left inverses, and the pseudo-inverse has the
@@ -320,7 +321,7 @@ def test_singular_configurations_do_not_change_the_orders_of_regular_ones(positi
     configurations its norm may be `MAX_AMPLIFICATION` times the smallest one at most.
     `miura_jacobians` returns the regular Jacobians of a folded sheet.
     """
-    jacobians, passive_variables = miura_jacobians()
+    jacobians, passive_variables = miura_jacobians()  # (configurations, rows, variables)
     expected = assign_elimination_orders(jacobians, passive_variables)
     if kind == "zero":
         singular = 0.0 * jacobians

@@ -89,7 +89,8 @@ def assert_expressions_agree(values, field, inertia, inertia_rate, tolerance):
         Results of `evaluate_with_numpy`.
     tolerance
         Largest error relative to 1 + size. Forty times the reported bound of a pole's
-        direction is added, because long chains of intersections multiply rounding errors.
+        direction is added. Poles are intersections of great circles through other poles,
+        and long chains of them multiply rounding errors.
     """
     for pole, direction in field.direction.items():
         velocity = field.velocity_coefficient[pole]
@@ -116,18 +117,20 @@ def assert_expressions_agree(values, field, inertia, inertia_rate, tolerance):
 def expression_values(mechanism, configurations, closed_form, engine):
     """Evaluate poles, coefficients, inertia B and dB/dq by symbolic expressions.
 
-    A pole is the axis of the relative rotation of two links. The result is compared with
-    `evaluate_with_numpy`.
+    A pole is the axis of the relative rotation of two links. Its coefficients are the rate
+    of this rotation, and the derivative of the rate, by the input. The result is compared
+    with `evaluate_with_numpy`.
 
     Parameters
     ----------
     mechanism
         Mechanism with masses and one input.
     configurations
-        (k, n) configurations, one per column: all variables, or in closed form the input
-        and the signs of the dyads (two links each), which distinguish the assembly modes.
+        (k, n) configurations, one per column. Without closed form a column has all pair
+        variables. In closed form a column has the input and the signs of the dyads (two
+        links each), which distinguish the assembly modes.
     closed_form
-        Whether the positions are expressions of the input and the signs too.
+        Whether the pair variables are expressions, too: of the input and the signs.
     engine
         `"compiled"` or `"numpy"`, which evaluates the expressions.
 
@@ -383,6 +386,7 @@ def test_a_rocker_swings_over_its_dead_centre_1000_times():
     crank (60 and 55 degrees).
     """
     mechanism = with_torque(rocker(), "41", "-5*sin(theta_41)")
+    # The crank starts at 2 rad, and the rocker with 5 rad/s.
     start = PoseStart(configuration_at(mechanism, 2.0), "41", 5.0)
     result = run(mechanism, start, 400.0, tolerance=1e-15)
     dead_centres = [event for event in result.events if event.kind == "dead_centre"]
@@ -497,8 +501,9 @@ def test_dependent_equations_of_a_redundant_loop_are_no_crossing(monkeypatch):
 
     With a redundant loop there are more closure equations than unknowns. The compiled
     engine chooses equations that are independent at the start. Later they can be dependent
-    although the mechanism is regular, which must not be called a crossing of curves. With
-    the automatic choice, NumPy takes over. The reference is a simulation by NumPy.
+    although the mechanism is regular. This must not be called a crossing of curves of
+    configurations. With the automatic choice, NumPy takes over. The reference is a
+    simulation by NumPy.
     """
     # Normally wheels on a common carrier need no loop, because their ratio is constant.
     # Without this knowledge there is a redundant loop.
@@ -516,7 +521,8 @@ def test_dependent_equations_of_a_redundant_loop_are_no_crossing(monkeypatch):
     expected_values = expected.at(times).values
     position_analysis = PositionAnalysis(mechanism, samples=3, search=False)
     motion = position_analysis.given(expected_values)
-    # The mechanism is regular: the axes of the outer three pairs are never in one plane.
+    # The mechanism is regular with its input locked: the axes of three passive pairs are
+    # never in one plane, so any motion of one of them opens the loop.
     assert np.min(np.abs(np.linalg.det(motion.axes[:, 2:5]))) > 0.1
     with pytest.raises(EngineError, match=r"equations are redundant.*use NumPy's"):
         sk.simulate(mechanism, start, duration, engine="compiled", torque=torque)

@@ -36,7 +36,8 @@ def tilt_axis(random, axis, angle):
 def relative_digit_loss(mechanism):
     """Return the error of link rates in units of roundoff times the condition number.
 
-    A result of about 1 means that no more digits are lost than the problem itself demands.
+    The condition number is that of the velocity equations with the input locked. A result
+    of about 1 means that no more digits are lost than the problem itself demands.
     The rates are the angular velocities of all links per unit rate of the input, in the
     reference pose. They are computed in float64 by the closed-form expressions of dyads
     (two links joined by a pair). The reference solves the velocity equations in 50 digits.
@@ -57,15 +58,18 @@ def relative_digit_loss(mechanism):
         for link in moving_links
         for axis in "xyz"
     ]
-    # The arguments are the input angle (0 in this pose) and the sign of each dyad, which
-    # distinguishes the two ways to assemble it.
-    arguments = [*expressions.sample_symbols[:1], *expressions.configuration_symbols]
+    # The arguments are the input angle (0 in this pose), and the sign of each dyad, which
+    # distinguishes the two ways to assemble it. The other sample symbols are not needed.
+    input_symbol = expressions.sample_symbols[0]
+    arguments = [input_symbol, *expressions.configuration_symbols]
     evaluate_columns = array_function(columns, arguments)
     signs = np.array(position_analysis.assembly_modes[0].signs, dtype=float)
     values = evaluate_columns(np.concatenate([[0.0], signs])[:, None])
     rates = values.reshape(len(moving_links), 3)
 
-    exact_rates = centre_floats(exact.w)[0]  # (links, 3) with the ground as link 0
+    # Numbers with error bounds, of which the middles are used: (links, 3) with the ground
+    # as link 0.
+    exact_rates = centre_floats(exact.w)[0]
     error = np.max(np.abs(rates - exact_rates[1:]))
     scale = max(1.0, np.max(np.abs(exact_rates)))
     return error / scale / (EPS * exact.condition[0])

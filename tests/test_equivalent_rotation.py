@@ -161,9 +161,10 @@ def test_four_sets_of_driving_angles_lead_to_one_pose(form):
     determines the pose. The driving angles theta obey eqs. (12) and (13): sin(theta) is the
     z component of the elbow, the axis between the two links of a leg, divided by sin(arc of
     the driving link). The angle between each elbow and the base axis of its leg is the arc
-    of the link. `form` has these closed forms.
+    of the link. The z axis is perpendicular to the base axes of the driven legs. `form`
+    computes by the equations of the paper.
     """
-    normals = random_reachable_normals(form, 50, 6)
+    normals = random_reachable_normals(form, count=50, seed=6)
     solutions = form.plane.solutions(normals)
     assert len(solutions) == 4
     # A leg has two possible elbows, which a sign (1 or -1) distinguishes. The solutions are
@@ -187,8 +188,8 @@ def test_mid_plane_form_satisfies_the_loop_closure_of_all_links(paper, form):
     of two elbows of a leg. The third leg is tested with both signs; the signs -1 and 1 of
     the two driven legs are an example.
 
-    The reference is Newton's method on the loop closure of all 14 pairs, which is started
-    1e-4 rad away and does not use mid-planes. `random_reachable_normals` returns normals of
+    The reference is Newton's method on the loop closure of all 14 pairs, which does not use
+    mid-planes. The passive pair angles start up to 1e-4 rad away. `form` computes by
     mid-planes.
     """
     assert (len(paper.links), len(paper.pairs)) == (11, 14)
@@ -197,7 +198,8 @@ def test_mid_plane_form_satisfies_the_loop_closure_of_all_links(paper, form):
     axis_gap, freedoms = form.proof()
     assert freedoms == 2
     assert axis_gap < 1e-14
-    normals = random_reachable_normals(form, 60, 1, margin=np.radians(1.0))
+    # Mid-planes that all legs reach, at least 1 degree from the limits of their reach.
+    normals = random_reachable_normals(form, count=60, seed=1, margin=np.radians(1.0))
     closure = PositionAnalysis(paper, samples=2).solver.closure
     frames = revolute_frames(paper)
     driven = driven_variables(form)  # columns of the two inputs among the 14 pair angles
@@ -300,13 +302,14 @@ def statuses_with_one_singular(count, singular):
 def test_a_rotation_passes_the_home_pose_in_which_all_legs_are_folded(form):
     """A rotation from phi = 30 to -30 deg passes phi = 0, a type II singularity.
 
-    Base and end effector of the paper's mechanism are mirror images of each other in the
-    mid-plane. Two angles phi and gamma state this plane: its normal has the first two
-    components -sin(phi / 2) and sin(gamma / 2). At phi = 0 all legs are folded, and the
-    loops do not determine the motion. The mid-plane does: phi changes linearly with the
-    angle of rotation, and rates stay finite. The singular configuration is stepped over by
-    a leap.
+    Base and end effector of the mechanism of Chen et al. 2021 are mirror images of each
+    other in the mid-plane. Two angles phi and gamma state this plane: its normal has the
+    first two components -sin(phi / 2) and sin(gamma / 2). At phi = 0 all legs are folded,
+    and the loops do not determine the motion. The mid-plane does: phi changes linearly with
+    the angle of rotation, and rates stay finite. The computation steps over the singular
+    configuration, and lists its angle of rotation in `leaps`.
     """
+    # phi and gamma (deg) at the start and at the end.
     rotation = rotate(30.0, 0.0, -30.0, 0.0)
     half_angle = 0.5 * rotation.angle
     rows = rotation.at(np.linspace(0.0, rotation.angle, 21))
@@ -317,7 +320,7 @@ def test_a_rotation_passes_the_home_pose_in_which_all_legs_are_folded(form):
     assert np.max(np.abs(phi - np.linspace(np.pi / 6, -np.pi / 6, 21))) < 1e-14
     assert np.max(np.abs(gamma)) < 1e-14
     assert rows.status.tolist() == statuses_with_one_singular(21, 10)
-    assert rows.type_2[10] < 1e-13
+    assert rows.type_2[10] < 1e-13  # a measure that is zero at a type II singularity
     assert rotation.end == sk.Status.OK
     assert np.all(np.isfinite(rows.second_rates))
     assert rotation.leaps == pytest.approx([half_angle], abs=1e-9)
@@ -373,9 +376,10 @@ def check_rates_by_differences(rotation, theta, rate_tolerance, second_tolerance
 def test_three_inputs_turn_the_output_about_any_axis(name):
     """With three inputs the output turns exactly about axes that were chosen freely.
 
-    The expected orientation is the start turned by Rodrigues' formula. The test asks for a
-    rotation by 0.3 rad; the mechanism may reach less (`reached`). The drift is the angle
-    from the axis about which the link turns at the moment to the chosen one.
+    The expected orientation is that of the start, turned by Rodrigues' formula. The test
+    asks for a rotation by 0.3 rad; the mechanism may reach less (`reached`). At each moment
+    the output turns about some axis. The drift is the angle between this axis and the
+    chosen one.
     """
     mechanism, values = configuration(name)
     closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
@@ -501,10 +505,10 @@ def test_a_wrist_passes_its_gimbal_pose():
 def test_a_mechanism_with_a_cam_follows_an_axis():
     """The lever of a roller cam turns exactly about its pivot, and nearly about others.
 
-    Rates are compared with finite differences, in the middle of rotations by 0.02 rad. If
-    the lever cannot turn exactly about the
-    axis, the nearest orientation is followed. Its second rates would need third derivatives
-    of the contact, so they are NaN.
+    If the lever cannot turn exactly about an axis, the nearest orientation is followed.
+    Rates of the variables by the angle of rotation are compared with finite differences, in
+    the middle of rotations by 0.02 rad. The second rates of a nearest orientation are not
+    computed and are NaN.
     """
     mechanism = sk.load("roller_cam")
     motion = sk.trace(mechanism, samples=9)
@@ -530,8 +534,17 @@ def test_a_mechanism_with_a_cam_follows_an_axis():
 class LinearRotation:
     """A stand-in for the rotation of a mechanism's output by the angle theta.
 
-    It is used to test time laws, for which only inputs and their rates matter. The inputs
-    are q = slope * theta, so their rates dq/dtheta are `slope` (inputs,).
+    It is used to test time laws theta(t), for which only the values of the inputs and their
+    rates matter.
+
+    Attributes
+    ----------
+    axis, angle
+        (3,) axis of the rotation, and the whole angle (rad).
+    inputs
+        Names of the input pairs.
+    slope
+        (inputs,) rates dq/dtheta of the inputs, whose values are q = slope * theta.
     """
 
     axis: np.ndarray

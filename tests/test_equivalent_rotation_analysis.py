@@ -71,17 +71,17 @@ def test_rotation_of_table_3_of_the_paper(table_3):
     `table_3` is a run of the analysis: the platform turns about one axis from a first to a
     last pose. Base and platform mirror each other in a plane. Its unit normal (-sin(phi /
     2), sin(gamma / 2), n_z) has components in mirror axes, which are fixed to the base. The
-    drift is the angle from the momentary axis to the fixed one.
+    drift is the angle between the axis about which the platform turns at a moment and the
+    fixed axis.
 
-    The sign of gamma in the third row is missing in print. In the first row all printed
-    digits are correct. Later rows differ by up to 6.2e-4 degrees from rounding in the
-    paper.
+    In the first row all printed digits are correct. Later rows differ by up to 6.2e-4
+    degrees from rounding in the paper.
     """
     # phi, gamma, driving angles at the pairs 21 and 61
     printed = [
         (75.0, -20.0, 5.3391, 56.7404),
         (74.5359, -7.1049, 18.3470, 35.3134),
-        (72.9604, +5.7918, 32.3670, 18.9834),
+        (72.9604, 5.7918, 32.3670, 18.9834),
         (70.0, 20.0, 49.2440, 3.7442),
     ]
     rows = columns_in_degrees(table_3, "phi", "gamma", "q_21", "q_61")
@@ -112,9 +112,10 @@ def test_messages_of_the_rotation_of_table_3(table_3):
 def test_schedule_reaches_one_limit_and_exceeds_none(table_3):
     """The schedule of a rotation is as fast as the limits of the inputs allow.
 
-    `table_3` is a run with limits of 30 deg/s and 70 deg/s2. The speed of the input 61
-    reaches its limit; no speed or acceleration exceeds a limit. The table has 41 rows, as
-    was asked for.
+    In `table_3` the platform of a mechanism turns about a fixed axis. The schedule is this
+    motion over time, with limits of 30 deg/s and 70 deg/s2 for the inputs. The speed of the
+    input 61 reaches its limit; no speed or acceleration exceeds a limit. The table has 41
+    rows, as was asked for.
     """
     frame = schedule(table_3)
     units = frame.attrs["units"]
@@ -199,11 +200,12 @@ def test_modes_of_the_start_are_listed_and_chosen():
 def test_a_pose_can_be_given_in_five_ways():
     """A rotation is the same whichever of five descriptions of its ends is used.
 
-    The descriptions are:
+    Base and platform are mirror images of each other in the mid-plane. The descriptions
+    are:
 
-    - phi and gamma, the angles of the mid-plane, in which base and platform are mirror
-      images of each other: normal = (-sin(phi / 2), sin(gamma / 2), n_z). They are those of
-      Table 3 of Chen et al. 2021.
+    - phi and gamma, which state the normal of this plane: (-sin(phi / 2), sin(gamma / 2),
+      n_z). Those of Table 3 of Chen et al. 2021 are in the text `TABLE_3`: 75 and -20 deg
+      at the start, 70 and 20 deg at the end.
     - The inputs. They are the printed 5.3391 and 56.7404 deg with more digits.
     - A quaternion, or azimuth, tilt and torsion, both computed from phi and gamma.
     - For the end, also the axis and the angle of the rotation that leads to it.
@@ -307,10 +309,10 @@ def test_a_rotation_ends_where_a_leg_reaches_no_farther():
     """A rotation of a platform ends where a leg reaches no farther.
 
     The angle that can be reached is computed in closed form and compared with 4001 samples,
-    for random axes. The platform is the mirror image of the base in the mid-plane. If this
-    plane turns by half an angle about an axis in itself, the platform turns by the whole
-    angle. At each sample the normal of the plane is turned; `has_all_elbows` says whether
-    all legs reach the plane.
+    for random axes. The platform is the mirror image of the base in the mid-plane, which
+    contains the axis. If the platform turns by an angle, the mid-plane turns by half of
+    this angle. The elbow of a leg, between its two links, must lie in the mid-plane.
+    `has_all_elbows` says whether all legs can have such an elbow.
 
     Vectors are in mirror axes, which are fixed to the base. The matrix `form.frame` turns
     them into the axes of the base itself.
@@ -320,7 +322,7 @@ def test_a_rotation_ends_where_a_leg_reaches_no_farther():
     sampled_angles = np.linspace(0.0, largest_angle, 4001)
     spacing = largest_angle / 4000
     # A leg can have two elbows. The sign of each leg selects the elbow at the start. The
-    # choice does not matter here: a leg reaches the plane with both elbows or with none.
+    # choice does not matter here: a leg has both elbows or none.
     signs_of_legs = np.ones(3)
     random = np.random.default_rng(7)
     ended_rotations = 0
@@ -533,10 +535,10 @@ def test_page_of_a_rotation_draws_axis_path_and_mid_planes(table_3, listener):
     """The page of a rotation shows links, axis, path, mid-planes and the singularity.
 
     `table_3` is the rotation of Table 3 of Chen et al. 2021, at four angles theta, and
-    `listener` has what is drawn. The path of the pointer has a constant distance from the
-    axis. Base and platform are mirror images of each other in the mid-plane, which contains
-    the axis. At the type II singularity the inputs do not hold the platform. It is marked
-    on the path (``lost``), on the axis of theta (``marks/lost``) and in the text
+    `listener` has recorded the scene. The path of the pointer has a constant distance from
+    the axis. Base and platform are mirror images of each other in the mid-plane, which
+    contains the axis. At the type II singularity the inputs do not hold the platform. It is
+    marked on the path (``lost``), in the plots over theta (``marks/lost``) and in the text
     (``words``), at the angle that the warning has.
     """
     scene, row_count = listener.last_scene("Equivalent rotation")
@@ -555,7 +557,7 @@ def test_page_of_a_rotation_draws_axis_path_and_mid_planes(table_3, listener):
     assert [mark.label for mark in pointer_path.marks] == ["start", "end"]
     (line,) = pointer_path.curves
     assert np.ptp(line @ axis[0]) < 1e-14
-    mid_planes = primitives["mid_plane/now"]
+    mid_planes = primitives["mid_plane/now"]  # that of the shown row
     assert isinstance(mid_planes, GreatCircle)
     normals = mid_planes.normals  # (4, 3), of the plane at each angle theta
     cosines = np.sum(normals * axis, axis=1)
@@ -567,7 +569,9 @@ def test_page_of_a_rotation_draws_axis_path_and_mid_planes(table_3, listener):
     assert len(primitives["lost"].marks) == 1
     (warning,) = table_3.summary["warnings"]
     assert "theta = 30.9007 deg" in warning
-    assert np.degrees(primitives["marks/lost"].inputs) == pytest.approx(30.9007, abs=1e-4)
+    # In a plot over theta, the attribute `inputs` of marks has values of theta.
+    marked_theta = primitives["marks/lost"].inputs
+    assert np.degrees(marked_theta) == pytest.approx(30.9007, abs=1e-4)
     assert "30.9007" in primitives["words"].markdown
 
 

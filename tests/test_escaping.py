@@ -134,13 +134,14 @@ def code_without_comments(path, language):
 
     Tests check that hostile texts in comments do not change this code. For C and C++ the
     preprocessor removes the comments. Its warnings are errors, for example of a comment
-    that begins within another comment.
+    that begins within another comment. In JavaScript and Julia only lines that begin with a
+    comment of one line are removed.
     """
     if language in ("c", "cpp"):
         words = [*compiler_of(language), "-E", "-P", str(path)]
         return subprocess.run(words, check=True, capture_output=True).stdout
     if language == "js":
-        # The lines of ECMAScript, which a // comment ends with.
+        # A // comment ends at each of these line ends of ECMAScript.
         lines = re.split("\r\n|[\n\r\u2028\u2029]", path.read_text("utf-8"))
         return [line for line in lines if not line.startswith("//")]
     if language == "julia":
@@ -198,9 +199,9 @@ def test_hostile_citations_change_only_the_comments_of_sources(
 def test_sources_with_hostile_citations_compile(language, harmless, tmp_path):
     """The compiler accepts a source with all hostile citations (`TEXTS`) in its comment.
 
-    Sources with a single hostile citation are compiled in JavaScript only. In other
-    languages the test before this one already has the preprocessor or the parser read each
-    of them.
+    A hostile citation tries to end the comment, or to hide characters. `harmless` exports a
+    source with a plain citation. Sources with a single hostile citation are compiled in
+    JavaScript only, for which no other test parses them.
     """
     skip_without_compiler(language)
     paths = [
@@ -495,7 +496,7 @@ def test_pages_show_hostile_texts_and_run_none(write_page, browser):
         If the text were executed, it would set `window.HACKED`.
         """
         file, page = write_page(text)
-        # All pages have the same path, so the tab leaves the last one first.
+        # All pages have the same path. The tab would not load it again without leaving it.
         tab.goto("about:blank")
         tab.goto(page.as_uri())
         wait_until(tab, "window.spherekit?.timing.pictures > 0")
@@ -513,7 +514,8 @@ def test_pages_show_hostile_texts_and_run_none(write_page, browser):
     _, harmless_facts = open_page("plain")
     for title, text in TEXTS.items():
         file_text, facts = open_page(text)
-        visible = re.sub("\r\n?", "\n", escaping.visible(text, "\n\t"))
+        # Hidden characters are shown as codes; line ends and tabs stay as they are.
+        visible = re.sub("\r\n?", "\n", escaping.visible(text, allowed="\n\t"))
         assert facts["elements"] == harmless_facts["elements"], title
         assert facts["hacked"] == 0, title
         assert facts["title"] == "four_bar", title

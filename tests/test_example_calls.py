@@ -45,18 +45,16 @@ def run_program(folder, head, body, sources=()):
 def prototypes_after(text, example):
     """Return the declarations that a file needs to call an exported C function.
 
-    The comment of the exported source says that they are to be copied. They come after the
-    example call in this comment:
+    The comment of the exported source says that they are to be copied. The comment ends
+    with the example call. After the end of the comment, ``*/``, follow
 
-    - the end of the comment, ``*/``;
     - prototypes such as ``void four_bar(const double motion[], ...);``, up to an empty
       line;
     - the names of results, ``enum { four_bar_theta_32 = 0, ... };``.
-
-    The prototypes and the names of results are returned.
     """
+    # This text begins with the end of the comment.
     after_example = text.partition(example)[2]
-    parts = re.search(r"^\*/\n(.*?\n)\n(enum \{.*?\};)", after_example, re.S)
+    parts = re.match(r"\*/\n(.*?\n)\n(enum \{.*?\};)", after_example, re.S)
     prototypes = parts[1]
     names_of_results = parts[2]
     return prototypes + names_of_results

@@ -189,7 +189,8 @@ def distances_from_crossings(smooth, q):
 class ExpectedMode:
     """One assembly mode by `sk.evaluate`, and how much sources may differ from it.
 
-    An assembly mode is one way to assemble the links. At a crossing two modes meet.
+    A source is exported code in one of several languages. An assembly mode is one way to
+    assemble the links. At a crossing two modes meet.
 
     Attributes
     ----------
@@ -223,7 +224,8 @@ class ExpectedMode:
         """Assert that a source has the right rates (n,) of a pair, per rate of the input.
 
         A rate differs by the error of the angles times its derivative. This derivative is
-        not computed. It is assumed to be at most 1e3 times the square of the rate.
+        not computed. It is assumed to be at most 1e3 times the square of the rate, which is
+        enough for the mechanisms of these tests.
         """
         expected = self.evaluated.variable_coefficient(pair)[self.is_accurate]
         assumed_derivative = 1e3 * np.maximum(1.0, np.abs(expected)) ** 2
@@ -236,8 +238,8 @@ def expected_mode(mechanism, mode_number, smooth, q):
     """Return an assembly mode at inputs q (n,) in rad by `sk.evaluate`, as reference.
 
     An assembly mode (way to assemble the links) follows its smooth curve through crossings,
-    where two modes meet. `smooth` is the table of mode values of the formulas, which has
-    the inputs of the crossings.
+    where two modes meet. `smooth` is a table of the exported formulas. It has the inputs of
+    the crossings, from which distances are measured.
 
     The results of exported code may differ by two tolerances. Angles may differ by ten
     times the error bound of the reference, because the exported code rounds too. For rates,
@@ -266,7 +268,7 @@ def compare_sources(mechanism, folder, seed=0, languages=("python",)):
     follows its smooth curve through the crossing. The mode then consists of pieces; on
     each, the signs of its dyads (groups of two links) stay the same.
 
-    Angles of all pairs are compared, but rates only of pairs with a fixed axis.
+    Angles of all pairs are compared, but rates only of R pairs (revolute joints).
 
     Returns
     -------
@@ -295,10 +297,10 @@ def compare_sources(mechanism, folder, seed=0, languages=("python",)):
             # Names of results are "theta_" or "rate_" with the name of a pair.
             for key, values in zip(exported_formulas.results, results, strict=True):
                 kind, _, pair = key.partition("_")
-                has_fixed_axis = pair in mechanism.angles
+                is_revolute = pair in mechanism.angles
                 if kind == "theta":
                     expected.compare_angle(pair, values, language)
-                elif has_fixed_axis:
+                elif is_revolute:
                     expected.compare_rate(pair, values, language)
     return compared, changing_modes
 
@@ -495,6 +497,8 @@ def test_steps_from_the_starts_of_a_triad_lead_to_its_smooth_modes(tmp_path):
     Signs do not tell the modes of a triad (a group of four links). Instead the source
     stores, for each mode and each side of the crossing, the variables at one input (rad).
     From this start the input is changed to a goal in 200 steps, with four iterations each.
+    The crossing is at the input 0, and goals are on both sides. The source in C is only
+    compiled.
     """
     mechanism = replace(six_bar_with_a_flat_loop(), name="flat_loop")
     exported_formulas = formulas(mechanism, ["theta_*"], crossings="pass")
@@ -521,6 +525,8 @@ def test_steps_from_the_starts_of_a_triad_lead_to_its_smooth_modes(tmp_path):
                 continue
             for value in np.linspace(float(q), goal, 200):
                 for _ in range(4):
+                    # The formulas have no sizes as arguments. A step also returns how far
+                    # the loops were open.
                     variables, _ = step(np.array([value]), variables, ())
             expected = np.array([evaluated.variable(pair) for pair in mechanism.angles])
             gap = np.abs(np.exp(1j * variables[angle_indices]) - np.exp(1j * expected))
@@ -537,10 +543,11 @@ def test_steps_from_the_starts_of_a_triad_lead_to_its_smooth_modes(tmp_path):
 def test_turns_are_counted_where_a_smooth_curve_turns_fully():
     """A spring at the rocker of a parallelogram needs a count of turns as an argument.
 
-    The torque of a spring depends on whole turns of its pair, which an angle between -pi
-    and pi does not tell. When all links of a parallelogram are in line, two configuration
-    curves cross. With `crossings="pass"` a mode (way to assemble the links) follows the
-    smooth curve through the crossings, on which the rocker turns fully. In the shipped
+    `formulas` exports a function for the torque, with its arguments in `motion`. The torque
+    of a spring depends on whole turns of its pair, which an angle between -pi and pi does
+    not tell. When all links of a parallelogram are in line, two configuration curves cross.
+    With `crossings="pass"` a mode (way to assemble the links) follows the smooth curve
+    through the crossings, on which the rocker (pair 41) turns fully. In the shipped
     four-bar the rocker only swings, so no count is needed.
     """
     arcs = {"1": 60.0, "2": 30.0, "3": 60.0, "4": 30.0}

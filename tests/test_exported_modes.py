@@ -65,7 +65,7 @@ def functions_in_installed_languages(exported_formulas, folder):
     """Yield each installed language with the function of an exported source.
 
     The sources of the formulas are written into `folder`. The functions take arrays of
-    numbers, one column for each row of results.
+    numbers, one column for each configuration.
     """
     name = exported_formulas.mechanism.name
     path = folder / name

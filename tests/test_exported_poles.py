@@ -53,10 +53,11 @@ ground = "1"
 
 
 def folded_kite():
-    """Return a kite driven at its crank, whose rocker rests in one of the modes.
+    """Return a kite whose rocker rests in one of the modes (ways to assemble the links).
 
-    A mode is a way to assemble the links. In this mode crank and rod turn together about
-    one axis. A dyad on the rocker rests too, but for rounding.
+    In this mode the axis `joint` lies on the axis `in` of the crank, so crank and rod turn
+    together about this axis. The input is the crank: a file without inputs is driven at its
+    first pair. A dyad on the rocker rests, too, but for rounding.
     """
     text = """
 format = 1
@@ -275,6 +276,7 @@ def test_a_passive_pair_keeps_its_axis_where_it_rests():
     function = exported_formulas.numpy_function(exported_formulas.outputs)
     coefficients = []
     for mode in exported_formulas.modes:
+        # The arguments are the input, the signs that select the mode, and sizes.
         columns = function(
             np.array([[1.0]]), np.array([mode.values]).T, exported_formulas.size_values
         )

@@ -103,22 +103,20 @@ def test_angles_are_in_radians_where_asked(four_bar):
 
 
 def test_a_mode_has_one_colour_in_all_figures(four_bar):
-    """Each assembly mode has the same colour in all figures and legends.
+    """Each assembly mode (way to assemble the links) has the same colour everywhere.
 
-    `four_bar` is a run of the four-bar, which has two modes (ways to assemble it). Curves
-    of modes have the group ids "mode 0" and "mode 1". `legend_of` returns the colours of a
-    legend by text.
+    `four_bar` is a run of the four-bar. Curves of its two modes have the group ids "mode 0"
+    and "mode 1". `legend_of` returns the colours of a legend by text.
     """
     colours_by_mode = {}
     for name, figure in four_bar.plot().items():
         # A chart shows one mode only, with other meanings of its colours.
-        if name.endswith("gnomonic chart"):  # of one mode
+        if name.endswith("gnomonic chart"):
             continue
         for panel in figure.axes:
             for line in panel.lines:
                 if line.get_gid():
                     colours_by_mode.setdefault(line.get_gid(), set()).add(line.get_color())
-        # An entry has the number of a mode, and its name in the file.
         legend_colours = legend_of(figure)
         both = {legend_colours["mode 0 (p1)"], legend_colours["mode 1 (p0)"]}
         assert both == set(style.MODE_COLOURS[:2])
@@ -195,10 +193,12 @@ def test_the_stereographic_map_keeps_angles(pole):
     """The angle between two tangents at a point of the sphere is the same on paper.
 
     It also has the same sign: positive is counterclockwise on paper, and for an observer
-    outside the sphere. The map is centred on the ground axis nearest to the point. At the
-    centre, maps of other kinds would keep angles too.
+    outside the sphere. The map is centred on the ground axis nearest to the point
+    (`frame_about`), so the point is beside the centre. At the centre, maps of other kinds
+    would keep angles, too.
     """
-    view = SphereView(frame_about(pole[None]), STEREOGRAPHIC, np.pi)
+    whole_sphere = np.pi
+    view = SphereView(frame_about(pole[None]), STEREOGRAPHIC, rim=whole_sphere)
     point = pole / np.linalg.norm(pole)
     # Two tangents a and b of the sphere at the point.
     a = np.cross(point, [0.3, -0.8, 0.5])
@@ -325,20 +325,23 @@ def test_inputs_that_are_no_grid_are_drawn_as_a_path():
 def test_labels_of_crowded_points_do_not_cover_each_other():
     """Labels of 12 random points keep apart and near their points, in each of 5 pictures.
 
-    With the letter size 6, a label "ab" is about 4 wide and 6 high. A point that is NaN has
-    no label. A picture is placed as if it were the only one.
+    With the letter size 6, a label "ab" is about 4 wide and 6 high, of which 0.1 may
+    overlap. Its distance from the point is at most 4.5 letter sizes, so that a reader finds
+    the point. A point that is NaN has no label. A picture is placed as if it were the only
+    one.
     """
     points = np.random.default_rng(3).uniform(0.0, 100.0, (5, 12, 2))
     points[2, 4] = np.nan
     labels = ["ab"] * 12
-    places = place_labels(labels, points, 6.0)
+    letter_size = 6.0
+    places = place_labels(labels, points, letter_size)
     # (pictures, points, points, 2)
     gaps = np.abs(places[:, :, None] - places[:, None])
     is_apart = (gaps[..., 0] > 4.0) | (gaps[..., 1] > 5.9) | np.isnan(gaps[..., 0])
     assert np.all(is_apart | np.eye(12, dtype=bool))
     assert np.array_equal(np.isnan(places), np.isnan(points))
-    assert np.nanmax(np.linalg.norm(places - points, axis=2)) < 6.0 * 4.5
-    assert np.array_equal(places[3], place_labels(labels, points[3:4], 6.0)[0])
+    assert np.nanmax(np.linalg.norm(places - points, axis=2)) < 4.5 * letter_size
+    assert np.array_equal(places[3], place_labels(labels, points[3:4], letter_size)[0])
 
 
 @pytest.mark.many
@@ -353,8 +356,8 @@ def test_axodes_touch_at_the_pole(pair):
     result = run_with_axodes(pair)
     # Driven at pair 41, the mechanism has no configuration at the first samples.
     first = np.argmax(np.isfinite(result.frame("poles")["ux"].to_numpy()))
-    # The file names the modes p0 and p1 for the input 21. With another input, a mode has
-    # only a number and a sign.
+    # For the input 21 the file names mode 0 "p1" and mode 1 "p0". With another input, a
+    # mode has only a number and a sign.
     mode_names = ("0 (p1)", "1 (p0)") if pair == "21" else ("0 (+)", "1 (\u2212)")
     for mode_name in mode_names:
         figure = result.plot(f"axodes, mode {mode_name}")
@@ -369,6 +372,7 @@ def test_axodes_touch_at_the_pole(pair):
             if not np.isfinite(starts).all():
                 continue
             assert starts.shape == (2, 2)
+            # Panels are maps with polar coordinates.
             angle, radius = starts.T
             assert abs(np.diff(radius * np.exp(1j * angle))[0]) < 1e-9
             touching_panels += 1
@@ -584,7 +588,8 @@ def test_two_columns_of_a_table_are_drawn_with_a_curve_for_each_mode(four_bar):
     """`plot(x, y)` draws two columns of a table, with names and units on the axes.
 
     `four_bar` is a run of the four-bar. Each assembly mode (way to assemble the links) has
-    a curve with the numbers of the table, and an entry in the legend.
+    a curve with the numbers of the table, and an entry in the legend. The file names the
+    modes 0 and 1 p1 and p0.
     """
     figure = four_bar.plot("q", "theta_41")
     frame = four_bar.frame("motion", degrees=True)

@@ -133,9 +133,10 @@ def test_maps_over_a_grid_draw_no_reversal_of_an_axis(name, poles, grid):
     """Over a grid, magnitudes of relative angular velocities are drawn, without a sign.
 
     The sign of a velocity coefficient (relative rate per rate of the input) depends on the
-    direction of its axis, which cannot be continuous over a grid. A figure of magnitudes
-    has "|" in its name, as in "|w31/w21|", no negative values, and no line at zero. Axes of
-    pairs are fixed in a link and keep their sign, so they have no such figure.
+    direction of its axis. Along a closed path over the grid, this direction can come back
+    reversed. A figure of magnitudes has "|" in its name, as in "|w31/w21|", no negative
+    values, and no contour line for the value zero. Axes of pairs are fixed in a link and
+    keep their sign, so they have no such figure.
     """
     links = sk.load(name).links
     poles = poles or [f"{links[-1]}/{links[0]}"]
@@ -214,9 +215,9 @@ def tilted_circle(radius, tilt=0.0):
 def test_curves_on_pages_of_modes_are_drawn_for_every_mode():
     """A curve on the pages of three modes has three figures, one on a named page a fourth.
 
-    A page is a scene for one mode (way to assemble the links). The circles of 0.2, 0.4, 0.6
-    and 1 rad about the middle of the map are circles there, with the radius of an
-    equal-area map.
+    A page is a scene for one mode (way to assemble the links). Circles of 0.2, 0.4, 0.6 and
+    1 rad about the z axis, the middle of the map, are drawn. They are circles on the map,
+    with the radius of an equal-area map. The sign "-" of a mode becomes a minus sign.
     """
     scenes = []
     for mode in range(3):

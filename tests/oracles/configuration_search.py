@@ -41,7 +41,7 @@ def search_configurations(mechanism, random, starts, q=0.0, steps=26):
         (configurations, bodies, 3, 3) distinct orientations, relative to the reference
         pose, with the first body fixed. Nearly singular configurations are left out.
     links
-        Name of a link of each body.
+        Number of a link of each body.
     """
     # Bodies, and the two bodies of each free pair.
     driven = [mechanism.pair(name) for name in mechanism.input_pairs]
