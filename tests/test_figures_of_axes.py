@@ -262,13 +262,13 @@ def drawn_figures():
     They have one and two columns, legends, colours, and up to five maps. `sphere_page` and
     `pages_of_arrows` return what the figures show.
     """
-    border = SphereCurves("c", "border", [tilted_circle(radius=0.3, tilt=0.4)])
-    # The second circle is on the other hemisphere.
-    large_circle = tilted_circle(radius=1.4)
+    small_circle = tilted_circle(radius=0.3, tilt=0.4)
+    border = SphereCurves("c", "border", [small_circle])
+    # A large circle on one hemisphere, and a small one on the other, with other colours.
     border_on_both_sides = SphereCurves(
         "c",
         "border",
-        [large_circle, -tilted_circle(radius=0.3, tilt=0.4)],
+        [tilted_circle(radius=1.4), -small_circle],
         tone=1,
         marks=[Mark("a mark with a long name", np.array([0.0, 0.6, 0.8]), tone=2)],
     )
@@ -293,10 +293,11 @@ def drawn_figures():
 
 @pytest.mark.slow
 def test_titles_of_round_panels_are_inside_their_figures():
-    """Titles of maps are inside their figure and beside names of directions on the rim.
+    """Titles of maps are inside their figure, and do not cover names on the rim.
 
-    `drawn_figures` has figures of many kinds. Some panels have no title; the count at the
-    end makes sure that titles were tested.
+    A map is a round panel, whose rim has names of directions. `drawn_figures` has figures
+    of maps only. Some maps have no title; the count at the end makes sure that titles were
+    tested.
     """
     title_count = 0
     figures = [figure for group in drawn_figures() for figure in group.values()]

@@ -234,11 +234,12 @@ def test_the_schema_of_a_load_has_the_fields_of_its_class(kind):
 def test_a_signed_arc_means_the_shorter_arc_with_its_angle_turned_by_half_a_turn(
     signed_arc, angle
 ):
-    """A negative or long arc means a shorter one, with its angle turned by half a turn.
+    """A negative arc means a positive one, with its angle turned by half a turn.
 
-    The second arc (deg) of the coupler leads from its first axis to its third. An arc of
-    -30 or 330 deg at an angle of 90 deg means 30 deg at 270 deg; -330 deg means 30 deg at
-    90 deg. All links must have equal rotations at seven inputs (rad).
+    An arc of more than 180 deg means a shorter one, also with its angle turned by half a
+    turn. An arc of -330 deg has two half turns, so its angle stays. The second arc (deg) of
+    the coupler leads from its first axis to its third. Its angle is 90 deg, about the first
+    axis from the first arc. All links must have equal rotations at seven inputs (rad).
     """
     text = dumps(load("stephenson"))
     coupler = "arcs = [60.0, 30.0]\nangles = [90.0]\n"

@@ -110,7 +110,8 @@ def random_loads(random, links, pair, random_angle):
 
     return (
         sk.PairTorque("torque", pair, f"-2*theta_{pair}"),
-        sk.PointForce("force", links[0], random_axis(random), components, "link"),
+        # The components are along the axes of the link.
+        sk.PointForce("force", links[0], random_axis(random), components, axes="link"),
         sk.Moment("moment", links[1], components),
         sk.Spring("spring", pair, stiffness=a, rest=random_angle()),
         sk.Damper("damper", pair, damping=b),
@@ -157,10 +158,12 @@ def random_mechanism(seed):
         for link in links:
             pair_names = tuple(pair.name for pair in pairs if link in pair.links)
             arcs = tuple(random_angle() for _ in pair_names[1:])
+            # Arcs below 0 or above pi are only allowed if the link says so.
             is_signed = not all(0.0 <= arc <= math.pi for arc in arcs)
             angles = tuple(random_angle() for _ in pair_names[2:])
             sizes[link] = LinkSizes(pair_names, arcs, angles, signed=is_signed)
-        geometry = SizeGeometry(sizes, {pairs[0].name: random_angle()})
+        # The first pair has a zero position of its own.
+        geometry = SizeGeometry(sizes, zeros={pairs[0].name: random_angle()})
     input_pair = pairs[0].name
     return sk.Mechanism(
         name=f"random_{seed}",

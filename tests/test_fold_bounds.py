@@ -95,8 +95,8 @@ def test_angles_at_folds_are_within_their_bounds_or_missing(seeds, least_rows):
     compared_rows = 0
     for seed in seeds:
         kind, mechanism = folding_mechanism(seed)
-        # Special mechanisms with a cam beside them have hundreds of modes, which would take
-        # long. Most of these modes are alike.
+        # A mechanism of this kind is a four-bar with a cam on one of its links. Some have
+        # hundreds of modes, most of them alike, which would take long.
         if kind == "contact":
             continue
         try:

@@ -79,7 +79,8 @@ def test_a_run_interrupted_while_it_moves_its_results_can_be_restarted(
 ):
     """After Ctrl-C while results are moved into place, `--restart` tidies up.
 
-    A run writes its files elsewhere and then moves them into the folder of results. Here
+    A run writes its files into a work folder, `.spherekit-run`. Then it removes the files
+    of the older run and moves its own into the folder of results, the summary last. Here
     the fifth move is interrupted, which ends with exit status 130. The next run must remove
     what the interrupted run has left. A file of the user stays.
     """

@@ -32,24 +32,28 @@ def half_tangents(angles):
 def test_half_tangents_of_a_flat_foldable_vertex_have_constant_ratios():
     """The half tangents of the fold angles of a flat-foldable vertex have constant ratios.
 
-    Reference: the closed form for vertices of four creases c1 to c4 with Kawasaki's
-    condition. With the sector angles s1 (between c1 and c2) and s2 (between c2 and c3),
-    opposite creases have equal magnitudes. In the mode with c1 = c3, tan(c2/2) is -cos((s1
-    + s2)/2) / cos((s1 - s2)/2) times tan(c1/2). In the mode with c1 = -c3 the factor is
-    sin((s1 + s2)/2) / sin((s1 - s2)/2). `fold_angles` returns the angles of a run by
-    crease.
+    Reference: the closed form for vertices of four creases c1 to c4 in which opposite
+    sectors add up to 180 deg (Kawasaki's condition). Opposite creases have equal
+    magnitudes. The sector angles are s1 (between c1 and c2) and s2 (between c2 and c3). In
+    mode 0 with c1 = c3, tan(c2/2) is -cos((s1 + s2)/2) / cos((s1 - s2)/2) times tan(c1/2).
+    In mode 1 with c1 = -c3 the factor is sin((s1 + s2)/2) / sin((s1 - s2)/2). A mode is
+    named by the crease that folds unlike the others. `fold_angles` returns the angles of a
+    run by crease.
     """
     result = sk.run("flat_foldable_vertex", samples=13)
     names = [mode["name"] for mode in result.summary["assembly_modes"]]
     assert names == ["mountain_c2", "mountain_c3"]
-    total, difference = np.radians([(100.0 + 60.0) / 2.0, (100.0 - 60.0) / 2.0])
-    ratios = (-np.cos(total) / np.cos(difference), np.sin(total) / np.sin(difference))
+    half_sum, half_difference = np.radians([(100.0 + 60.0) / 2.0, (100.0 - 60.0) / 2.0])
+    ratios = (
+        -np.cos(half_sum) / np.cos(half_difference),
+        np.sin(half_sum) / np.sin(half_difference),
+    )
     for mode, (sign, ratio) in enumerate(zip((1.0, -1.0), ratios, strict=True)):
         tangents = half_tangents(fold_angles(result, mode))
         assert tangents["c3"] == pytest.approx(sign * tangents["c1"], rel=1e-12)
         assert tangents["c2"] == pytest.approx(ratio * tangents["c1"], rel=1e-12)
         assert tangents["c4"] == pytest.approx(-sign * tangents["c2"], rel=1e-12)
-        # Maekawa's condition: three creases fold the same way.
+        # Maekawa's condition: of four creases, three fold the same way.
         valleys = sum(values[0] > 0.0 for values in tangents.values())
         assert valleys == 3
 
@@ -57,13 +61,16 @@ def test_half_tangents_of_a_flat_foldable_vertex_have_constant_ratios():
 def test_the_miura_unit_folds_as_one_by_its_closed_form():
     """The first mode of `miura_unit` is the Miura fold: tan(h/2) = cos(60 deg) tan(z/2).
 
-    z is the fold angle of the zigzag lines and h that of the straight lines. `fold_angles`
-    returns the angles of a run by crease. The count of links and pairs gives mobility 0,
-    but the sheet moves, because one constraint is redundant.
+    The sheet has 3 x 3 facets. A zigzag line runs between two columns of facets: its pieces
+    z11, z21 and z31 have the fold angle z, and those of the second line -z. The pieces h11
+    to h13 and h21 to h23 of the two straight lines have the angles h and -h in turn.
+    `fold_angles` returns the angles of a run by crease.
     """
     result = sk.run("miura_unit", samples=9)
     mode = next(m for m in result.summary["assembly_modes"] if m.get("name") == "miura")
     assert mode["number"] == 0
+    # The count of links and pairs gives the mobility 0. One constraint is redundant, so the
+    # rank of all constraints gives 1.
     assert result.summary["mobility"] == {"graph": 0, "rank": 1}
     angles = fold_angles(result, 0)
     z = angles["z11"]
@@ -265,8 +272,8 @@ def about_z(angle):
 def test_the_range_of_a_new_vertex_is_the_longest(tmp_path):
     """The input range of a new folded vertex cannot be extended by one degree.
 
-    One degree beyond the range, the middle crease (c3) is closer than 5 deg to a flat (0)
-    or closed (180) fold.
+    One degree beyond the range, the crease c3, opposite the input c1, is closer than 5 deg
+    to a flat (0) or closed (180) fold.
 
     The creases c1 to c4 are the corners of a spherical quadrilateral. The sector angles s1
     to s4 are its sides: s1 from c1 to c2, and so on. The angle of the quadrilateral at a
@@ -280,9 +287,10 @@ def test_the_range_of_a_new_vertex_is_the_longest(tmp_path):
     low, high = np.degrees([item.start, item.stop])
     s1, s2, s3, s4 = np.radians([100.0, 70.0, 90.0, 100.0])
     c1 = np.radians([low - 1.0, low, high, high + 1.0])
-    # cos(180 deg - c1) = -cos(c1) gives the minus sign, and likewise for c3.
-    cos_arc = np.cos(s4) * np.cos(s1) - np.sin(s4) * np.sin(s1) * np.cos(c1)
-    cos_c3 = (np.cos(s2) * np.cos(s3) - cos_arc) / (np.sin(s2) * np.sin(s3))
+    cos_corner_1 = -np.cos(c1)  # cos(180 deg - c1)
+    cos_arc = np.cos(s4) * np.cos(s1) + np.sin(s4) * np.sin(s1) * cos_corner_1
+    cos_corner_3 = (cos_arc - np.cos(s2) * np.cos(s3)) / (np.sin(s2) * np.sin(s3))
+    cos_c3 = -cos_corner_3
     is_inside = np.abs(cos_c3) <= np.cos(np.radians(5.0))
     assert is_inside.tolist() == [False, True, True, False]
 

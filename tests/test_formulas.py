@@ -41,16 +41,16 @@ def with_input(name):
 
 
 def evaluate_terms(formula_set, expressions, motion, mode_values, sizes=None):
-    """Return the values (expressions, n) of symbolic terms of formulas, by NumPy.
+    """Return the values (expressions, n) of symbolic expressions, by NumPy.
 
-    They are the reference for exported source code.
+    The values are the reference for exported source code.
 
     Parameters
     ----------
     formula_set
         Formulas of a mechanism, with their symbols and tables.
     expressions
-        Terms of these formulas.
+        Expressions of these formulas.
     motion
         (k, n) inputs of the mechanism; their rates and further variables of time may
         follow.
@@ -59,8 +59,8 @@ def evaluate_terms(formula_set, expressions, motion, mode_values, sizes=None):
         signs of its dyads (groups of two links), or the variables of all pairs from which
         Newton's method starts.
     sizes
-        (k, n) or (k, 1) numbers of the file that are arguments; by default those of the
-        file.
+        (k, n) or (k, 1) values of those numbers of the file that the formulas take as
+        arguments; by default the values of the file.
     """
     if sizes is None:
         sizes = np.array([size.value for size in formula_set.sizes])[:, None]
@@ -70,7 +70,7 @@ def evaluate_terms(formula_set, expressions, motion, mode_values, sizes=None):
     )
     # The symbols of motion, mode values and sizes, in this order like `values`.
     motion_symbols, mode_symbols, size_symbols = formula_set.variables
-    terms = [*motion_symbols, *mode_symbols, *size_symbols]
+    symbols = [*motion_symbols, *mode_symbols, *size_symbols]
     # Profiles of contacts are tables: functions of the arc length s, stored as series. A
     # pair variable `table.variable` is the arc length from the point `table.start`. Beyond
     # the ends of an open profile the functions are NaN. The symbols `table.terms` stand for
@@ -78,15 +78,16 @@ def evaluate_terms(formula_set, expressions, motion, mode_values, sizes=None):
     table_columns = []
     for table in formula_set.tables:
         edges = table.series.edges
-        s = values[terms.index(table.variable)] + table.start
+        s = values[symbols.index(table.variable)] + table.start
         if table.closed:
             s = edges[0] + np.mod(s - edges[0], table.length)
         column = table.series.evaluate(s)
         is_on_profile = (s >= edges[0]) & (s <= edges[-1])
         column[~is_on_profile] = np.nan
         table_columns.append(column.T)
-    terms += [term for table in formula_set.tables for term in table.terms]
-    function = array_function(expressions, terms)
+    for table in formula_set.tables:
+        symbols += table.terms
+    function = array_function(expressions, symbols)
     return function(np.concatenate([values, *table_columns]))
 
 
@@ -126,13 +127,14 @@ def accepted_keys(mechanism_or_name):
 def random_arguments(formula_set, seed=1):
     """Return 200 random arguments of formulas: motion, mode values and sizes.
 
-    Each is an array (variables, 200) as described in `evaluate_terms`. Each column is in a
-    random assembly mode (way to assemble the links). Sizes differ by up to a thousandth
-    from those of the file.
+    Each is an array (variables, 200). Motion has the inputs, their rates and further
+    variables of time. Each column is in a random assembly mode (way to assemble the links).
+    Mode values are the numbers that select the mode. Sizes are numbers of the file, changed
+    by up to a thousandth.
 
-    Without a closed form, the mode values are pair variables. They are those of a
-    configuration of the mode, corrected by five steps of Newton's method at inputs near
-    those of that configuration.
+    With a closed form, the mode values are signs. Otherwise they are pair variables: those
+    of a known configuration of the mode, corrected by five steps of Newton's method at
+    inputs near those of that configuration.
     """
     rng = np.random.default_rng(seed)
     modes = rng.integers(len(formula_set.modes), size=ROWS)
@@ -140,7 +142,9 @@ def random_arguments(formula_set, seed=1):
     mode_values = np.array([formula_set.modes[k].values for k in modes]).T.reshape(-1, ROWS)
     file_sizes = np.array([size.value for size in formula_set.sizes])[:, None]
     sizes = file_sizes * rng.uniform(0.999, 1.001, (len(formula_set.sizes), ROWS))
-    if formula_set.step:
+    has_closed_form = not formula_set.step  # the formulas of a step of Newton's method
+    if not has_closed_form:
+        # The inputs of the known configurations.
         inputs = np.array([formula_set.modes[k].at for k in modes]).T
         motion[: len(inputs)] = inputs + rng.uniform(-1e-3, 1e-3, inputs.shape)
         for _ in range(5):
@@ -220,6 +224,7 @@ def test_arguments_are_numbers_of_the_file(name, keys):
         quantities.append("B*")
     changed_file = formulas(make_design(document, variables, values), quantities)
     formula_set = formulas(name, quantities, keys)
+    # Random inputs, and the numbers that select an assembly mode (way to assemble).
     motion, mode_values, _ = random_arguments(changed_file)
     expected = evaluate_results(changed_file, motion, mode_values)
     # Arguments are in radians, files in degrees.

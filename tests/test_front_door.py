@@ -67,12 +67,14 @@ def test_a_changed_arc_gives_the_motion_of_the_closed_form(assembly_mode):
     mode = closed_form_mode(rows, arcs)
 
     def rocker_coefficient(q):
-        return four_bar_coefficients(q, arcs, mode)[1]
+        _, coefficient_41 = four_bar_coefficients(q, arcs, mode)
+        return coefficient_41
 
     expected = rocker_coefficient(q)
-    # The derivative of the angle of pair 41 by the input, with the sign of the angle.
+    # The derivative of the angle of pair 41 by the input.
     assert rows.variable_coefficient("41") == pytest.approx(expected, abs=1e-11)
-    # The velocity coefficient has the sign of its axis, which may be the opposite one.
+    # The pole direction of links 4 and 1 may be opposite to the axis of pair 41. The
+    # coefficients then have the opposite sign.
     axis = four_bar_axes(q, arcs, mode)["41"]
     sign = np.sign(np.sum(rows.direction("41") * axis, axis=1))
     assert rows.velocity_coefficient("4/1") * sign == pytest.approx(expected, abs=1e-11)
@@ -80,6 +82,7 @@ def test_a_changed_arc_gives_the_motion_of_the_closed_form(assembly_mode):
     assert acceleration == pytest.approx(slope(rocker_coefficient, q), abs=1e-8)
     rocker_velocity = axis * expected[:, None]
     assert np.max(np.abs(rows.angular_velocity("4") - rocker_velocity)) < 1e-11
+    # For the coupler, two results of spherekit must agree.
     coupler_velocity = rows.velocity_coefficient("3/1")[:, None] * rows.direction("3/1")
     assert np.max(np.abs(rows.angular_velocity("3") - coupler_velocity)) < 1e-12
 
@@ -264,6 +267,7 @@ def test_a_mechanism_built_by_axes_stands_in_its_pose_at_zero():
     """
     links = ["base", "crank", "coupler", "rocker"]
     lonlat = {"drive": (0, 90), "tip": (90, 70), "joint": (20, 15), "hinge": (70, 30)}
+    # In `PAIRS` the entry of the hinge is a dictionary, the others are lists of links.
     pair_links = {**PAIRS, "hinge": PAIRS["hinge"]["links"]}
     pairs = {
         name: {"links": pair_links[name], "lonlat": axis} for name, axis in lonlat.items()
@@ -348,7 +352,8 @@ def test_a_new_input_has_a_range_of_one_turn():
 def test_a_torque_is_a_number_a_text_or_a_function():
     """A constant torque as a number, a text or a function gives the same motion.
 
-    A function that is a load of the mechanism does so too. Each motion lasts 0.5 s.
+    A load of the mechanism with such a function gives this motion, too. Each motion lasts
+    0.5 s.
     """
     start = sk.Start(0.3, 1.0)
 
@@ -364,7 +369,8 @@ def test_a_torque_is_a_number_a_text_or_a_function():
     loaded = sk.load("four_bar").with_loads(load)
     by_load = sk.simulate(loaded, start, 0.5).at([0.5]).q[0]
     assert by_load == pytest.approx(by_number, abs=1e-12)
-    sk.simulate("four_bar", start, 0.1, torque=max)  # such builtins have no signature
+    # A built-in function without a signature is accepted; the motion does not matter.
+    sk.simulate("four_bar", start, 0.1, torque=max)
 
 
 def test_a_torque_that_jumps_unforeseen_is_found():
@@ -424,17 +430,19 @@ def test_the_example_in_the_help_of_the_package_runs(tmp_path, monkeypatch, caps
     monkeypatch.chdir(tmp_path)
     names = {}
     exec(sk.__doc__[sk.__doc__.index("import numpy") :], names)
-    # Row of link 1 in the printed plan, with columns for the links 1 to 4. x: axis of a
-    # pair; I: pole that the first pass of the construction finds.
+    # The printed plan says how poles (axes of relative rotation) of two links are found.
+    # This is the row of link 1, with columns for the links 1 to 4. x is the axis of a pair,
+    # I a pole that is found in the first pass.
     assert "1  ■  x  I  x" in capsys.readouterr().out
     row = names["here"]
     rows = names["turn"]
     arcs = arcs_with_crank(math.radians(25.0))
-    expected_at_rows = four_bar_coefficients(rows.q, arcs, closed_form_mode(rows, arcs))[1]
+    # `closed_form_mode` returns the number of the mode in the closed form.
+    _, expected_at_rows = four_bar_coefficients(rows.q, arcs, closed_form_mode(rows, arcs))
     assert len(rows.q) == 50
     coefficients = rows.velocity_coefficient("4/1")  # of link 4 relative to link 1
     assert np.abs(coefficients) == pytest.approx(np.abs(expected_at_rows))
-    expected_at_row = four_bar_coefficients(row.q, arcs, closed_form_mode(row, arcs))[1]
+    _, expected_at_row = four_bar_coefficients(row.q, arcs, closed_form_mode(row, arcs))
     assert np.abs(row.velocity_coefficient("4/1")) == pytest.approx(np.abs(expected_at_row))
     assert names["made"].name == "wrist"
     assert len(names["motion"]) == 2 * 361  # two assembly modes

@@ -94,10 +94,11 @@ def replace_inside(random, value):
 
 
 def rewrite_npz(random, data):
-    """Return a valid npz archive with another heading or with one array changed.
+    """Return a valid npz archive with another header or with one array changed.
 
-    An array may be missing, shortened, filled with an odd number, or text. The comment of
-    the archive has the checksum of the old content, which half of the new archives repeat.
+    An array may be missing, shortened, filled with NaN, infinity, 1e300 or -1, or text. The
+    comment of an archive has the checksum of its content. Half of the new archives have the
+    comment of the old one, which is then wrong, and half have no comment.
     """
     with np.load(BytesIO(data)) as archive:
         arrays = dict(archive)
@@ -110,9 +111,9 @@ def rewrite_npz(random, data):
     elif kind == 1:
         arrays[name] = array.ravel()[: random.integers(array.size + 1)]
     elif kind == 2:
-        odd_numbers = [np.nan, np.inf, 1e300, -1.0]
+        unusual_numbers = [np.nan, np.inf, 1e300, -1.0]
         with np.errstate(invalid="ignore"):  # NaN has no integer
-            arrays[name] = np.full_like(array, odd_numbers[random.integers(4)])
+            arrays[name] = np.full_like(array, unusual_numbers[random.integers(4)])
     elif kind == 3:
         arrays[name] = array.astype(str)
     else:
@@ -203,7 +204,9 @@ def check_damaged_archive(path, read, changes, count, seed):
             message = str(error)
             assert "\n" not in message, (number, message)
             assert path.name in message or str(path.parent) in message, (number, message)
-            refusals += damaged_data != data
+            # A file that a change has left as it was must not be refused.
+            assert damaged_data != data, (number, message)
+            refusals += 1
         else:
             assert content == expected, (number, change.__name__)
     path.write_bytes(data)
@@ -355,8 +358,9 @@ def test_resuming_from_damaged_files_gives_the_same_rows_or_is_refused(
                 "four_bar", "poles", folder=resumed_folder, unfinished="resume", **options
             )
         except SpherekitError as error:
-            # A message has to name the damaged file. Here the file was copied to another
-            # folder before it was read, so its name is added.
+            # `check_damaged_archive` looks for the file or its folder in the message. The
+            # message may name the folder only, which is another one here: that of the copy.
+            # So the name of the file is added.
             error.args = (f"{error} {file}",)
             raise
         return run.frame().to_csv()

@@ -187,8 +187,10 @@ def test_modules_of_javascript_run_with_each_name(tmp_path):
         if not identifiers.JAVASCRIPT_NAME_RULES.is_taken(global_name)
     }
     assert not not_refused
+    # Every third troublesome name, which saves time, some of JavaScript's own names, and
+    # harmless names.
     names = [*NAMES[::3], "then", "Math", "NaN", "undefined", "await", "let", *KEPT_NAMES]
-    functions = []
+    functions = []  # the only exported function of each module
     for k, name in enumerate(names):
         text = source(renamed_formulas(name), "js")
         functions += re.findall(r"^export function (\w+)\(", text, re.M)
@@ -265,6 +267,8 @@ def test_sources_of_newtons_method_and_tables_take_any_name(mechanism, language,
             exec(compile(text, name, "exec"), space)
             mode = formulas_with_tables(mechanism).modes[0]
             function = space[identifiers.PYTHON_NAME_RULES.identifier(name)]
+            # The inputs of a known configuration, and the pair angles from which Newton's
+            # method starts.
             assert np.all(np.isfinite(function(mode.at, mode.values)))
         elif language == "c" and GCC:
             words = [GCC, "-Wall", "-Wextra", "-Werror", "-c", str(path)]
@@ -370,10 +374,10 @@ last = {{ kind = "spring", pair = "last", stiffness = 1.0 }}
 def test_models_of_equal_names_load_in_mujoco(ground, coupler, tmp_path):
     """A model of MuJoCo has different names where those of a mechanism are equal.
 
-    In MuJoCo "world" is the ground, so another link with this name becomes "world_2". The
-    file also has an output, loads and an input of equal names. `ground` and `coupler` are
-    the names of two links. A model that is imported again has the same links, but for this
-    name.
+    In MuJoCo "world" is the name of the fixed body. So a link with this name, the ground or
+    the coupler of the file, becomes "world_2". The file also has an output, loads and an
+    input of equal names. A model that is imported again has the same links, with "world_2"
+    for "world".
     """
     mujoco = pytest.importorskip("mujoco", reason="it reads the model")
     file, path = tmp_path / "x.toml", tmp_path / "x.xml"
@@ -395,11 +399,12 @@ def test_models_of_equal_names_load_in_mujoco(ground, coupler, tmp_path):
 
 @pytest.mark.slow
 def test_pages_of_reserved_names_move(browser, tmp_path):
-    """Pages of mechanisms named like JavaScript's own objects move without an error.
+    """Pages of mechanisms with troublesome names move without an error.
 
-    `browser` is a browser that the test controls. After the input has changed, the page
-    must be drawn again, which `timing.pictures` counts. No message may appear in its
-    console.
+    Such names are those of JavaScript's own objects, a name that the page uses (KERNELS),
+    and one that is no identifier (4bar). `browser` is a browser that the test controls.
+    After the input has changed, the page must be drawn again, which `timing.pictures`
+    counts. No message may appear in its console.
     """
     messages = []
     tab = browser.new_page()
@@ -409,7 +414,7 @@ def test_pages_of_reserved_names_move(browser, tmp_path):
         file, page = tmp_path / f"{name}.toml", tmp_path / f"{name}.html"
         file.write_text(FILE.format(name=name, ground="constructor", coupler="__proto__"))
         assert main(["page", str(file), "-o", str(page), "--quiet"]) == 0
-        tab.goto("about:blank")
+        tab.goto("about:blank")  # leaves the last page first
         tab.goto(page.as_uri())
         wait_until(tab, "window.spherekit?.timing.pictures > 0")
         tab.evaluate("spherekit.change('input', {q: [1.0]})")

@@ -147,8 +147,9 @@ def test_loads_and_masses_are_imported_again(tmp_path):
     The mechanism is a five-bar with loads of many kinds. Gravity, spring, damper and
     friction have the same parameters again. The other loads have expressions that may be
     written in another way. For all loads, the power in the exported pose is therefore
-    compared. Imported masses are compared with the original ones turned into this pose,
-    since frames of imported links are parallel to that of the ground there.
+    compared, while the first input turns at 1 rad/s. This pose is the reference pose of the
+    imported mechanism, in which all links have the axes of the ground. So imported masses
+    are compared with the original ones turned into this pose.
     """
     all_loads = (
         sk.Gravity("gravity", (1.0, 2.0, -9.0)),
@@ -283,8 +284,9 @@ def test_the_command_imports_a_serial_wrist(tmp_path, capsys):
 
     MJCF is MuJoCo's format. The body "hand" of the model has two joints, pitch and roll, so
     a link is added between them. It is welded to a "tool", whose mass is added to its own.
-    The actuator of pitch is a position servo. Its feedback is not imported, and a message
-    says so.
+    The inputs are the joints of the actuators, in their order. The actuator of pitch is a
+    position servo. Its feedback is not imported, and a message says so. The joints have
+    damping (yaw), a spring (pitch) and friction (roll).
     """
     path = write_model(tmp_path, WRIST)
     target = tmp_path / "wrist.toml"

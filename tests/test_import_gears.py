@@ -149,11 +149,12 @@ def motor_angles(kind, actuators, joints, q):
 
 
 def transmission(kind, actuators, joints, form="ros_control"):
-    """Return a robot description (URDF) of two joints that two motors drive together.
+    """Return a robot description (URDF) in which a transmission couples two joints.
 
-    The joints are pitch and roll, the motors m_l and m_r. `kind` is "Differential" or
-    "FourBarLinkage"; `actuators` and `joints` are their mechanical reductions. `form` is
-    the dialect, "ros_control" or "ros2_control".
+    In the description `TRANSMISSION` the element of the transmission is replaced. The
+    joints are pitch and roll, the motors m_l and m_r. `kind` is "Differential" or
+    "FourBarLinkage"; `actuators` and `joints` are the mechanical reductions of motors and
+    joints. `form` is the dialect, "ros_control" or "ros2_control".
     """
     entries = [
         ("actuator", 1, "m_l", actuators[0]),
@@ -173,7 +174,8 @@ def transmission(kind, actuators, joints, form="ros_control"):
                 f'<{tag} name="{name}" role="{tag}{number}">'
                 f"<mechanical_reduction>{reduction!r}</mechanical_reduction></{tag}>"
             )
-    # The order has no meaning, since roles say which is the first; so it is reversed.
+    # Roles say which joint or motor is the first. The reversed order tests that the order
+    # of elements has no meaning.
     text = "".join(reversed(elements))
     plugin = f"transmission_interface/{kind}Transmission"
     if form == "ros_control":

@@ -70,7 +70,10 @@ def test_tilt_and_torsion_and_euler_angles_lead_back():
     angles are not unique.
     """
     rotations = random_rotations(500, 1)
-    rotations[:100] = Rotation.from_rotvec(rotations[:100, 0] * [0, 0, 1]).as_matrix()
+    # An entry of each random matrix is used as the angle about z.
+    angles_about_z = rotations[:100, 0, 2]
+    rotation_vectors = angles_about_z[:, None] * [0, 0, 1]
+    rotations[:100] = Rotation.from_rotvec(rotation_vectors).as_matrix()
     rotations[100:200] = Rotation.from_euler("ZY", [[0.3, np.pi]] * 100).as_matrix()
     rotations[200:210] = np.eye(3)
     for to_angles, from_angles in (
@@ -182,10 +185,11 @@ def base_axis(mechanism, leg):
 
 
 def normals_of_leg_planes(mechanism, leg, poses, angles):
-    """Return the unit normals (n, 3) of the planes of crank and coupler of a leg.
+    """Return the unit normals (n, 3) of the plane of the coupler of a leg.
 
-    The plane contains the axis between crank and coupler (pair b) and the axis between
-    coupler and platform (pair c). The normal is their vector product, b x c.
+    A leg has a crank on the base and a coupler on the platform. The plane contains both
+    axes of the coupler: that to the crank (pair b) and that to the platform (pair c). The
+    normal is along their vector product, b x c.
 
     Parameters
     ----------
@@ -196,12 +200,15 @@ def normals_of_leg_planes(mechanism, leg, poses, angles):
     poses, angles
         (n, 3, 3) orientations of the platform, and angles (n,) of the crank in rad.
     """
-    frames = pair_frames(mechanism)
+    frames = pair_frames(mechanism)  # by pair: its frames in its first and second link
     ground_frame, crank_frame = frames[f"a{leg}"]
     rotations_about_base_axis = Rotation.from_euler("z", angles[:, None]).as_matrix()
     crank_orientation = ground_frame @ rotations_about_base_axis @ crank_frame.T
-    axis_b = crank_orientation @ frames[f"b{leg}"][0][:, 2]
-    axis_c = poses @ frames[f"c{leg}"][1][:, 2]
+    # Column 2 of a frame is the axis of the pair.
+    b_in_crank, _ = frames[f"b{leg}"]
+    axis_b = crank_orientation @ b_in_crank[:, 2]
+    _, c_in_platform = frames[f"c{leg}"]
+    axis_c = poses @ c_in_platform[:, 2]
     normals = np.cross(axis_b, axis_c)
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
@@ -211,11 +218,12 @@ def normals_of_leg_planes(mechanism, leg, poses, angles):
 def test_the_type_i_measure_is_the_sine_between_base_axis_and_leg_plane(
     mode, leg, wrist_in_random_poses
 ):
-    """The measure of type I of a leg is the sine between its base axis and its plane.
+    """The measure of type I of a leg is the sine between its base axis and a plane.
 
-    A leg is at a dead centre (type I) where its base axis is in the plane of crank and
-    coupler. `wrist_in_random_poses` has a wrist, poses and their inverse kinematics. The
-    normal that inverse kinematics returns must point to the side of the base axis.
+    This plane contains both axes of the coupler, which joins the crank to the platform. A
+    leg is at a dead centre (type I) where its base axis lies in this plane.
+    `wrist_in_random_poses` has a wrist, poses and their inverse kinematics. The normal of
+    the plane that inverse kinematics returns must point to the side of the base axis.
     """
     mechanism, poses, inverse = wrist_in_random_poses
     leg_number = int(leg) - 1
@@ -282,14 +290,17 @@ def test_the_jacobian_inverts_differences_of_the_inputs(mechanism):
     poses = random_poses(kinematics, 300, 11)
     # The Jacobian needs the normals of the legs, which are only returned if asked for.
     inverse = kinematics.at(poses, normals=True)
-    is_regular = (inverse.status == Status.OK) & (np.min(inverse.type_1, axis=2) > 0.2)
+    # Measures of types I (modes, poses, inputs) and II (modes, poses) are 0 at
+    # singularities.
+    least_type_1 = np.min(inverse.type_1, axis=2)
+    is_regular = (inverse.status == Status.OK) & (least_type_1 > 0.2)
     is_regular &= (inverse.type_2 > 0.2) & (inverse.margin > 0.05)
     assert np.sum(is_regular) > 20
     step = 1e-5
 
     def inputs_after_turn(rotation_vector):
         turn = Rotation.from_rotvec(rotation_vector).as_matrix()
-        is_pointer = kinematics.wrist.points
+        is_pointer = kinematics.wrist.points  # whether the output is a direction
         if is_pointer:
             turned_poses = poses @ turn.T  # rows are directions
         else:
@@ -301,6 +312,8 @@ def test_the_jacobian_inverts_differences_of_the_inputs(mechanism):
         change = inputs_after_turn(step * axis) - inputs_after_turn(-step * axis)
         derivatives.append(np.angle(np.exp(1j * change)) / (2 * step))
     inputs_by_turn = np.stack(derivatives, axis=-1)[is_regular]
+    # (rows, inputs, 3) times (rows, 3, inputs). With two inputs, as for a pointer, only
+    # the product in this order is the identity.
     product = inputs_by_turn @ inverse.jacobian[is_regular]
     assert np.max(np.abs(product - np.eye(inputs_by_turn.shape[1]))) < 1e-6
 
@@ -430,18 +443,19 @@ def test_all_mid_plane_symmetric_solutions_are_found():
 
     In `two_dof_spm` base and output link can be mirror images of each other about a plane,
     the mid-plane, in which the elbows of all legs are. The direction of the output then
-    determines this plane. If the legs reach it, each leg has two possible elbows. Solutions
-    are counted by their inputs, which depend on the elbows of the two driven legs only. So
-    there are 2 x 2. If the legs do not reach the plane, no solution is symmetric.
+    determines this plane. If the three legs reach it, each leg has two possible elbows.
+    Solutions are counted by their inputs, which depend on the elbows of the two driven legs
+    only. So there are 2 x 2. If the legs do not reach the plane, no solution is symmetric.
     `mid_plane_form` computes this in closed form.
     """
     mechanism = sk.load("two_dof_spm")
     form = sk.mid_plane_form(mechanism)
     directions = np.array([[0.3, 0.8, 0.52], [0.5, 0.5, 0.7], [-0.4, 0.7, 0.1], [0, -1, 1]])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    # The form has its own axes, into which `frame` turns the directions.
     normals, _ = form.normals_to(directions @ form.frame)
     # The elbows (directions, legs, 3) are NaN if a leg does not reach the mid-plane. The
-    # sign selects one of the two elbows that a leg can have; both exist or none.
+    # mode 1 or -1 selects one of the two elbows of a leg. A leg has both or none.
     elbows, _ = form.plane.elbows(normals, modes=1)
     is_reached = np.isfinite(elbows).all(axis=(1, 2))
     assert 2 <= np.sum(is_reached) < 4
@@ -468,7 +482,8 @@ def test_solutions_close_where_the_axes_of_a_dyad_coincide():
 def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equations():
     """Inverse kinematics of a mid-plane mechanism has the Jacobian of its link velocities.
 
-    The output of `two_dof_spm` is the direction of a pointer. The poses are those of its 16
+    Base and output link of `two_dof_spm` can be mirror images in a plane, the mid-plane.
+    The output is the direction of a pointer. The poses are those of its 16
     configurations at driving angles of 14 and 23 deg. The angular velocity about the
     pointer does not move it and is removed. For each pose whose pointer moves, some working
     mode must have the same inputs and the same Jacobian.
@@ -485,8 +500,8 @@ def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equatio
     rates = rates - pointers[:, :, None] * along_pointer[:, None]
 
     # A direction leaves the turn about it open. Newton's method finds this turn, from the
-    # orientations `near`. The Jacobian is computed from normals, which are part of the
-    # result only on request.
+    # orientations `near`. The Jacobian is computed from normals of the legs, one for each
+    # input, which are part of the result only on request.
     inverse = kinematics.at(pointers, near=rotations, normals=True)
     # Results (modes, poses, ...) minus those of the motion (poses, ...).
     input_gaps = np.angle(np.exp(1j * (inverse.inputs - motion.inputs)))

@@ -143,10 +143,11 @@ def test_rates_and_type_i_measures_invert_the_velocities_of_the_output(solver, r
 def test_the_type_ii_measure_is_the_least_misfit_of_the_velocity_equations(solver, regular):
     """The measure of type II is that of an independent computation by velocity equations.
 
-    It says how strongly locked inputs keep the output from turning. `least_misfit` computes
-    it from the velocity equations of all links. `regular` has solutions of inverse
-    kinematics, of which every fifth is compared. If the output is a pointer, its rotation
-    about the direction in which it points is not counted.
+    It says how strongly locked inputs keep the output from turning. `least_misfit` turns
+    the output at unit rate, and returns how much the velocity equations of all links are
+    violated at least. `regular` has solutions of inverse kinematics away from
+    singularities, of which every fifth is compared. If the output is a pointer, its
+    rotation about the direction in which it points is not counted.
     """
     mechanism = solver.mechanism
     position_solver = ForwardKinematics(mechanism).solver
@@ -160,7 +161,7 @@ def test_the_type_ii_measure_is_the_least_misfit_of_the_velocity_equations(solve
             pointing_direction = base_orientation @ regular.directions[k]
         misfit = least_misfit(
             mechanism.ends,
-            closed.vectors[k],
+            closed.vectors[k],  # axes of the pairs
             position_solver.driven,  # numbers of the variables of the inputs
             link,
             base,
@@ -250,9 +251,11 @@ def test_derivatives_of_phi_and_gamma_by_differences():
     solver = output_kinematics(sk.load("two_dof_spm"))
 
     def phi_and_gamma(inputs):
-        # At given inputs there are two configurations, with the same direction.
+        # At given inputs there are two configurations. The output has the same direction in
+        # both, which determines the mid-plane and its angles.
         solutions = solver.forward(inputs[None])
-        return [angle[0] for angle in solver.form.angles_to(solutions.directions[:1])[:2]]
+        phi, gamma, _ = solver.form.angles_to(solutions.directions[:1])
+        return phi[0], gamma[0]
 
     for row in result.frame().to_dict("records"):
         inputs = np.array([row["q_21"], row["q_61"]])
@@ -306,8 +309,10 @@ def test_columns_of_a_file_state_an_orientation_in_five_ways(tmp_path):
     for columns, numbers in numbers_by_columns.items():
         line = ",".join(repr(float(number)) for number in numbers)
         path.write_text(f"{columns},note\n{line},7\n")
+        # Messages would name "test" as the analysis that reads the file.
         poses = read_poses(solver, "test", file=str(path), unit="rad").poses
-        inputs.append(solver.inverse(poses, solver.labels).inputs)
+        all_working_modes = solver.labels
+        inputs.append(solver.inverse(poses, all_working_modes).inputs)
     # Three legs with two ways to bend each.
     assert len(inputs[0]) == 8
     assert np.isfinite(inputs[0]).all()
@@ -326,8 +331,9 @@ def test_a_file_of_poses_may_be_empty(tmp_path):
 def test_written_tables_are_read_again(tmp_path):
     """Tables that the analysis has written, in Parquet or CSV, can be read as its poses.
 
-    The angles have the right units: the unit is in the Parquet file, in a file beside the
-    CSV, or in the heading of the CSV. The inputs must be those of the first analysis.
+    The angles have the right units: the unit is in the Parquet file, in `columns.json`
+    beside the CSV, or in the heading of the CSV. The inputs must be those of the first
+    analysis. The working mode "+-" has a sign for each leg, which can be bent in two ways.
     """
     result, _ = found_in(
         "five_bar", window="azimuth:10:50:3+tilt:60:70:2", working_mode="+-"
@@ -389,9 +395,10 @@ def test_rows_out_of_reach_offer_the_nearest_pose():
     """A direction out of reach has no inputs, but the nearest direction that is in reach.
 
     The margin is the angle (rad) that is left until a leg is stretched or folded; here it
-    is negative. The column `limiting` names this limit, between the two end axes of the
-    leg, as "axes ... at most ...". `away` is the angle (rad) from the wanted direction to
-    the nearest one.
+    is negative. The column `limiting` names this limit by the two end axes of the leg and
+    the angle between them, as in "axes 54/61 at most 80 deg". `rate_x_21` is the rate
+    of input 21 while the output turns about x. `away` is the angle (rad) from the wanted
+    direction to the nearest one.
     """
     mechanism = sk.load("five_bar")
     directions = ["x=0+y=0+z=-1", "x=1+y=0+z=0", "x=0.3+y=1+z=0.2"]
@@ -435,7 +442,8 @@ def test_the_scene_shows_the_number_of_solutions_of_each_pose(how):
         text = "azimuth:0:350:36+tilt:5:175:18"
     else:
         text = "azimuth=10+tilt=20+azimuth=60+tilt=70+azimuth=10+tilt=179"
-    # The nearest poses of those out of reach are not searched, which saves time.
+    # Two computations are left out, which saves time: the nearest poses of those out of
+    # reach (`nearest=0`), and the assembly modes without a closed form (`search=False`).
     analysis = f"inverse_kinematics:{how}={text},nearest=0"
     result = sk.run(
         sk.load("five_bar"), [analysis], samples=2, search=False, recorder=scene_listener
@@ -473,9 +481,9 @@ def test_closed_form_rows_equal_those_of_the_graph_of_links(name):
     """Inverse kinematics in closed form equals that by the position analysis of all links.
 
     The second way solves the loops and velocity equations of the whole graph of links. Rows
-    are sorted by pose and working mode before they are compared. ``type_2`` is a measure
-    that is 0 at a singularity of type II. A pose without a solution has one row without a
-    working mode.
+    are sorted by pose and working mode before they are compared. ``rates`` are those of the
+    inputs per unit angular velocity of the output. ``type_2`` is a measure that is 0 at a
+    singularity of type II. A pose without a solution has one row without a working mode.
     """
     closed_form = output_kinematics(sk.load(name))
     graph = GraphKinematics(closed_form.kinematics)
@@ -484,7 +492,8 @@ def test_closed_form_rows_equal_those_of_the_graph_of_links(name):
 
     def solved_rows(kinematics):
         """Return the rows with a solution, sorted, and the rows without one."""
-        rows = kinematics.inverse(poses, kinematics.labels, pairs)
+        all_working_modes = kinematics.labels
+        rows = kinematics.inverse(poses, all_working_modes, pairs)
         order = [k for k in np.lexsort((rows.mode, rows.pose)) if rows.solved[k]]
         return rows.rows(np.array(order)), rows.rows(~rows.solved)
 
@@ -509,8 +518,10 @@ def test_what_is_no_parquet_file_is_refused(tmp_path):
 def test_a_row_without_a_value_of_a_measure_is_at_a_singularity():
     """A row of inverse kinematics with a measure of NaN gets the status of a singularity.
 
-    The first row has all measures. In the others, those of type I, of type II, or both are
-    NaN.
+    A measure of type I (the output rests while an input turns) or II (the output moves with
+    locked inputs) is 0 at such a singularity. A measure of NaN does not show that a row is
+    regular, so the row counts as singular. The first row has all measures. In the others,
+    those of type I, of type II, or of both types are NaN.
     """
     type_1 = np.array([[0.5, 0.4], [0.5, np.nan], [0.5, 0.4], [np.nan, np.nan]])
     type_2 = np.array([0.3, 0.3, np.nan, np.nan])

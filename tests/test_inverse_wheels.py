@@ -28,8 +28,8 @@ def wrist():
 
     A column yaws about z on the base. The axles of both side gears and of the cage are the
     y axis of the column. The hand is the planet gear of the differential and rolls about
-    the x axis of the cage. All three inputs may count several turns. Pairs of type R are
-    revolute joints, those of type Cr gears in mesh, with pitch circles on the sphere.
+    the x axis of the cage. The angles of the inputs may exceed a whole turn. Pairs of type
+    R are revolute joints, those of type Cr gears in mesh, with pitch circles on the sphere.
     """
     pair_ends_and_axes = {
         "yaw": ("base", "column", [0.0, 0.0, 1.0]),
@@ -177,8 +177,8 @@ def test_closed_form_inverse_kinematics_match_the_general_solver(mechanism_name,
     pose. The solvers may differ by whole turns of the wheels, which lead to the same pose,
     so not every solution needs a partner with equal inputs (rad). At least as many as there
     are poses must have one, so that the comparison is not empty. Partners must have equal
-    pair rates and equal measures of singularities of types I and II. Forward kinematics of
-    the closed form must lead back to all poses.
+    rates of the inputs per rate of the output, and equal measures of singularities of types
+    I and II. Forward kinematics of the closed form must lead back to all poses.
     """
     if mechanism_name == "differential":
         mechanism = wrist
@@ -196,6 +196,7 @@ def test_closed_form_inverse_kinematics_match_the_general_solver(mechanism_name,
         # Orientations from four triples of azimuth, tilt and torsion.
         poses = from_tilt_torsion(TILT_TORSION_RAD[:4])
     all_pairs = range(len(mechanism.pairs))
+    # The labels are those of all working modes (ways to assemble the links at a pose).
     solutions = closed_form.inverse(poses, closed_form.labels, all_pairs)
     references = general.inverse(poses, general.labels, all_pairs)
     assert len(solutions) == 2 * len(poses)
@@ -217,7 +218,9 @@ def test_closed_form_inverse_kinematics_match_the_general_solver(mechanism_name,
     assert np.max(closed_form.residual(solutions.values)) < 1e-12
     forward = closed_form.forward(solutions.inputs)
     outputs = forward.directions if is_pointer else forward.rotations
-    assert np.max(np.abs(outputs - poses[solutions.pose[forward.row]])) < 1e-11
+    # `row` is the solution whose inputs lead to each of the outputs.
+    poses_of_outputs = poses[solutions.pose[forward.row]]
+    assert np.max(np.abs(outputs - poses_of_outputs)) < 1e-11
 
 
 def test_workspace_of_the_wrist_near_a_working_mode_has_no_failures(wrist):
