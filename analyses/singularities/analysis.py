@@ -23,6 +23,7 @@ from spherekit.plugin.quantities import Degrees, Seconds
 from spherekit.plugin.singularities import (
     NEAREST_TRANSMISSION_REDUCTION,
     NEAREST_TRANSMISSION_WORD,
+    observed_outputs,
     ordered_pole,
     output_of,
 )
@@ -127,44 +128,19 @@ class SingularityAnalysis(AbstractAnalysis):
     def outputs(self, mechanism: Mechanism) -> tuple[tuple[int, int], ...]:
         """Return the relative motions of interest as indices (o, s) of links.
 
-        Link o moves relative to link s. The motions are the first of these that exist:
-
-        1. Those of the parameter `output`.
-        2. Those that the mechanism declares. If it has one input, the motion of the input
-           pair (joint) itself is left out.
-        3. Motions, relative to the ground, of links that a pair joins to the ground. The
-           input pair does not count.
-        4. Motions, relative to the ground, of all links that the input pair does not join.
-
-        Rules 3 and 4 apply to mechanisms with one input. With several inputs the result is
-        empty if no outputs are declared.
+        Link o moves relative to link s. The motions are those of the parameter `output`. If
+        it is empty, they are those of the outputs that the mechanism declares. Without
+        declared outputs, a mechanism with one input has the motions of
+        `observed_outputs`, and a mechanism with several inputs has none.
         """
         if self.output:
             return tuple(ordered_pole(mechanism, text) for text in self.output)
+        outputs = mechanism.outputs
+        if len(mechanism.inputs) == 1:
+            outputs = observed_outputs(mechanism)
         number = mechanism.link_number
-        declared = dict.fromkeys(
-            (number[output.link], number[output.relative_to])
-            for output in mechanism.outputs
-        )
-        if len(mechanism.inputs) > 1:
-            return tuple(declared)
-        input_pair = mechanism.pair_number[mechanism.inputs[0].pair]
-        input_links = set(mechanism.ends[input_pair])
-        outputs = tuple(links for links in declared if set(links) != input_links)
-        if outputs:
-            return outputs
-        ground = 0
-        ground_neighbours: list[int] = []
-        for links in mechanism.ends:
-            if ground in links and set(links) != input_links:
-                # The ground has the smallest number, so the larger one is the other link.
-                ground_neighbours.append(max(links))
-        if ground_neighbours:
-            moving_links = list(dict.fromkeys(ground_neighbours))  # without repetitions
-        else:
-            all_links = range(1, len(mechanism.links))
-            moving_links = [link for link in all_links if link not in input_links]
-        return tuple((link, ground) for link in moving_links)
+        motions = [(number[output.link], number[output.relative_to]) for output in outputs]
+        return tuple(dict.fromkeys(motions))  # without repetitions
 
     def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
         """Return a figure of merit for each dyad: how near it comes to type II.

@@ -1,6 +1,7 @@
 """Functions for analyses of singularities: points, relations, curves and aspects."""
 
 from spherekit.completeness import Completeness, Guarantee
+from spherekit.mechanism.output_choice import observed_outputs
 from spherekit.outputs.mid_plane_loci import mid_plane_loci
 from spherekit.planning.pole_plan import ordered_pole
 from spherekit.positions.assembly_enumeration import group_signs
@@ -65,6 +66,7 @@ __all__ = [
     "mid_plane_loci",
     "moved_by_all",
     "near_misses",
+    "observed_outputs",
     "ordered_pole",
     "output_of",
     "ranges_of",
