@@ -346,7 +346,8 @@ def test_printed_formulas_give_what_the_engine_gives(number):
 
     SymPy reads the formulas. The mechanisms (`mechanisms`) have one or two inputs and
     consist of dyads (two links each). `number` selects one of them and is the seed of
-    random sizes. `largest_deviation` compares angles, poles, coefficients and torques.
+    random sizes. `largest_deviation` compares angles of pairs, poles (axes of relative
+    rotation), their velocity coefficients and derivatives, and torques.
     """
     all_mechanisms = list(mechanisms(np.random.default_rng(number)))
     mechanism = all_mechanisms[number]
@@ -358,8 +359,12 @@ def test_printed_formulas_give_what_the_engine_gives(number):
         else LAWS[0]
     )
     dynamics = sk.inverse_dynamics(mechanism, laws, TIMES) if mechanism.masses else None
-    # (times, 2) both laws; a single input follows the first one.
-    inputs = np.stack([law.at(TIMES)[0] for law in LAWS], axis=1)
+    # (times, 2) input angles by both laws. A single input follows the first one.
+    columns = []
+    for law in LAWS:
+        angles, _rates, _accelerations = law.at(TIMES)
+        columns.append(angles)
+    inputs = np.stack(columns, axis=1)
     evaluation = sk.evaluate(mechanism, inputs if has_several_inputs else inputs[:, 0])
     rows = np.flatnonzero(evaluation.status == sk.Status.OK)
     # There is a row for each of the three times and each assembly mode. Some may be out of

@@ -21,16 +21,17 @@ INPUT_ANGLES_RAD = np.linspace(-7.0, 12.0, 20)
 def with_spring(name, pair, zero_deg=0.0, input_pair=None):
     """Return a mechanism whose only load is a spring at a pair.
 
-    Its stiffness is 1.3 N m/rad, and its torque is zero at the angle 0.4 rad. `zero_deg` is
-    added to the zero of this pair, so that its angle may cross half a turn. This changes
-    the angles by which the file identifies assembly modes, so their names are removed.
-    `input_pair` replaces the driven pair.
+    Its stiffness is 1.3 N m/rad, and its torque is zero at the angle 0.4 rad. `zero_deg`
+    turns the position from which the angle of this pair is counted. So the angle may cross
+    180 deg in the motion. `input_pair` replaces the driven pair. Joint limits are removed,
+    so that they do not end the motion.
     """
     mechanism = sk.load(name)
     if zero_deg:
         geometry = mechanism.geometry
         zeros = dict(geometry.zeros)
         zeros[pair] = zeros.get(pair, 0.0) + np.radians(zero_deg)
+        # The file identifies its named assembly modes by angles, which have changed now.
         mechanism = replace(mechanism, geometry=replace(geometry, zeros=zeros), modes={})
     if input_pair:
         mechanism = mechanism.with_inputs(input_pair)

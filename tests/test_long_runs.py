@@ -233,9 +233,11 @@ def test_a_signal_stops_a_run_and_prints_the_command_to_resume_it(
     Exit status 128 + number says which signal it was. The same command without `--resume`
     is refused, because the folder has an unfinished run. The printed command completes the
     run; its files are those of an uninterrupted one.
+
+    `run_with_signal` starts the run in another process, which sends itself the signal after
+    the first block of samples. The run is completed in the process of this test.
     """
-    # Small blocks (2 MB), so that the run consists of many and is stopped between two. The
-    # signal is sent to another process, and this one completes the run.
+    # The blocks of this process are small (2 MB), so that the rest of the run has many.
     monkeypatch.setattr(batch_runner, "BLOCK_BYTES", 1 << 21)
     folder = tmp_path / "with space"
     arguments = ["run", "four_bar", "-a", "poles:only=31", "--samples", "80000", "-o"]
@@ -449,13 +451,10 @@ class AnalysisWithTexts(MinimalAnalysis):
 
     It tests how tables are written. One further table has no column of assembly modes, and
     the other one has no rows. With `plain` the texts need no quotes.
-
-    The texts are not in alphabetical order. The text changes after every five samples, so
-    that later blocks of a run have texts that are new there.
     """
 
     name: ClassVar = "words"
-    rowwise: ClassVar = True
+    rowwise: ClassVar = True  # each sample is computed by itself
     tables: ClassVar = (
         Table(
             "words", "texts", (SAMPLE, ASSEMBLY_MODE, Column("word", "", "a text", "text"))
@@ -466,10 +465,15 @@ class AnalysisWithTexts(MinimalAnalysis):
     plain: bool = False
 
     def compute(self, batch):
+        """Return the columns of the three tables for a block of samples.
+
+        The texts are not in alphabetical order. The text changes after every five samples,
+        so that later blocks of a run have texts that are new there.
+        """
         if self.plain:
             texts = ["b", "a", "zz"]
         else:
-            texts = ['a "b"', "c,d", "é\nf", " a"]
+            texts = ['a "b"', "c,d", "é\nf", " a"]  # CSV has to quote these
         column = []
         for sample in batch.sample.tolist():
             number = sample // 5 % len(texts)
@@ -485,7 +489,7 @@ class AnalysisWithTexts(MinimalAnalysis):
         """Return a page for each assembly mode, with a plot of the inputs."""
         rows = batch.assembly_mode_rows().items()
         return tuple(
-            Scene(mode, (Series("s", "s", "g", batch.q[mode_rows]),))
+            Scene(mode, (Series("s", label="s", group="g", values=batch.q[mode_rows]),))
             for mode, mode_rows in rows
         )
 
@@ -685,8 +689,8 @@ def recorded_samples(listener):
 def test_a_long_recording_has_one_of_many_samples(monkeypatch, capsys, tmp_path):
     """A recording with at most 10 samples has each fifth of 45 samples, and the last.
 
-    The tables of the run have all samples. `recorded_samples` returns the samples of what
-    was recorded.
+    The tables of the run have all samples. `recorded_samples` returns the samples of each
+    drawn object of the recording.
     """
     from spherekit.runs import recording_session
 
@@ -697,8 +701,9 @@ def test_a_long_recording_has_one_of_many_samples(monkeypatch, capsys, tmp_path)
     assert all(samples == expected for samples in recorded_samples(listener))
     assert len(listener.inputs) == 10
     assert listener.properties["logged"] == "one of 5 successive samples"
+    # One of 5 samples is recorded, from sample 0 on.
     assert result.summary["recording"] == {"one_of": 5, "from_sample": 0}
-    assert len(result.frame("motion")) == 90
+    assert len(result.frame("motion")) == 90  # 45 samples of two assembly modes
     arguments = ["run", "four_bar", "--samples", "50", "--save", str(tmp_path / "x.rrd")]
     assert main(arguments) == 0
     assert "only one of every 5 samples of each assembly mode" in capsys.readouterr().out

@@ -89,16 +89,22 @@ def test_a_start_many_turns_away_is_moved_into_the_range_of_the_input():
 
     Assembly modes of this eight-bar are searched numerically, in the range of the input
     only (here 5.0 to 5.6 rad). So the start at 5.3 rad plus 50 turns must be moved into
-    this range. The reference is the simulation without the turns.
+    this range. The reference is the simulation without the turns. The input starts with 0.1
+    rad/s, and 0.1 s are simulated.
     """
     mechanism = sk.load("eight_bar_01")
     input_range = Input(mechanism.inputs[0].pair, 5.0, 5.6)
+    # A simulation needs a mass, and the file has none. That of a four-bar is used.
     mass = replace(sk.load("four_bar").masses[0], link=mechanism.links[1])
     mechanism = replace(mechanism, inputs=(input_range,), masses=(mass,))
     mode = sk.trace(mechanism, samples=3).assembly_modes[0].number
     reference, shifted = (
         simulate(
-            mechanism, Start(5.3 + shift, 0.1), 0.1, assembly_mode=mode, engine="numpy"
+            mechanism,
+            Start(5.3 + shift, 0.1),
+            until=0.1,
+            assembly_mode=mode,
+            engine="numpy",
         )
         for shift in (0.0, 50 * TURN)
     )

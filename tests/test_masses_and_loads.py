@@ -34,8 +34,14 @@ def test_every_load_is_read_in_si():
         sk.Moment("twist", "rocker", ("0", "t", "0"), "ground"),
         sk.Spring("coil", "hinge", 3.0, math.pi / 4),
         sk.Damper("oil", "tip", 0.25),
-        sk.Friction("rub", "joint", 0.5, 0.0, math.radians(0.9)),
-        sk.TorqueTable("motor", "drive", (0.0, 1.0, 3.0), (1.0, 5.0, 1.0), True),
+        sk.Friction("rub", "joint", torque=0.5, viscous=0.0, speed=math.radians(0.9)),
+        sk.TorqueTable(
+            "motor",
+            "drive",
+            times=(0.0, 1.0, 3.0),
+            torques=(1.0, 5.0, 1.0),
+            periodic=True,
+        ),
     )
     assert mechanism.joint_limits == (JointLimit("hinge", -math.pi / 2, math.radians(135)),)
 

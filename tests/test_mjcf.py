@@ -154,9 +154,11 @@ def test_loads_have_the_power_that_they_say():
     """The power of all loads in an exported MuJoCo model is that of their formulas.
 
     Power is torque times joint rate, force times velocity of the point, or moment times
-    angular velocity. The formulas below have the numbers of `LOADS`. The state is random,
-    and its angles even open the loop, because loads depend on angles and rates only. One
-    load acts at pair 41, which closes the loop of MuJoCo's tree of bodies.
+    angular velocity. The formulas below have the numbers of `LOADS`.
+
+    Angles and rates are random. They need not close the loop of links, because the formulas
+    of the loads are true for any angles and rates. In MuJoCo's model, links form a tree;
+    pair 41 closes the loop. One load acts at this pair.
     """
     loaded = replace(sk.load("four_bar"), loads=LOADS)
     mujoco_model = MujocoModel(*find_pose(loaded, inputs=0.7))
@@ -164,8 +166,6 @@ def test_loads_have_the_power_that_they_say():
     model, data = load_model(mujoco_model.text)
     rng = np.random.default_rng(5)
     data.qvel[:] = rng.uniform(-1.0, 1.0, model.nv)
-    # The random angles open the loop. Loads depend on angles and rates alone, so the laws
-    # must be satisfied all the same.
     data.qpos += rng.uniform(-0.3, 0.3, model.nq)
     mujoco.mj_forward(model, data)
     power = data.qvel @ (data.qfrc_actuator + data.qfrc_passive)
@@ -295,8 +295,9 @@ def test_an_export_names_each_load_that_it_leaves_out(tmp_path, capsys):
 
     They are a torque ``motor`` that depends on time, a table ``profile`` of torques over
     time, a torque ``cross`` that depends on the angle of another pair, and a nonlinear
-    torque ``swing``. The friction ``bearing`` at pair 32 and the joint limits of pair 41
-    become MuJoCo's own, which the messages call different.
+    torque ``swing``. The friction ``bearing`` at pair 32 becomes dry friction of 0.2 N m
+    and viscous friction of 0.3 N m s/rad in MuJoCo. The joint limits of pair 41 become soft
+    limits. The messages say where these differ from the file.
     """
     path = tmp_path / "held.toml"
     path.write_text(dumps(replace(sk.load("four_bar"), loads=())) + HELD)

@@ -108,10 +108,10 @@ def random_platform(random):
 def count_platform_configurations(position_analysis):
     """Return how many configurations a 3-RRR platform has at each sample.
 
-    This is an independent count: it calls no solver of spherekit. Each leg has a crank,
-    which an input turns about an axis of the base, and a coupler to the platform. The
-    inputs give the axes at the ends of the cranks (pairs b1 to b3). With these,
-    `count_configurations` solves the polynomial equations of the platform.
+    Each leg has a crank, which an input turns about an axis of the base, and a coupler to
+    the platform. The solver of spherekit only places the cranks, which gives the axes at
+    their ends (pairs b1 to b3). With these, `count_configurations` solves the polynomial
+    equations of the platform independently.
 
     Returns
     -------
@@ -119,8 +119,8 @@ def count_platform_configurations(position_analysis):
     """
     solver = position_analysis.solver
     mechanism = position_analysis.mechanism
-    # With all inputs placed, base and cranks are one rigid body. `body_from_link` has the
-    # rotations of links to the axes of this body.
+    # The inputs place the cranks, which then are one rigid body with the base.
+    # `body_from_link` has the rotations of links to the axes of this body.
     state = solver.start(position_analysis.input_grid.q)
 
     def axis(pair, side):
@@ -632,12 +632,15 @@ def test_the_limit_of_64_modes_is_reported():
     solver = PositionSolver(mechanism, plan_assembly(mechanism))
     all_assemblies = enumerate_assemblies(solver, np.zeros(1))
     assert all_assemblies.is_complete
+    # Each configuration has a tuple of signs, one for each dyad (two links in series). The
+    # tuples differ, so the configurations do.
     assert len(all_assemblies.signs) > 64
     assert len(set(all_assemblies.signs)) == len(all_assemblies.signs)
 
     message = "the first 64 modes are kept, and there are more"
     position_analysis = PositionAnalysis(mechanism, samples=3)
     assert len(position_analysis.assembly_modes) == 64
+    # The weakest guarantee: modes may be missing.
     assert position_analysis.claim.guarantee is Guarantee.SAMPLED
     assert message in position_analysis.search
     assert message in sk.trace(mechanism, samples=3).search
@@ -672,16 +675,18 @@ def test_the_limit_of_configurations_at_one_input_is_reported(monkeypatch):
     """
     mechanism = chain_of_dyads(seed=2, links=16)
     solver = PositionSolver(mechanism, plan_assembly(mechanism))
-    count = len(enumerate_assemblies(solver, np.zeros(1)).signs)
+    input_angle = np.zeros(1)
+    count = len(enumerate_assemblies(solver, input_angle).values)
     for limit in (count, count - 1, 5):
         monkeypatch.setattr(
             "spherekit.positions.assembly_enumeration.MAX_CONFIGURATIONS", limit
         )
-        assemblies = enumerate_assemblies(solver, np.zeros(1))
+        assemblies = enumerate_assemblies(solver, input_angle)
         is_truncated = limit < count
         assert len(assemblies.values) == limit
         assert assemblies.is_truncated == is_truncated
         assert assemblies.is_complete == (not is_truncated)
+        # How the configurations were found, in words for each group of links.
         descriptions = [method.description for method in assemblies.methods]
         is_reported = any("kept, and there are more" in text for text in descriptions)
         assert is_reported == is_truncated
@@ -756,12 +761,12 @@ def test_random_platforms_have_the_counts_of_an_independent_formula(seed):
 def test_random_chains_have_all_modes_of_each_sample_once(seed):
     """Random linkages without closed form have each configuration of each sample once.
 
-    They have 6 to 11 links and 2 or 3 inputs. There are two independent checks:
+    They have 6 to 11 links and 2 or 3 inputs. There are two checks:
 
-    - Elimination at 16 samples, one by one, finds as many configurations. This is checked
-      only if the run claims to have all configurations at each sample.
-    - Configurations are searched from 400 random starts at the reference pose. None that is
-      found may be missing in the run.
+    - If the run claims to have all configurations at each sample, 16 samples are solved one
+      by one. There must be as many configurations as in the run.
+    - With all inputs at zero, configurations are searched from 400 random starts. None that
+      is found may be missing in the motion.
     """
     random = np.random.default_rng(1000 + seed)
     mechanism = None
@@ -793,6 +798,7 @@ def test_random_chains_have_all_modes_of_each_sample_once(seed):
     if "all configurations at each" in position_analysis.search:
         assert count_rows(motion, len(grid))[chosen].tolist() == counts_alone
 
+    # One sample with all inputs at zero. Rotation matrices are compared to 1e-5.
     reference_motion = sk.trace(mechanism, path=np.zeros((1, len(inputs))))
     rotations, link_numbers = search_configurations(mechanism, random, 400)
     missing = count_missing(rotations, reference_motion.rotations[:, link_numbers], 1e-5)
@@ -811,15 +817,15 @@ def test_random_chains_have_all_modes_of_each_sample_once(seed):
     ],
 )
 def test_without_a_search_only_the_reference_mode_is_claimed(degrees, is_reached):
-    """With `search=False` only the mode of the reference pose is computed and claimed.
+    """With `search=False` only the mode of the reference pose is computed.
 
     If that mode does not reach the only sample (three input angles in degrees), all
-    configurations are searched after all. Samples are `independent`, that is, no motion. So
-    it is no error if a mode does not reach a sample. The configurations must be among those
-    of a full search.
+    configurations are searched after all. The text `search` of an analysis says which of
+    the two was done. The configurations must be among those of a full search.
     """
     wrist = sk.load(FILES / "coaxial_wrist.toml")
     path = np.radians([degrees])
+    # With `independent` samples it is no error if a mode does not reach one of them.
     unsearched = PositionAnalysis(wrist, path=path, search=False, independent=True)
     searched = PositionAnalysis(wrist, path=path, independent=True)
     if is_reached:

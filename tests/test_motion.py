@@ -31,8 +31,8 @@ def test_joint_angles_and_orientations_of_links_agree_over_a_whole_turn(name):
     are back in their first orientations, so the motion has not changed to another assembly
     mode (way to assemble the links).
     """
-    # Without a search, the mode of the reference pose is computed alone if the file has
-    # one.
+    # Without a search, only the mode of the reference pose is computed. A file without a
+    # reference pose has all modes.
     motion = sk.trace(sk.load(name), samples=181, search=False)
     assert np.all(motion.status == sk.Status.OK)
     assert np.max(motion.residual) < 5e-15
@@ -108,8 +108,9 @@ def test_inputs_go_opposite_ways_where_a_range_falls():
     """A range of an input that falls leads to the results of a law with negative speed.
 
     The left axle of a differential turns forwards through its range, the right one
-    backwards through half of that. Its cage turns at the mean of both, by 90 degrees in
-    all. The tables of motion, dynamics and reactions of both runs are compared.
+    backwards through half of that. So the left one turns by 360 degrees, the right one by
+    -180, and the cage by their mean, 90. The tables of dynamics and reactions of two runs
+    are compared: one with these ranges, one with laws of constant speed.
     """
     differential = sk.load("bevel_differential")
     left, right = differential.inputs

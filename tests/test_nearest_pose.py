@@ -57,12 +57,12 @@ def angle_between(pose, second_pose):
 def check_nearest(kinematics, bounds, signs, count, seed=0, tries=40_000):
     """Assert that the poses that are offered instead of unreachable ones are the nearest.
 
-    Random poses are tried until `count` of them are unreachable: points on the sphere if
-    the output is a direction (`kinematics.points`), else orientations. `judge` says which
-    poses are reachable in the working mode `signs` (way to bend each leg) and within
-    `bounds`. The offered pose has to be reachable. None of `tries` random poses that are
-    nearer to the asked one may be reachable. Returns the asked poses, and the angles (rad)
-    between each of them and the offered one.
+    The asked poses are the first `count` unreachable ones of 4000 random poses: points on
+    the sphere if the output is a direction (`kinematics.points`), else orientations.
+    `judge` says which poses are reachable in the working mode `signs` (way to bend each
+    leg) and within `bounds`. The offered pose has to be reachable. None of `tries` random
+    poses that are nearer to the asked one may be reachable. Returns the asked poses, and
+    the angles (rad) between each of them and the offered one.
     """
     random = default_rng(seed)
     asked_poses = random_poses(random, 4000, kinematics.points)
@@ -189,19 +189,17 @@ def test_nothing_is_offered_where_nothing_is_reached():
 
 @dataclass(frozen=True)
 class UnreachablePoint:
-    """A point that a search moves along its axis until its pose is reachable.
+    """A point whose pose is unreachable, and which a search moves until it is reachable.
 
-    The axis leads outwards from the asked pose. Numbers are distances (rad) from the asked
-    pose along this axis. A test states one distance beyond which all poses of the axis are
-    reachable.
+    The search moves the point along a straight line, away from the pose that was asked for.
+    All numbers are distances (rad) from the asked pose along this line.
 
     Attributes
     ----------
     distance
-        Where the point is. Its pose is not reachable.
+        Distance of the point before the search moves it.
     start
-        Larger distance, of a pose from which the point came. The search moves the point
-        outwards up to this distance at most.
+        Largest distance to which the search moves the point.
     reachable_beyond
         Poses at larger distances than this one are reachable.
     """
@@ -233,15 +231,15 @@ def test_the_nearest_of_two_points_that_are_moved_back_to_reachable_poses_is_ret
 ):
     """Two points are moved until they are reachable; the nearer one is returned.
 
-    The asked pose is outside the workspace. A search went from a reachable pose (`start`)
-    towards the asked pose, and ended at a pose at the border that is not reachable
-    (`distance`). So `_move_inside` moves this point back towards its start, which is away
-    from the asked pose. It is reachable from `reachable_beyond` on, if the start is
-    (`can_reach`). All three are distances from the asked pose, in rad.
+    The asked pose is outside the workspace. A search came from a start farther out, and
+    ended at an unreachable point near the border. `_move_inside` moves this point outwards,
+    at most up to its start, until its pose is reachable. `UnreachablePoint` has the
+    distances (rad) of point and start from the asked pose. Poses farther away than its
+    `reachable_beyond` are reachable.
 
     Poses are stated by coordinates about the asked pose, whose length is the distance from
     it: 2 for points on the sphere, 3 for orientations. Each point is on a coordinate axis
-    of its own. The expected distance is the smallest of the limits that can be reached.
+    of its own. The expected distance is the smallest `reachable_beyond` below its start.
     """
     chart = NormalCoordinates.around(np.eye(dimension + 1)[0])
     limits = np.array([point.reachable_beyond for point in points])
@@ -253,11 +251,15 @@ def test_the_nearest_of_two_points_that_are_moved_back_to_reachable_poses_is_ret
         axis = np.argmax(coordinates[:, :2], axis=1)
         return distances > limits[axis]
 
-    def no_margins(poses):
-        """Return margins (n, 1) that say nothing; `_move_inside` does not use them."""
+    def zero_margins(poses):
+        """Return margins (n, 1) to a limit of the workspace, zero everywhere.
+
+        The search moves points by their gradient. Here there is none, so the search moves
+        points back towards their starts.
+        """
         return np.zeros((len(poses), 1))
 
-    search = NearestPoseSearch(no_margins, is_reachable)
+    search = NearestPoseSearch(zero_margins, is_reachable)
     # One axis for each of both points.
     axes = np.eye(dimension)[:2]
     unreachable = np.array([[point.distance] for point in points]) * axes

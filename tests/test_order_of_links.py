@@ -36,7 +36,7 @@ def test_coefficient_times_axis_is_the_velocity_of_the_first_link(name):
     velocities at unit rate of the input, computed from rotations. In the other order the
     axis is the same, and the velocity and acceleration coefficients have the opposite sign.
     """
-    evaluation = at(name)
+    evaluation = at(name)  # the configurations at fixed inputs
     for input_pair in evaluation.input_pairs:
         for first, second in permutations(evaluation.mechanism.links, 2):
             pole = f"{first}/{second}"
@@ -45,22 +45,21 @@ def test_coefficient_times_axis_is_the_velocity_of_the_first_link(name):
             axis = evaluation.direction(pole, input_pair)
             relative_rate = evaluation.angular_velocity(first, input_pair)
             relative_rate = relative_rate - evaluation.angular_velocity(second, input_pair)
-            has_axis = np.isfinite(axis[:, 0])
+            has_axis = np.isfinite(axis[:, 0])  # links without relative rotation have none
             rate_of_pole = coefficient[:, None] * axis
             np.testing.assert_allclose(
                 rate_of_pole[has_axis], relative_rate[has_axis], atol=1e-12
             )
-            # 0.0 - x is -x without negative zeros.
             opposite_coefficient = evaluation.velocity_coefficient(
                 opposite_pole, input_pair
             )
-            np.testing.assert_array_equal(opposite_coefficient, 0.0 - coefficient)
+            np.testing.assert_array_equal(opposite_coefficient, -coefficient)
             np.testing.assert_array_equal(
                 evaluation.direction(opposite_pole, input_pair), axis
             )
             np.testing.assert_array_equal(
                 evaluation.acceleration_coefficient(opposite_pole, input_pair),
-                0.0 - evaluation.acceleration_coefficient(pole, input_pair),
+                -evaluation.acceleration_coefficient(pole, input_pair),
             )
 
 
@@ -97,11 +96,12 @@ def test_stored_models_have_the_same_signs():
 def test_quantities_of_sources_and_sweeps_have_the_sign_of_their_first_link():
     """Coefficient times axis is w_A - w_B in formulas, for all pairs of links A and B.
 
-    Exported source code and sweeps of designs use these formulas. A quantity is called
-    velocity_coefficient_A_B, and w are the angular velocities of the links per unit rate of
-    the input. The axis of links that share a pair is that of the pair, and the coefficient
-    has a sign. The axis of other links has the sense of w_A - w_B, so the coefficient is
-    not negative. The reference is `sk.evaluate`.
+    Exported source code and sweeps of designs use these formulas. Coefficients are called
+    velocity_coefficient_A_B, components of axes pole_A_B_x. w are the angular velocities of
+    the links per unit rate of the input. For links that share a pair the axis is that of
+    the pair, and the coefficient has a sign. For other links the coefficient is not
+    negative, because the axis has the direction of w_A - w_B. The reference is
+    `sk.evaluate`.
     """
     links = sk.load("four_bar").links
     pairs = [*permutations(links, 2)]
@@ -109,8 +109,10 @@ def test_quantities_of_sources_and_sweeps_have_the_sign_of_their_first_link():
     names += [f"pole_{a}_{b}_{x}" for a, b in pairs for x in "xyz"]
     formula_set = formulas("four_bar", names)
     (mode,) = [mode for mode in formula_set.modes if mode.number == 0]
-    # The arguments of the formulas: the input (rad), then the signs of the dyads.
-    point = np.array([[0.7], *([sign] for sign in mode.values)])
+    # The arguments of the formulas: the input (rad), then the signs (+1 or -1) of the dyads
+    # (groups of two links), which select the assembly mode.
+    dyad_signs = mode.values
+    point = np.array([[0.7], *([sign] for sign in dyad_signs)])
     terms = [*formula_set.variables[0], *formula_set.variables[1]]
     values = array_function(list(formula_set.outputs), terms)(point)[:, 0]
     coefficients, axes = values[: len(pairs)], values[len(pairs) :].reshape(-1, 3)

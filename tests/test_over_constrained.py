@@ -103,12 +103,12 @@ def evaluate_closed_form(exported, mode, q):
 
 
 def test_a_four_bar_moves_with_two_equal_rods_as_with_one():
-    """A four-bar with two equal parallel rods moves as with one rod.
+    """A four-bar with two equal rods between crank and rocker moves as with one rod.
 
-    The second rod repeats a constraint, so the loops are solved by Newton's method
-    (`follow_by_newton`). The four-bar with one rod is solved in closed form. Angle and rate
-    of the output are compared within 0.05 rad of the known configuration of each assembly
-    mode.
+    The rods have the same axes. The second rod repeats a constraint, so the loops are
+    solved by Newton's method (`follow_by_newton`). The four-bar with one rod is solved in
+    closed form. Angle and rate of the output are compared within 0.05 rad of the known
+    configuration of each assembly mode.
     """
     outputs = ["theta_out", "rate_out"]
     with_two_rods = formulas(second_rod(), outputs)
@@ -134,8 +134,9 @@ def test_a_four_bar_that_a_rod_of_another_length_locks_is_refused(
 ):
     """Commands and exports refuse a four-bar that a second rod makes rigid.
 
-    The rod of 55 deg is parallel to the coupler but joins points with a changing distance,
-    one on the crank and one on the rocker. The message says that links are rigid.
+    Crank and rocker are joined by the coupler and also by a rod of 55 deg. In the motion of
+    the four-bar the distance between the ends of the rod would change. The message says
+    that links are rigid.
     """
     rigid = four_bar_with_further_axes(
         "rigid",

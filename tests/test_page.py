@@ -106,8 +106,8 @@ def drag(tab, start, offset):
 def compute_in_python(mechanism, q, name):
     """Return a quantity of a browser page at inputs `q` (rad) in every assembly mode.
 
-    An assembly mode is a way to assemble the links. It is the reference for the page, and
-    uses none of its code. `name` is the key of the quantity on the page:
+    An assembly mode is a way to assemble the links. The page must show the same numbers.
+    They are computed here by `sk.evaluate`. `name` is the key of the quantity on the page:
 
     - "velocity_LINK_LINK_INPUT" is the velocity coefficient of two links (relative rate per
       rate of the input). The name of the input that moves is missing if there is only one.
@@ -148,13 +148,14 @@ def compute_in_python(mechanism, q, name):
 @pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("name", EVERY)
-def test_numbers_at_the_cursor_are_those_of_python(opened, name, tmp_path):
+def test_numbers_in_the_table_are_those_of_python(opened, name, tmp_path):
     """The numbers in the table of a page are those that Python computes, to 1e-12.
 
-    Before, the knobs of all inputs and the last slider of a size, if there is one, are
-    dragged by some pixels. Python computes the numbers for the mechanism that the page
-    saves. Each number of the table has to be that of some assembly mode (way to assemble
-    the links). `opened` opens the page in a browser.
+    The table has the numbers at the current inputs. A link that an input drives is drawn
+    with a knob. Before the numbers are read, the knobs of all inputs and the last slider of
+    a size, if there is one, are dragged by some pixels. Python computes the numbers for the
+    mechanism that the page saves. Each number of the table has to be that of some assembly
+    mode (way to assemble the links). `opened` opens the page in a browser.
     """
     tab = opened(name)
     q_at_first = tab.evaluate("spherekit.state.q")
@@ -205,7 +206,8 @@ def test_keys_and_links_reach_what_a_mouse_does(opened):
     # poles one by one. Steps are counted from 0, so the last one is step 4.
     for key in (".", ">", "ArrowLeft", "+", "m", "n", "n", "n", "n", "n"):
         tab.keyboard.press(key)
-    # The slider of the crank's arc of 20 deg. A key moves it by 0.1 deg.
+    # Each size has a slider and a field for its number, in this order. So input 2 is the
+    # slider of the second size, the crank's arc of 20 deg. A key moves it by 0.1 deg.
     tab.focus("#sliders input >> nth=2")
     tab.keyboard.press("ArrowRight")
     state = tab.evaluate("structuredClone(spherekit.state)")

@@ -96,9 +96,10 @@ def angles_on_page(tab, mechanism, q):
 def compare_page(tab, mechanism, crossings="pass", seed=0):
     """Compare the angles of all modes of a page with `sk.evaluate`.
 
-    Inputs are 20 random ones in the range, and four beside each crossing, an input at which
-    curves of configurations cross. `crossings` says how modes continue there: "pass" along
-    the smooth curve, "end" with the same signs of their dyads (two links joined by a pair).
+    `tab` is the browser's tab that shows the page. Inputs are 20 random ones in the range,
+    and four beside each crossing, an input at which curves of configurations cross.
+    `crossings` says how modes continue there: "pass" along the smooth curve, "end" with the
+    same signs of their dyads (two links joined by a pair).
 
     Returns
     -------
@@ -106,9 +107,8 @@ def compare_page(tab, mechanism, crossings="pass", seed=0):
         Number of compared configurations.
     """
     random = np.random.default_rng(seed)
-    # The range of the first input alone.
-    low, high = mechanism.with_inputs(mechanism.input_pairs[0]).inputs[0].range
-    # `passed` of a mode are the crossings through which it continues.
+    low, high = mechanism.inputs[0].range
+    # `passed` of a mode are the inputs of the crossings through which it continues.
     crossing_inputs = tab.evaluate("spherekit.modes.flatMap(mode => mode.passed)")
     beside = [x + d for x in crossing_inputs for d in (-1e-2, -1e-3, 1e-3, 1e-2)]
     q = np.concatenate([random.uniform(low, high, 20), beside])
@@ -132,11 +132,11 @@ def compare_page(tab, mechanism, crossings="pass", seed=0):
     ["cp2", *(pytest.param(x, marks=pytest.mark.slow) for x in CASES if x != "cp2")],
 )
 def test_modes_of_a_page_are_those_of_evaluate(open_page, name):
-    """Modes on a page follow the smooth curves of `sk.evaluate` through a crossing.
+    """Modes on a web page follow the smooth curves of `sk.evaluate` through a crossing.
 
-    At a crossing two curves of configurations cross, so that two assembly modes meet. A
-    sentence on the page names its input. No mode has a gap within its range. `compare_page`
-    compares angles and returns the number of compared configurations.
+    At a crossing two curves of configurations cross, so that two assembly modes (ways to
+    assemble the links) meet. A sentence on the page names the input of the crossing.
+    `compare_page` compares angles and returns the number of compared configurations.
     """
     mechanism = load_case(name)
     tab = open_page(mechanism)
@@ -147,7 +147,8 @@ def test_modes_of_a_page_are_those_of_evaluate(open_page, name):
     crossing = "0" if name == "flatfold_through" else "180"
     sentence = f"Modes follow their smooth curves through crossings at {crossing}°."
     assert tab.inner_text("#crossings") == sentence
-    # Nowhere along the curve of a mode there is a gap, except at the ends of the range.
+    # At each sample between the first and the last one, every mode has values. There is
+    # null where a mode does not exist.
     assert tab.evaluate(
         "spherekit.modes.every(({curve}) => curve.values.slice(1, -1).every(Boolean))"
     )

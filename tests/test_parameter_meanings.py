@@ -58,7 +58,7 @@ def test_two_parameters_can_share_a_meaning():
     # The class is here for its docstring, from which the meanings are read. A line end in a
     # meaning becomes a space. Both kinds of backticks stay as they are.
     class Example:
-        """Example.
+        """A class whose docstring is read.
 
         Attributes
         ----------
@@ -71,7 +71,7 @@ def test_two_parameters_can_share_a_meaning():
         Notes
         -----
         third
-            No parameter.
+            Looks like a parameter, but is in the notes, so it is left out.
         """
 
     assert parameter_meanings(Example) == {

@@ -40,9 +40,11 @@ def test_a_plan_for_one_pole_has_only_its_ancestors():
     intersects great circles (Aronhold-Kennedy). Let i, j and k be three links. Their three
     poles, ij, ik and jk, are on one great circle. So each third link k gives a great circle
     on which the pole ij is. `via` are the third links of a step, and `sources` the poles
-    that its great circles go through. These poles must be those of earlier steps, and a
-    later step must use the result. This is checked for each pole of each eight-bar.
+    that its great circles go through. These poles must be known from earlier steps. Except
+    for the pole that is asked for, the result must be a source of another step. This is
+    checked for each pole of each eight-bar.
     """
+    # Links count from 0 in plans, so pole 5/2 is (1, 4).
     planned = sk.plan(sk.load("stephenson"), ["5/2"])
     intersections = [step.pole for step in planned.steps if isinstance(step, LinePole)]
     assert intersections == [(0, 2), (0, 4), (1, 4)]
@@ -61,7 +63,7 @@ def test_a_plan_for_one_pole_has_only_its_ancestors():
                     assert set(step.sources) <= available
                     used |= set(step.sources)
                     intersected.add(step.pole)
-                # A step gives one pole, or all poles of an irreducible part (`poles`).
+                # Some steps give several poles at once.
                 available |= set(step.poles) if hasattr(step, "poles") else {step.pole}
             assert pole in available
             assert intersected <= used
@@ -81,16 +83,15 @@ def test_shipped_eight_bars_are_the_sixteen_chains():
 
 
 def test_two_eight_bars_need_a_pole_from_rates():
-    """Great circles give all poles of 14 eight-bars.
-
-    Two others need a pole from rates.
+    """Great circles give all poles of 14 eight-bars; two others need a pole from rates.
 
     A pole is the axis of the relative rotation of two links. Ten of the 28 poles of an
     eight-bar are axes of pairs. The other 18 follow in passes. The steps of a pass
-    intersect great circles through poles of earlier passes (Aronhold-Kennedy theorem). In
-    this way, the double butterfly (number 9) has none of the 18 poles, and the single flier
-    (6) has two. The plan lists the rest as a block. One pole of the block, the opening
-    pole, is computed from rates. Then great circles give the others.
+    intersect great circles through poles of earlier passes (Aronhold-Kennedy theorem).
+
+    In the double butterfly (number 9) no great circles give any of the 18 poles. In the
+    single flier (6) they give two. The plan lists the rest as a block. One pole of the
+    block, the opening pole, is computed from rates. Then great circles give the others.
     """
     # Number of the eight-bar, and number of poles in its block.
     blocks = []
@@ -102,13 +103,11 @@ def test_two_eight_bars_need_a_pole_from_rates():
             continue
         (block,) = planned.blocks
         blocks.append((number, len(block.poles)))
-        # Poles that are known before the block: those of earlier passes. Every step gives
-        # one pole, except a block, which gives several.
-        single_steps = [step for step in planned.steps if hasattr(step, "pole")]
-        poles = {step.pole for step in single_steps}
-        available = {
-            pole for pole in poles if planned.pass_numbers[pole] < block.pass_number
-        }
+        # The poles of earlier passes are known before the block.
+        available = set()
+        for step in planned.steps:
+            if step is not block and planned.pass_numbers[step.pole] < block.pass_number:
+                available.add(step.pole)
         available.add(block.opening)
         # The steps of the block after its opening pole, pass after pass.
         for step in block.steps_from_opening:
@@ -195,9 +194,11 @@ def test_pruned_plans_do_not_take_one_circle_twice():
     are all the same circle. A step that intersected it with itself would give no pole. So
     the requested poles must be computed, and well conditioned.
     """
-    up, down, first, second = (0, 0, 1.0), (0, 0, -1.0), (1.0, 0, 0), (0, 1.0, 0)
+    up, down = (0, 0, 1.0), (0, 0, -1.0)
+    axis_of_one, axis_of_two = (1.0, 0, 0), (0, 1.0, 0)  # the planets "one" and "two"
     # The axes of a gear and a planet are at right angles, and so the half angles of their
-    # pitch cones add up to 90 degrees.
+    # pitch cones add up to 90 degrees. A planet touches a gear above it, whose pitch circle
+    # is about `up`, and a gear below it, whose pitch circle is about `down`.
     gear_half_angle = np.arctan(2.0)
 
     def mesh(name, gear, gear_axis, planet, planet_axis):
@@ -209,7 +210,7 @@ def test_pruned_plans_do_not_take_one_circle_twice():
         return Pair(name, "Cr", (gear, planet), circles)
 
     axles = dict.fromkeys(("left", "right", "carrier", "extra"), up)
-    planets = {"one": first, "two": second}
+    planets = {"one": axis_of_one, "two": axis_of_two}
     axis_of_link = {**axles, **planets}
     train = Mechanism(
         "train",
@@ -218,10 +219,10 @@ def test_pruned_plans_do_not_take_one_circle_twice():
         (
             *(Pair(f"a_{link}", "R", ("frame", link)) for link in axles),
             *(Pair(f"a_{link}", "R", ("carrier", link)) for link in ("one", "two")),
-            mesh("m1", "left", up, "one", first),
-            mesh("m2", "right", down, "one", first),
-            mesh("m3", "left", up, "two", second),
-            mesh("m4", "extra", down, "two", second),
+            mesh("m1", "left", up, "one", axis_of_one),
+            mesh("m2", "right", down, "one", axis_of_one),
+            mesh("m3", "left", up, "two", axis_of_two),
+            mesh("m4", "extra", down, "two", axis_of_two),
         ),
         PoseGeometry({f"a_{link}": axis for link, axis in axis_of_link.items()}),
         inputs=(Input("a_left", 0.1, 1.0), Input("a_right", 0.1, 0.5)),

@@ -37,13 +37,17 @@ from spherekit.tables.table import (
 class Swing(MinimalAnalysis):
     """Analysis for tests: the swing (range of the angle) of one pair in each assembly mode.
 
-    It is not row by row: it needs all samples of a mode at once, as one batch. `needs`
-    declares what it reads.
+    It needs all samples of a mode at once, so they are given to `compute` as one batch.
+    This is the default of analyses. `needs` declares what it reads.
     """
 
     name: ClassVar = "swing"
     tables: ClassVar = (
-        Table("swing", "of each mode", (ASSEMBLY_MODE, Column("swing", "rad", "largest"))),
+        Table(
+            "swing",
+            "of each mode",
+            (ASSEMBLY_MODE, Column("swing", "rad", meaning="range of the angle")),
+        ),
     )
     pair: str = "41"
 

@@ -128,9 +128,10 @@ def test_each_pole_is_on_both_of_its_great_circles(name):
     """Each pole lies on both great circles by which it is constructed.
 
     A pole is the axis of the relative rotation of two links. In the gnomonic chart it is a
-    point p, as a complex number, and a great circle is a line. All points of the line with
-    the slope epsilon satisfy Im[p exp(-j epsilon)] = tan theta. Points far away are left
-    out, because they are inaccurate.
+    point p, as a complex number, and a great circle is a line. The line has the angle
+    epsilon to the real axis, and the distance tan theta from the centre of the chart. Its
+    points satisfy Im[p exp(-j epsilon)] = tan theta. Points far away are left out, because
+    they are inaccurate.
     """
     frame = sk.run(name, "poles:chart=yes", samples=9).frame()
     rows = frame[frame["circle_1_epsilon"].notna()]

@@ -82,9 +82,9 @@ def test_circle_has_its_closed_form(radius):
 def test_a_circle_is_its_fourier_series_and_both_begin_on_the_same_side():
     """A Fourier series with a constant colatitude of 0.7 rad is a circle of that radius.
 
-    Frames and curvature agree at arc lengths over more than a lap. The curvature is 1 /
-    tan(radius). The start lies from the centre towards the x axis, or towards y if the
-    centre is near x.
+    Frames and curvature agree at arc lengths over more than a lap. The columns of a frame
+    are tangent, normal and the point on the curve. The curvature is 1 / tan(radius). The
+    start lies from the centre towards the x axis, or towards y if the centre is near x.
     """
     radius = 0.7
     for centre in (CENTRE, np.array([0.6, 0.0, -0.8]), np.array([-1.0, 0.0, 0.0])):
@@ -186,9 +186,10 @@ def test_closed_curves_repeat_and_open_ones_stop(curve):
 def test_curves_through_points_meet_them_and_converge_to_the_curve_they_are_from():
     """Splines through 40, 80 and 160 points of a Fourier cam pass through these points.
 
-    The curvature, a second derivative of a quintic spline, converges with the fourth order
-    in the distance of the points. Between 80 and 160 points an order of 3.6 is required,
-    because the fourth is only reached for many points.
+    The columns of a frame are tangent, normal and the point on the curve. The curvature, a
+    second derivative of a quintic spline, converges with the fourth order in the distance
+    of the points. Between 80 and 160 points an order of 3.6 is required, because the fourth
+    is only reached for many points.
     """
     exact_curve = cam()
     curvature_errors = []
@@ -196,9 +197,9 @@ def test_curves_through_points_meet_them_and_converge_to_the_curve_they_are_from
         arc_lengths = exact_curve.length * np.arange(count) / count
         points = exact_curve.evaluate(arc_lengths).frame[:, :, 2]
         spline = profile_curve.through(points)
-        # The knots are the parameters of the spline at the points. `table` converts such a
-        # parameter to an arc length, without rounding at the knots, where its intervals
-        # begin. The last knot of a closed curve is the first point again.
+        # The knots are the parameters of the spline at the points. `table` has the exact
+        # arc lengths at the knots. The last knot of a closed curve is the first point
+        # again.
         knot_lengths = spline.table.evaluate_at_edges(spline.path.knots)
         points_at_knots = spline.evaluate(knot_lengths[:-1]).frame[:, :, 2]
         np.testing.assert_allclose(points_at_knots, points, rtol=0, atol=2e-14)
@@ -274,9 +275,10 @@ def test_balls_about_a_knot_contain_the_curve_on_both_sides(knot):
     """A ball about a knot of a spline encloses the curve on both sides of the knot.
 
     A ball is a number with an error bound. A knot is a point where two polynomials of the
-    spline meet; their fifth derivatives differ. Coefficients of power series of the frames
-    are compared, at a ball about the knot and at exact arc lengths within it. The knot 0 is
-    the seam of the closed profile.
+    spline meet. The polynomials have different fifth derivatives, so a ball about the knot
+    must enclose both. Coefficients of power series of the frames are compared, at a ball
+    about the knot and at exact arc lengths within it. The knot 0 is the seam of the closed
+    profile.
     """
     azimuths = np.radians([0.0, 60.0, 130.0, 185.0, 240.0, 300.0])
     colatitudes = np.radians([30.0, 36.0, 29.0, 38.0, 33.0, 35.0])
@@ -291,7 +293,9 @@ def test_balls_about_a_knot_contain_the_curve_on_both_sides(knot):
         curve = make_ball_curve(profile)
 
         def frame_coefficients(s):
-            series = power_series(*([value] for value in (s, one, *[zero] * 5)))
+            """Return the coefficients of the frame at s + x for the powers 0 to 6 of x."""
+            coefficients_of_argument = [s, one, zero, zero, zero, zero, zero]
+            series = power_series(*([value] for value in coefficients_of_argument))
             frames = curve(series)
             return np.array([series_coefficient(frames, power) for power in range(7)])
 

@@ -244,8 +244,10 @@ def test_modes_however_close_are_told_apart_and_a_double_one_is_never_certified(
     assert too_short.is_complete and not too_short.real
     longer = certify_modes(stretched("10." + "0" * digits + "1"), ("0",))
     assert longer.is_complete and len(longer.real) == 2
+    # An independent checker accepts the certificate, as read from its file.
     check(recorded(modes_certificate(longer)))
-    # Chords between the angles of both modes. The factor 30 is above that of this four-bar.
+    # Chords between the angles of both modes. They are a number times the square root of
+    # the difference of the coupler. For this four-bar the number is below 30.
     first_mode, second_mode = longer.angles()
     half_angles = [
         0.5 * (a.mid() - b.mid()) for a, b in zip(first_mode, second_mode, strict=True)

@@ -48,10 +48,11 @@ def half_angle_between_modes(plate, digits):
 
     The `tripod` is a plate on three equal legs of a crank and a bar, spread evenly about an
     axis of symmetry. At inputs of zero every leg is in one plane with this axis, and two
-    modes (ways to assemble it) are equal. Here all inputs are 10 ** -digits degrees. In one
-    of the two modes the plate turns about the axis of symmetry by an angle D, in the other
-    one by -D. cos(D) follows from the spherical law of cosines, in 200 bits. As D is small,
-    its square is nearly 2 (1 - cos(D)).
+    modes (ways to assemble it) are equal. Here all inputs are 10 ** -digits degrees. D is
+    the angle, about the axis of symmetry, from the tip of a crank to the axis of the plate
+    on the same leg. In one mode it is positive, in the other one it has the opposite value.
+    cos(D) follows from the spherical law of cosines, in 200 bits. As D is small, its square
+    is nearly 2 (1 - cos(D)).
 
     Parameters
     ----------
@@ -181,16 +182,16 @@ def test_two_equal_dyads_stretched_at_one_input_leave_a_small_range_undecided():
     """Two equal dyads are stretched at one input, and a range about it stays undecided.
 
     A dyad is two links joined by a pair. The second four-bar is the first one turned by 140
-    degrees, so both dyads are stretched at the same input. Each dyad closes in two ways
-    before this input and in none after it. So there are 4 modes (ways to assemble the
-    links) before it, and their configuration curves cross there.
+    degrees about the crank's axis, so both dyads are stretched at the same input. Each dyad
+    closes in two ways before this input and in none after it. So there are 4 modes (ways to
+    assemble the links) before it, and their configuration curves cross there.
 
-    A saddle is a place where curves cross, or nearly so. spherekit finds one here. It
+    A saddle is a place where curves cross, or nearly so. The proof finds one here. It
     bounds the distance (rad) at which the curves may miss each other by `gap`, which is
     nearly zero. But it proves a crossing only where all axes of a loop of four pairs are in
-    one plane, which is not so here. So it does not know whether they cross, or on which
-    side they miss each other (`level_sign` is None). The result is complete except for a
-    range of the input below 1e-4 rad (`completeness.box`).
+    one plane, which is not so here. So it leaves open whether the curves cross
+    (`level_sign` is None). The result is complete except for a range of the input below
+    1e-4 rad (`completeness.box`).
     """
     mechanism = two_dyads(ground=60, crank=50, turn=140, coupler=40, rocker=35)
     curves = certify_curves(mechanism, ("80", "110"))
@@ -242,8 +243,8 @@ def test_special_four_bars_have_the_modes_of_the_closed_form(arcs, crossings, st
     """
     curves = certify_curves(decimal_mechanism(FOUR_BAR.format(*arcs)), ("0", "360"))
     assert curves.completeness.guarantee is Guarantee.CERTIFIED
-    # Near a saddle two curves cross or miss each other. The sign is 0 if it is proven that
-    # they cross.
+    # A saddle is a place where two curves cross or nearly so. A level sign of 0 means that
+    # the proof shows that the curves cross.
     assert [saddle.level_sign for saddle in curves.saddles] == [0] * crossings
     assert np.allclose(np.degrees(curves.constant_input_values), still, atol=1e-9)
     assert curves.intervals

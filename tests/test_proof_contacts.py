@@ -49,12 +49,13 @@ def plate(internal=""):
 
 
 def bars(internal=""):
-    """Return the text of a mechanism file like `plate`, with bars in place of contacts.
+    """Return the text of a mechanism file in which bars replace the contacts of a plate.
 
-    The mechanism has three sliding contacts a, b and c. In each, a disc of the plate (link
-    3) touches a disc of another link: link 1 in a and b, link 2 in c. `PLATE_DISCS` has the
-    discs of the plate by contact, and `LINK_DISCS` those of the links 1 and 2. A disc is
-    stated by arc and angle of its centre in the axes of the link, and its radius (deg).
+    The original mechanism has three sliding contacts a, b and c. In each, a disc of the
+    plate (link 3) touches a disc of another link: link 1 in a and b, link 2 in c.
+    `PLATE_DISCS` has the discs of the plate by contact, and `LINK_DISCS` those of the links
+    1 and 2. A disc is stated by arc and angle of its centre in the axes of the link, and
+    its radius (deg).
 
     A bar joins the centres of two discs in contact. It has the arc of the sum of both
     radii, or of their difference if one disc is inside the other. `internal` is the name of
@@ -78,7 +79,8 @@ def bars(internal=""):
                 f'[pairs.{name}_{end}]\ntype = "R"\nlinks = ["{end}", "bar_{name}"]\n'
             )
     # A link with bars has the centres of its discs as further axes. Its file has an arc for
-    # each axis after the first one, and an angle for each axis after the second one.
+    # each axis after the first one, and an angle for each axis after the second one. The
+    # first axis of the plate is the centre of disc a, so this disc has no arc.
     arc_a, _, _ = LINK_DISCS["a"]
     arc_b, angle_b, _ = LINK_DISCS["b"]
     arc_c, _, _ = LINK_DISCS["c"]
@@ -108,16 +110,16 @@ def differences_between_modes(modes, pair_names):
     """Return exp(i d) of the differences d of joint angles, (modes, modes, pairs).
 
     Modes are ways to assemble the mechanism. Two mechanism files may count joint angles
-    from different zero directions; differences between modes do not depend on them.
+    from different zero directions; differences between modes do not depend on them. exp(i
+    d) is the same for differences that are equal up to whole turns.
     """
     names = modes.decimal_mechanism.structure.pairs
     columns = [names.index(name) for name in pair_names]
-    angles = np.array(
-        [
-            [centre_float(mode_angles[column]) for column in columns]
-            for mode_angles in modes.angles()
-        ]
-    )
+    rows = []
+    for mode_angles in modes.angles():
+        # An angle is stored with an error bound; its middle value is used.
+        rows.append([centre_float(mode_angles[column]) for column in columns])
+    angles = np.array(rows)  # (modes, pairs)
     return np.exp(1j * (angles[:, None] - angles[None]))
 
 
@@ -235,10 +237,11 @@ def test_wheels_in_a_loop_turn_as_in_a_run(teeth):
 def test_inputs_at_which_the_follower_of_a_roller_cam_rests_are_proven(capsys):
     """The proof finds the inputs at which the follower of a roller cam is stationary.
 
-    The centres of cam and roller stay at a constant distance, so the mechanism is
-    equivalent to a four-bar. Its rocker (follower) is stationary if crank and coupler are
-    in line. The spherical law of cosines for the triangle of ground, crank with coupler,
-    and rocker has the inputs. The test reads the numbers that the command prints.
+    The centres of cam and roller stay at a constant distance of 37 deg, so the mechanism is
+    equivalent to a four-bar with a coupler of 37 deg. Its rocker (follower) is stationary
+    if crank and coupler are in line. The inputs follow from the spherical law of cosines
+    for the triangle of ground, crank with coupler, and rocker. The test reads the numbers
+    that the command prints.
     """
     assert main(["certify", "roller_cam"]) == 0
     screen = capsys.readouterr().out
@@ -248,15 +251,17 @@ def test_inputs_at_which_the_follower_of_a_roller_cam_rests_are_proven(capsys):
     printed_numbers = [float(word) for word in re.findall(r"[0-9]+[.][0-9]+", screen)]
 
     ground, crank, coupler, rocker = np.radians([60.0, 10.0, 37.0, 45.0])
-    # The side of the triangle from the crank's axis to the rocker's other end: crank and
-    # coupler stretched out, or the crank folded back on the coupler.
+    # The side of the triangle from the crank's axis to the tip of the rocker. Crank and
+    # coupler are stretched out, or the crank is folded back on the coupler.
     for side in (coupler + crank, coupler - crank):
         cosine = (np.cos(rocker) - np.cos(side) * np.cos(ground)) / (
             np.sin(side) * np.sin(ground)
         )
-        angle = np.degrees(np.arccos(cosine))
-        # If the crank is folded back, it points in the direction opposite to this side.
-        crank_angle = angle if side > coupler else 180 - angle
+        # The angle between ground and side, at the crank's axis. A stretched crank has the
+        # direction of the side, a folded crank the opposite direction.
+        side_angle = np.degrees(np.arccos(cosine))
+        is_stretched = side > coupler
+        crank_angle = side_angle if is_stretched else 180 - side_angle
         for expected in (crank_angle, 360 - crank_angle):
             # Inputs are printed in degrees, with nine decimals.
             assert min(abs(expected - number) for number in printed_numbers) < 1e-6

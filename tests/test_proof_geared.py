@@ -163,18 +163,19 @@ def test_certify_prints_the_ranges_between_dead_centres_of_a_geared_five_bar(
 def test_a_certificate_holds_the_turns_and_the_zero_of_a_wheel():
     """A certificate states the turns of a wheel, and its angle where the input is zero.
 
-    A certificate is the file of a proof. Wheels of 20 and 40 teeth come back after two
-    turns of the input (0 to 720 deg). The certificate's variable makes one turn meanwhile.
-    The expected number of turns is that of the wheel in one turn of this variable, negative
-    for a backwards turn. The angle agrees with the closed form within the error bound that
-    the certificate states ("off").
+    A certificate is the file of a proof. The wheel at pair "right" has 40 teeth, that of
+    the input has 20. So both come back after two turns of the input (0 to 720 deg), in
+    which the driven wheel turns once backwards. The equations of the proof have half the
+    input angle as their variable, so one turn of this variable is two turns of the input.
+    The angle agrees with the closed form within the error bound that the certificate states
+    ("off").
     """
     teeth = (20, 40)
     certificate = curves_certificate(certify_curves(geared(teeth), ("0", "720")))
     assert certificate["input_turns_of_its_variable"] == 2
     (wheel,) = certificate["wheels"]
     assert wheel["pair"] == "right"
-    assert wheel["turns"] == -1
+    assert wheel["turns"] == -1  # in one turn of the variable
     expected = np.radians(right_crank_angle(0.0, teeth))
     error = abs(wheel["at_zero_rad"] - expected)
     assert error <= wheel["off"] + 1e-15 < 1e-14

@@ -99,15 +99,14 @@ def test_modes_between_turning_points_are_as_many_as_at_one_input(
 def test_a_long_piece_beside_a_turning_point_does_not_hide_it(seed):
     """A turning point of the input beside a long piece of a curve is proven.
 
-    A piece is a box with exactly one arc of the curve, by proof. Rates are the derivatives
-    of all variables along this arc, by the coordinate along the box. Rates and their own
-    derivatives have a lower and an upper bound, which are wide in a long box. The two
+    A piece is a box with exactly one arc of the curve, by proof. s is the coordinate along
+    the box. Rates are the derivatives of all variables by s on this arc. Rates and their
+    own derivatives have a lower and an upper bound, which are wide in a long box. The two
     random eight-bars have pieces of nearly the largest possible length.
 
-    If a lower bound of a rate were above the upper one, the rate would have a wrong sign,
-    which would hide a turning point. The number of modes (ways to assemble the links) would
-    then be wrong in an interval between turning points. `check_counts` checks these
-    numbers.
+    No lower bound may be above its upper bound. The proof finds turning points from signs
+    of the bounds, so it could miss one. The number of modes (ways to assemble the links)
+    would then be wrong beside it. `check_counts` checks these numbers.
     """
     link_pairs = EIGHT_BARS[0]
     axes = random_axes(np.random.default_rng(seed), len(link_pairs.split()))
@@ -139,9 +138,10 @@ def test_a_tolerance_loses_no_stop_where_its_sign_is_open_at_a_centre(capsys):
 def test_singularities_proven_are_those_that_a_run_reports(name, pair):
     """Proven singularities of types I and II are those of the analysis `singularities`.
 
-    In type I the output is stationary along a curve, in type II the input is. The analysis
-    finds them in floating point; inputs agree to 1e-7 rad. The proof must decide all of
-    them (`undecided` is empty) and leave out no output (`skipped`).
+    At a singularity of type I the output is momentarily at rest while the input moves. At
+    one of type II the input is at rest. The analysis finds them in floating point; inputs
+    agree to 1e-7 rad. The proof must decide all of them (`undecided` is empty) and leave
+    out no output (`skipped`).
     """
     mechanism = driven_at(sk.load(name), pair)
     curves = curves_over_range(
@@ -187,7 +187,7 @@ def tampered(certificate, generator):
     """Return a certificate (file of a proof) of curves with one random falsification.
 
     A curve is missing or listed twice; the centre of a piece is shifted; a piece is far too
-    wide to contain only one curve; one to three pieces in a row are missing; or a tangent
+    wide to contain only one curve; two or three pieces in a row are missing; or a tangent
     is reversed. Tests check that it is refused. `generator` is a random number generator.
     """
     changed = copy.deepcopy(certificate)
@@ -195,7 +195,7 @@ def tampered(certificate, generator):
     curve = generator.choice(curves)
     pieces = curve["pieces"]
     piece = generator.choice(pieces)
-    index = generator.randrange(len(pieces) - 1)  # any piece but the last one
+    index = generator.randrange(len(pieces) - 1)  # a piece with at least one after it
     kind = generator.randrange(6)
     coordinate = generator.randrange(2)
     if kind == 0:
@@ -320,11 +320,15 @@ def test_equations_by_coefficients_are_off_by_less_than_is_said(name, tolerance)
             derivatives = harmonics.derivatives(points, order)
             # The first axis of `derivatives` is the point; there is one.
             for expected, (values,) in zip(exact_derivatives, derivatives, strict=True):
-                for (equation, *variables), ball in np.ndenumerate(expected):
-                    error = abs(float(ball) - values[(equation, *variables)])
+                # The axes are the equation, then one variable for each differentiation.
+                for index, ball in np.ndenumerate(expected):
+                    equation, *variables = index
+                    error = abs(float(ball) - values[index])
+                    # Degrees of the equation in its variables; the product of none is 1.
                     factor = np.prod([degrees[equation, j] for j in variables])
                     assert error <= harmonics.error[equation] * factor
-        assert np.all(harmonics.error < 100.0 * tolerance + 1e-12)
+        rounding = 1e-12
+        assert np.all(harmonics.error < 100.0 * tolerance + rounding)
 
 
 @pytest.mark.slow

@@ -22,9 +22,9 @@ def test_newton_and_euler_give_the_same_torques_and_reactions(name):
     """Torques and moments in pairs solve the Newton-Euler equations of all links.
 
     The oracle `newton_euler` writes them by hand. The mechanism has random masses and
-    loads, and its inputs are quadratic functions of the time. Reactions are not compared in
-    two cases: where redundant constraints leave them open, as in the differential, and
-    where teeth press wheels apart, which the oracle leaves out.
+    loads, and its inputs are polynomials of the time. Reactions are not compared in two
+    cases: where redundant constraints leave them open, as in the differential, and where
+    teeth press wheels apart, which the oracle leaves out.
     """
     seed = sum(map(ord, name))
     # `joint` is the R pair that has a motor, a spring and other loads.
@@ -49,7 +49,8 @@ def test_newton_and_euler_give_the_same_torques_and_reactions(name):
             count = len(components)
             moment = result.moments[row, k]
             assert moment[:count] == pytest.approx(components, abs=1e-11 * largest_moment)
-            # The oracle lists the components that a contact transmits; the others are 0.
+            # For a contact, which has no axis, the oracle lists only the components that a
+            # contact transmits. The others must be 0.
             if not pair.kind.has_axis:
                 assert np.all(moment[count:] == 0.0)
 

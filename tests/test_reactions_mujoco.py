@@ -54,10 +54,11 @@ def test_accelerations_and_moments_that_close_loops_agree_with_mujoco(name):
     """Accelerations and loop-closing moments agree with MuJoCo's to 3e-4.
 
     Compared is the first instant of a simulation without loads. MuJoCo joins the links of a
-    tree by hinges and closes the loops by soft constraints. Their effect is one torque for
-    each hinge. It is compared with spherekit's moments at the pairs that close loops: the
-    sum over all links beyond the hinge in the tree, along the axis of the hinge. Soft
-    constraints yield by a relative 1e-4, so the programs do not agree more closely.
+    tree by hinges and closes the loops by soft constraints. MuJoCo states the effect of
+    these constraints as one torque for each hinge. The same torque follows from spherekit's
+    moments at the pairs that close loops. The moments on all links beyond the hinge in the
+    tree are added, and the component along the axis of the hinge is taken. Soft constraints
+    yield by a relative 1e-4, so the programs do not agree more closely.
     """
     mechanism = with_point_masses(name)
     input_rates = tuple(0.4 * (-1) ** (k + 1) for k in range(len(mechanism.inputs)))
@@ -110,8 +111,9 @@ def test_wrenches_in_an_open_chain_are_those_of_mujoco():
     """Force and moment in each hinge of a wrist are those of MuJoCo, to rounding.
 
     Angles, rates and accelerations are prescribed. MuJoCo computes the wrenches by its own
-    recursive Newton-Euler algorithm; an open chain has no soft constraint. MuJoCo's moments
-    are about the centre of mass of the tree and are moved to the centre of the sphere.
+    recursive Newton-Euler algorithm. They act on the second link of each pair. MuJoCo's
+    moments are about the centre of mass of the tree and are moved to the centre of the
+    sphere. Those of spherekit are in axes of the pair and are turned to ground axes.
     """
     wrist = wrist_with_masses()
     q = (0.3, -0.5, 0.8)  # rad
@@ -121,7 +123,8 @@ def test_wrenches_in_an_open_chain_are_those_of_mujoco():
     for item, angle, rate, acceleration in zip(wrist.inputs, q, dq, ddq, strict=True):
         laws[item.pair] = Polynomial((angle, rate, acceleration / 2))
     path, timing = evaluate_time_laws(list(laws), laws, np.zeros(1))
-    motion = replace(PositionAnalysis(wrist, None, 0, path=path).motion(), timing=timing)
+    position_analysis = PositionAnalysis(wrist, assembly_mode=0, path=path)
+    motion = replace(position_analysis.motion(), timing=timing)
     result = reactions(motion)
 
     # The model is built in the pose of these pair variables, so its own angles are 0.

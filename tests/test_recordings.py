@@ -238,16 +238,16 @@ def test_each_step_of_the_pole_construction_puts_a_pole_where_two_lines_meet(nam
 
     A pole is the axis of the relative rotation of two links. The sphere is projected from
     its centre to a plane (a gnomonic chart), in which great circles are straight lines a x
-    + b y + c = 0. The first sample of the diagram has the poles that are axes of pairs.
-    Each further sample, or step, adds one other pole (a secondary pole) and shows the two
-    lines on which it lies.
+    + b y + c = 0. The samples of the diagram are the steps of the construction, not those
+    of the run. The first one has the poles that are axes of pairs. Each further one adds
+    one other pole (a secondary pole) and shows the two lines on which it lies.
 
     In the double butterfly no pole follows from lines at first. One pole is computed from
     equations of a group of links instead. The text of this step says so.
     """
     listener = SceneListener()
-    # The construction does not depend on the pole whose circles are drawn in other pages,
-    # even if it is the axis of a pair, such as 4/1 of the four-bar.
+    # Other pages show the great circles of a chosen pole. The construction does not depend
+    # on this choice, even if the pole is the axis of a pair, such as 4/1 of the four-bar.
     poles = "poles:circles=4/1" if name == "four_bar" else "poles"
     result = sk.run(name, poles, recorder=listener, samples=3, assembly_mode=0)
     (page,) = [scene for scene in listener.scenes if scene.page == "Construction"]
@@ -257,7 +257,8 @@ def test_each_step_of_the_pole_construction_puts_a_pole_where_two_lines_meet(nam
     for step, (before, after) in enumerate(pairwise(is_shown), start=1):
         new_poles = np.flatnonzero(after & ~before)
         lines = diagram.lines[step]
-        # The step of the group of links has no two lines.
+        # The step of the group of links has no two lines. The number of other steps is
+        # checked below.
         if not np.isfinite(lines).all() or len(new_poles) != 1:
             continue
         position = diagram.places[step, new_poles[0]]
@@ -281,10 +282,11 @@ def test_a_preview_shows_sizes_and_angles_at_the_start_of_the_range(tmp_path):
     """A preview of a mechanism shows arcs of links in a table, and pair angles as fans.
 
     A row of the table is such as "| 2 | 12-23 15 |": link 2 has an arc of 15 deg between
-    the axes of the pairs 12 and 23. A fan is a line from the axis of the pair (first strip)
-    and an arc about it (second strip). The angle of the arc is added up from its chords, so
-    it is accurate to 2e-3. It must be the pair variable at the start of the input's range,
-    which a run computes.
+    the axes of the pairs 12 and 23. A fan has two strips: a line that begins at the axis of
+    the pair, and an arc about this axis. The arc is a list of points. Its angle is the sum
+    of the angles between neighbouring points, with the sine in place of each small angle.
+    So it is accurate to 2e-3. It must be the pair variable at the start of the input's
+    range, which a run computes.
     """
     path = tmp_path / "a.rrd"
     # The empty text says that the mechanism can be assembled at the first input.

@@ -52,8 +52,8 @@ def largest_error(mechanism, model, assembly_mode, count, names):
     A stored model has pole directions, velocity and acceleration coefficients and pair
     variables as series in the input, for one assembly mode (way to assemble the links). A
     pole is the axis of the relative rotation of two links. The reference is the ordinary
-    evaluation. Errors of directions count absolutely, of coefficients relative to their
-    largest size, of angles but for whole turns.
+    evaluation. Errors of coefficients are divided by their largest size. Errors of angles
+    are the sines of half the differences, so that whole turns do not count.
 
     Parameters
     ----------
@@ -65,7 +65,6 @@ def largest_error(mechanism, model, assembly_mode, count, names):
         Poles that are compared, such as "3/1".
     """
     position_analysis = PositionAnalysis(mechanism, assembly_mode=assembly_mode)
-    # Sorted, so that the directions of poles are continuous from row to row.
     inputs = np.sort(np.random.default_rng(5).uniform(0.0, TURN, count))
     motion = position_analysis.at(inputs)
     poles = [parse_pole(mechanism, name) for name in names]
@@ -164,13 +163,14 @@ def test_without_a_crank_the_coordinate_is_the_arc_length(four_bar):
         sizes[link] = replace(links[link], arcs=(np.deg2rad(arc),))
     mechanism = replace(four_bar, geometry=replace(four_bar.geometry, links=sizes))
     model = reduced_model(mechanism)
+    # The heading of the model names its coordinate, and says that the curve is closed.
     assert model.heading.by == ("s",)
     assert model.heading.periodic
     assert model.error < 1e-12
     s = np.linspace(0.0, 40.0, 300)
     tangents = [model.value(f"d({name})/ds", s) for name in mechanism.variable_names]
     assert np.max(np.abs(np.sum(np.square(tangents), axis=0) - 1.0)) < 1e-12
-    input_rate = tangents[0]
+    input_rate = tangents[0]  # the first variable is the input angle
     assert np.allclose(np.abs(model.rate("2/1", s)), np.abs(input_rate), atol=1e-12)
 
 

@@ -149,7 +149,7 @@ def test_a_stored_model_is_defined_where_its_assembly_mode_is_away_from_its_ends
     assert f"known in {model.heading.covered:.3g} of the box" in notes[-1]
     random = np.random.default_rng(2)
     q = random.uniform(model.heading.low, model.heading.high, (300, 2))
-    motion = PositionAnalysis(five_bar, None, 0, path=q).motion()
+    motion = PositionAnalysis(five_bar, assembly_mode=0, path=q).motion()
     in_domain = model.status(q) == Status.OK
     assert np.mean(in_domain) == pytest.approx(model.heading.covered, abs=0.1)
     assert 0 < np.sum(in_domain) < np.sum(~motion.failed) < 300

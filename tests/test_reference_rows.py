@@ -59,15 +59,16 @@ def test_reference_rows_of_four_bars_agree_with_the_closed_form(name):
 
     `sk.exact_rows` computes rows (one sample in one assembly mode) in 50 digits. The
     formula is that of Di Gregorio 2024. mpmath computes its derivatives by the input from
-    differences in 60 digits, so they have about 45, 30 and 20 correct digits.
+    differences in 60 digits. The first derivative has about 45 correct digits, the second
+    30 and the third 20.
 
     File and formula measure the output angle from different zeros. So the difference of
     both angles must be the same in all rows, but for whole turns.
     """
     motion = traced(name, 6)
     mechanism = motion.mechanism
-    # The first and last of six samples (0 and 360 deg) are left out. There both modes have
-    # the same output rate, so the rate could not tell them apart.
+    # The first and last of six samples (0 and 360 deg) are left out. There the two modes
+    # are mirror images with the same output rate, so the rate could not tell them apart.
     chosen = (motion.sample > 0) & (motion.sample < 5)
     exact = sk.exact_rows(
         motion, chosen, mechanism.pair_number["21"], FIFTY_DIGITS, order=3
@@ -91,13 +92,14 @@ def test_reference_rows_of_four_bars_agree_with_the_closed_form(name):
                 assert (
                     distance_from_whole_turns(q - exact.values[row, input_variable]) < 1e-50
                 )
-                # The rate of the output link along its axis, and its derivatives.
+                # The angular velocity w of the output link per rate of the input, and its
+                # two derivatives by the input, along the output axis.
                 rate, rate_dq, rate_ddq = (
                     np.sum(vector[row, output_link] * output_axis[row])
                     for vector in (exact.w, exact.dw, exact.ddw)
                 )
-                # Taylor coefficients of the angle; the mode of the row is the one with the
-                # same rate.
+                # Taylor coefficients of the angle in both modes of the formula. The one
+                # with the rate of the row is its mode.
                 series_by_mode = [
                     mp.taylor(lambda x, mode=mode: angle(arcs, x, mode), q, 3)
                     for mode in (0, 1)
@@ -428,19 +430,20 @@ def test_wrong_arguments_of_reference_rows_are_refused():
 
 
 def assert_pole_agrees_with_reference(field, reference, exact, pole):
-    """Assert that a pole in float64 agrees with that of reference rows in 20 digits.
+    """Assert that a pole in float64 agrees with the pole in reference rows of 20 digits.
 
     Its direction must agree within the error bound of float64. Its velocity coefficient may
     differ by 60 roundings times the condition number, and is NaN in the same rows.
-    Coefficient times direction must be the relative angular velocity of both links in the
-    reference rows.
+    Coefficient times direction must be the relative angular velocity of both links.
 
     Parameters
     ----------
-    field, reference
-        `PoleField` in float64, and that of the reference rows, which has no error bounds.
+    field
+        `PoleField` in float64.
+    reference
+        `PoleField` that was computed from the reference rows; it has no error bounds.
     exact
-        The reference rows, with the angular velocities of all links.
+        The reference rows: `exact.w` (rows, links, 3) has the angular velocities.
     pole
         Numbers of the two links.
     """
@@ -473,7 +476,7 @@ def test_pole_fields_of_reference_rows_agree_with_float64_within_its_bounds(name
     A pole is the axis of the relative rotation of two links. The reference are rows in 20
     digits (`exact_rows_by_input`), one set for each input that moves alone, and the poles
     in them (`exact_field`). Each pole is compared by `assert_pole_agrees_with_reference`.
-    At the end, the poles of a row without a reference must get its status.
+    Where a reference row has failed, its poles must have the status of the failure.
     """
     motion = traced(name, 5)
     mechanism = motion.mechanism
@@ -488,12 +491,14 @@ def test_pole_fields_of_reference_rows_agree_with_float64_within_its_bounds(name
         reference = exact_field(exact, pole_request, field)
         for pole in poles:
             assert_pole_agrees_with_reference(field, reference, exact, pole)
-        refined = exact_motion(motion, chosen, exact)
-        assert np.max(np.abs(refined.values - motion.values[chosen])) < 1e-13
+        # The motion with the configurations of the reference rows, which close the loops of
+        # links to more digits than float64.
+        exact_rows_motion = exact_motion(motion, chosen, exact)
+        assert np.max(np.abs(exact_rows_motion.values - motion.values[chosen])) < 1e-13
         # `two_dof_spm` is over-constrained: its sizes are consistent in float64 only.
         if name != "two_dof_spm":
-            assert np.max(refined.residual) < 1e-18
-    # The poles of a reference have its status, here for the last input.
+            assert np.max(exact_rows_motion.residual) < 1e-18
+    # The rows of the last input are marked as failed.
     lost_status = np.full(4, Status.MODE_LOST, dtype=np.int8)
     lost = replace(exact_by_input[-1], status=lost_status)
     assert np.all(exact_field(lost, pole_request, field).status == Status.MODE_LOST)
@@ -592,9 +597,10 @@ def test_poles_found_from_a_common_axis_have_the_error_of_its_rounding():
     rotation) are depends on rounding. spherekit states them nevertheless, with error
     bounds. The errors against a computation in many digits must be within these bounds, so
     no ratio of error and bound may exceed 1. `KINDS` are the kinds of numbers with a bound,
-    such as directions.
+    such as directions. No coefficient or bound may be NaN (`missing_numbers`).
     """
     _, mechanism = random_mechanism(72)
+    # Without a search, only the assembly mode of the reference pose is computed.
     position_analysis = PositionAnalysis(
         mechanism, search=False, samples=3, assembly_mode=0
     )

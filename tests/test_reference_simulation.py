@@ -323,12 +323,12 @@ def tables_of_simulation(mechanism, analysis, setting, t, start):
         tolerance=setting.tolerance,
         engine=setting.integrator,
     )
-    # The position analysis tells in which assembly mode the simulation starts. Its own
-    # samples are not used, so two are enough.
+    # The simulation starts in assembly mode 0 (way to assemble the links). The samples of
+    # the position analysis are not used, so two are enough.
     position_analysis = PositionAnalysis(mechanism, assembly_mode=0, samples=2)
     samples = sample_simulation(position_analysis, simulation, t, setting.tolerance)
-    default_setting = Setting()  # of the analysis, which has no tolerance
-    tables, *_ = compute_timed_tables(samples, create_analysis(analysis), default_setting)
+    # `setting` is for the simulation. The analysis itself has default settings.
+    tables, *_ = compute_timed_tables(samples, create_analysis(analysis), Setting())
     return tables
 
 
@@ -336,11 +336,12 @@ def tables_of_simulation(mechanism, analysis, setting, t, start):
 def test_errors_that_a_trade_measures_are_right_within_a_factor_two(four_bar_motion):
     """Errors by a trade are at least half and at most twice the errors from 50 digits.
 
-    A trade measures the time and the error of an analysis with several settings. Here the
-    settings are the engines of simulations, with tolerances of 1e-4 to 1e-15. Errors are
-    differences from a reference, a simulation in 20 digits. `floor` is the error of this
-    reference. `four_bar_motion` has times, inputs and rates in wide numbers, from which
-    `exact_tables` computes the reference in 50 digits.
+    A trade measures the time and the error of an analysis with several settings, here of
+    `eksergian` (terms of the equation of motion). The settings are the engines of
+    simulations, with tolerances of 1e-4 to 1e-15. The trade measures errors against a
+    simulation in 20 digits; `floor` is the error of that simulation. The test measures them
+    against exact tables. `exact_tables` computes them in 50 digits from times, inputs and
+    rates with more digits than float64 (`four_bar_motion`).
     """
     t, q, rates = four_bar_motion
     result = trade_eksergian(

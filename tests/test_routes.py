@@ -144,9 +144,9 @@ def test_only_the_default_route_computes_ill_conditioned_rows_in_quad_precision(
 
     A route is a way to compute the poles (axes of relative rotation) and rates of links.
     The routes "first" and "conditioned" construct each pole as the intersection of two
-    great circles. "first" takes the first two of the planned list, "conditioned" the two
-    whose intersection is best conditioned. Here both fail in double precision, with a
-    status and without numbers.
+    great circles. Through each pole several great circles are known. "first" takes the
+    first two of them, "conditioned" the two whose intersection is best conditioned. Here
+    both routes fail in double precision, with a status and without numbers.
     """
     # Without a search for other modes than that of the reference pose.
     position_analysis = PositionAnalysis(

@@ -199,11 +199,11 @@ def links_to_compare(name):
 def test_orientations_and_rates_by_quantities_are_those_of_evaluation(name, compared_rows):
     """Row quantities of links are the numbers of `sk.evaluate`.
 
-    A row quantity is a number of one configuration by its name; `compared_rows` has those
-    of a sweep. Compared are the entries of rotation matrices, and the components of angular
-    velocities per unit rate of an input and of their derivatives. With several inputs, a
-    suffix of the name says which one moves. Errors count relative to 1 plus the largest
-    rate, and to its square for derivatives.
+    A sweep computes row quantities: numbers of one configuration, chosen by their names.
+    `compared_rows` returns them. Compared are the entries of rotation matrices, and the
+    components of angular velocities per unit rate of an input and of their derivatives.
+    With several inputs, a suffix of the name says which one moves. Errors are divided by 1
+    plus the largest rate, or by its square for derivatives. Rows without numbers are NaN.
     """
     rows = compared_rows(name)
     links = links_to_compare(name)
@@ -227,8 +227,9 @@ def test_orientations_and_rates_by_quantities_are_those_of_evaluation(name, comp
 def test_pole_axes_by_quantities_are_those_of_relative_rates(name, compared_rows):
     """Pole axes by names such as `pole_4_2_y` are those of relative rates of links.
 
-    `pole_4_2` is the axis about which link 4 turns relative to link 2; `compared_rows` has
-    the numbers of a sweep. Pole times velocity coefficient must be the difference of the
+    A sweep of designs computes numbers of a configuration that are chosen by such names.
+    `compared_rows` returns these numbers. `pole_4_2` is the axis about which link 4 turns
+    relative to link 2. Pole times velocity coefficient must be the difference of the
     angular velocities by `sk.evaluate`. If a pair joins two links, the pole of its second
     link relative to the first must be its axis.
     """
@@ -275,10 +276,13 @@ def test_directions_of_outputs_by_quantities_are_those_of_rotations(name, compar
 def test_forces_and_free_accelerations_are_those_of_inverse_dynamics(name):
     """Forces, torques, inertia and energy by name are those of inverse dynamics.
 
-    `RowsOfFirstSample` has them from a sweep. B is the mass matrix by its name. The free
-    acceleration is that of the inputs if no torque drives them. The inputs follow a law of
-    time with another acceleration. From M ddq + h = torque, with the mass matrix M, follows
-    M (free acceleration - acceleration of the law) = -torque.
+    `RowsOfFirstSample` has these quantities of a sweep at its first sample. "B" is the name
+    of the mass matrix, here called M. The free acceleration is that of the inputs if no
+    torque drives them. The inputs follow a law of time with another acceleration. From M
+    ddq + h = torque follows M (free acceleration - acceleration of the law) = -torque.
+
+    Names of quantities end with the input to which they belong: `component_suffixes`, such
+    as _21, for components of vectors, and `input_suffixes`, such as _by_21, for others.
     """
     beginnings = ("torque", "generalized", "free", "kinetic", "B")
     rows = RowsOfFirstSample(name, lambda quantity: quantity.startswith(beginnings))
@@ -338,9 +342,10 @@ def test_linearised_accelerations_agree_with_differences_of_inverse_dynamics(nam
     The reference are five-point differences of the torques that inverse dynamics finds. One
     angle or one rate is changed at a time, by -2, -1, 1 and 2 times `STEP` (rad or rad/s).
 
-    One call of inverse dynamics evaluates all these states. It takes laws of time, so each
-    state has a time of its own: state k belongs to the time k `MOMENT`. `StencilLaw` is
-    such a law. The times are so short that loads hardly depend on them.
+    One call of inverse dynamics evaluates all these states. Its argument are laws of time,
+    so each state gets a time of its own: state k has the time k times `MOMENT`. A
+    `StencilLaw` returns the state that belongs to a time. The times are so short that loads
+    hardly depend on them.
     """
     # The quantities by their names, at the first sample of a run.
     rows = RowsOfFirstSample(name, lambda x: x.startswith(("A_", "B_torque")))
@@ -370,9 +375,10 @@ def test_linearised_accelerations_agree_with_differences_of_inverse_dynamics(nam
     assert np.any(is_good)
 
     # With two inputs 11 and 21, A_q_11_by_21 is the derivative of the acceleration of 11 by
-    # the angle of 21. Here j is the number of the second one, the changed input.
-    for j, (suffix, _) in enumerate(rows.input_suffixes()):
-        suffixes = [f"{component}{suffix}" for component in rows.component_suffixes()]
+    # the angle of 21. `changed` is an ending such as _by_21, and j the number of this
+    # input; `component` is a middle part such as _11.
+    for j, (changed, _) in enumerate(rows.input_suffixes()):
+        suffixes = [f"{component}{changed}" for component in rows.component_suffixes()]
         for kind, quantity in enumerate(("A_q", "A_dq")):
             derivative = expected[is_good, kind, :, j]
             # Errors are relative, or for small derivatives absolute.
@@ -388,11 +394,11 @@ def test_linearised_accelerations_agree_with_differences_of_inverse_dynamics(nam
 def test_condition_numbers_are_those_of_the_jacobian_of_inverse_kinematics(name):
     """Condition number and determinant are those of the Jacobian of inverse kinematics.
 
-    `RowsOfFirstSample` has both from a sweep. The Jacobian (3, inputs) has the angular
-    velocity of the output per unit rate of each input. The condition number is the ratio of
-    its largest and smallest singular values. An output that is a direction has two inputs
-    only. The determinant is then that of the two columns of the Jacobian and the direction
-    as the third.
+    `RowsOfFirstSample` has these numbers of a sweep at its first sample. The Jacobian (3,
+    inputs) has the angular velocity of the output per unit rate of each input. The
+    condition number is the ratio of its largest and smallest singular values. An output
+    that is a direction has two inputs only. The determinant is then that of the two columns
+    of the Jacobian and the direction as the third.
     """
     # Only quantities whose names begin so are evaluated.
     rows = RowsOfFirstSample(name, lambda x: x.startswith(("condition", "jacobian")))
@@ -403,7 +409,8 @@ def test_condition_numbers_are_those_of_the_jacobian_of_inverse_kinematics(name)
         pose = pose @ output.direction
     # With `normals=True` the result has what is needed for its attribute `jacobian`.
     inverse = sk.InverseKinematics(rows.mechanism).at(pose, normals=True)
-    # The working mode of each pose is the one with the inputs of the configuration.
+    # A pose has several working modes (ways to bend the legs). The right one has the inputs
+    # of the configuration. The axes of `inverse.inputs` are working modes, poses, inputs.
     differences = np.angle(np.exp(1j * (inverse.inputs - rows.q)))
     working_mode = np.argmin(np.max(np.abs(differences), axis=2), axis=0)
     jacobian = inverse.jacobian[working_mode, np.arange(len(pose))]

@@ -174,10 +174,11 @@ def test_a_folder_without_permission_to_write_is_refused(result, tmp_path):
 def test_scenes_come_block_by_block_while_the_run_goes_on():
     """A recorder gets the drawings of a run after each block of samples, not at the end.
 
-    25 samples in blocks of 10: `SceneListener` records what it gets, and its count must
-    grow with each report of progress. At the end every drawing has all samples. The page
-    "Construction" has three rows, one for each step in which poles are constructed. `focus`
-    is the direction in which the camera looks.
+    25 samples in blocks of 10: `SceneListener` records the drawings that it gets. Their
+    number must grow with each report of progress. At the end every drawing has all samples.
+    The page "Construction" has three rows, one for each step in which poles are
+    constructed. `focus` is the direction in which the camera looks. p1 and p0 are the names
+    of the assembly modes in the file.
 
     Static drawings are the same at all samples. The recorder gets three of them before the
     first block: the ground (link 1), the plan of the construction as a text, and the graph

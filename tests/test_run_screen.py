@@ -144,9 +144,10 @@ def test_each_output_has_the_transmission_angle_of_the_dyad_that_places_it(name,
     """The transmission angles of a run are those of an independent law of cosines.
 
     They belong to the dyad (two links joined by a pair) that places the output.
-    `LAST_DYADS` names its pairs, found by hand; `transmission_by_cosines` is the reference.
-    Numbers as `name` are seeds of random Watt linkages. The overview, the table and the
-    printed remark of the run are compared.
+    `LAST_DYADS` names its pairs, found by hand: an outer pair, the middle one, the other
+    outer pair. The angle is at the middle one. `transmission_by_cosines` is the reference.
+    If `name` is a number, the mechanism is a random Watt linkage with this seed. The
+    overview, the table and the printed remark of the run are compared.
     """
     if isinstance(name, str):
         mechanism, pairs = sk.load(name), LAST_DYADS[name]
@@ -316,9 +317,9 @@ def test_a_path_of_several_inputs_says_where_it_is_singular(capsys):
     """The places of singularities that a run of the five-bar prints are right.
 
     The five-bar has two inputs, and its output is a direction (pointer). At a singularity
-    of type I, both inputs move the pointer in the same direction. Then both velocities and
-    the pointing direction lie in one plane, and their determinant is zero
-    (`pointing_determinant`, by differences).
+    of type I, both inputs move the pointer along one line, or one of them does not move it.
+    Then both velocities and the pointing direction lie in one plane, and their determinant
+    is zero (`pointing_determinant`, by differences).
     """
     printed = print_run(capsys, "five_bar")
     assert "No singularity of type II (locked inputs do not hold the output)" in printed
@@ -338,17 +339,19 @@ def test_a_path_of_several_inputs_says_where_it_is_singular(capsys):
     # pointer. Its least velocity ratio must be 0, although samples have only small values.
     for mode in sk.run("five_bar").summary["overview"]["modes"].values():
         (motion,) = mode["outputs"]
-        assert motion["lowest_ratio"][1] == 0.0
-        assert motion["lowest_ratio"][0] > 0.2
+        ratio_of_21, ratio_of_51 = motion["lowest_ratio"]
+        assert ratio_of_51 == 0.0
+        assert ratio_of_21 > 0.2  # input 21 always moves the pointer
 
 
 def test_a_mode_is_compared_with_itself_only():
     """Whether a singularity is nearly met is judged by the numbers of the same mode.
 
-    The measure is the least singular value of the Jacobian (output by inputs), relative to
-    its largest value in the mode. A mode with far larger values beside it, here up to 100,
-    must not make the values of mode 0 seem small. `mode` builds the part of a summary that
-    the sentence is written from.
+    The measure is the least singular value of the Jacobian (output by inputs). The sentence
+    is about the mode in which this value becomes least, here mode 0. A singularity is
+    nearly met if its least value is at most 2 % of the largest one in the same mode. Mode 1
+    with values up to 100 must not make the values of mode 0 seem small. `mode` builds the
+    part of a summary that the sentence is written from.
     """
 
     def mode(least, largest):
@@ -377,7 +380,7 @@ def test_a_mode_is_compared_with_itself_only():
 def test_a_rate_that_jumps_at_a_singular_configuration_is_no_rest():
     """A velocity ratio that jumps from one sign to the other is not reported as a rest.
 
-    The ratio of a facet of a folded vertex jumps so in the flat state, at the middle of the
+    The ratio of a facet of a folded vertex jumps in the flat state, at the middle of the
     samples. It is zero on neither side, so the facet does not come to rest there.
     """
     vertex = sk.load("flat_foldable_vertex")
@@ -388,7 +391,7 @@ def test_a_rate_that_jumps_at_a_singular_configuration_is_no_rest():
     result = sk.run(flat_in_the_middle, samples=9)
     assert result.summary["status"] == {"OK": 16, "AT_SINGULARITY": 2}
     motions = [mode["outputs"][0] for mode in result.summary["overview"]["modes"].values()]
-    # Velocity ratios of both signs occur.
+    # Velocity ratios of both signs occur. Each ratio is a list with one entry by input.
     assert min(motion["lowest_ratio"][0] for motion in motions) < 0.0
     assert max(motion["highest_ratio"][0] for motion in motions) > 0.0
     assert all(motion["rests"] == motion["uncertain_rests"] == [] for motion in motions)
@@ -472,7 +475,8 @@ def test_a_sweep_has_words_and_says_where_figures_depend_on_samples(capsys):
 
     The arc of the crank (link 2) is swept over 10, 20, ..., 60 deg. It changes the type of
     the four-bar, and many modes exist at a part of the samples only, because they end at
-    dead centres. Figures of such modes depend on which samples exist. At 30 and 50 deg
+    dead centres. Figures of such modes depend on which samples exist. So the printed table
+    leaves out these modes, as long as other modes exist at all samples. At 30 and 50 deg
     (designs 2 and 4) the four-bar can fold flat: it is a change-point four-bar, of which
     the sweep warns too.
     """

@@ -370,10 +370,9 @@ def test_shapes_are_in_the_help_of_every_primitive():
 @final
 @dataclass(frozen=True, kw_only=True)
 class AnalysisWithoutSamples(MinimalAnalysis):
-    """Analysis that reads no samples of a motion but whose table has a column `sample`.
+    """An analysis whose rows do not depend on the samples of the run.
 
-    It computes its rows once, whatever the samples of the run are. Tests use it to see that
-    such rows are written. Its second row has the status of a failure.
+    Tests use it to see that such rows are written.
     """
 
     name: ClassVar = "constant"
@@ -385,12 +384,8 @@ class AnalysisWithoutSamples(MinimalAnalysis):
     )
     rows: int = 3
 
-    def needs(self, mechanism):
-        """Return nothing."""
-        return Needs()
-
     def compute(self, batch):
-        """Return as many rows as the parameter says, whatever the samples are."""
+        """Return `self.rows` rows, of which the second has the status of a failure."""
         numbers = np.arange(self.rows)
         failed = np.where(numbers == 1, sk.Status.NOT_CONVERGED, sk.Status.OK)
         return {

@@ -143,10 +143,12 @@ def test_derivatives_agree_with_differences_in_fifty_digits(
 def test_draws_of_small_deviations_spread_as_the_first_order_predicts(distribution, factor):
     """Random draws of deviating sizes spread as the derivatives by the sizes predict.
 
-    4096 draws of three sizes with deviations of 1e-5 rad. The spread (standard deviation)
-    of a quantity must be the root of the sum of squares of derivative times spread of each
-    size. Uniform deviations have a spread smaller by sqrt(3). `scattered` assembles the
-    mechanism anew for each draw; the linear prediction of a single draw is right to 1e-7.
+    There are 4096 draws of three sizes with deviations of 1e-5 rad. They are spread evenly
+    by a Sobol sequence, so their standard deviation is right to 2e-3. The spread (standard
+    deviation) of a quantity must be the root of the sum of squares of derivative times
+    spread of each size. Uniform deviations have a spread smaller by sqrt(3) (`factor`).
+    `scattered` assembles the mechanism anew for each draw; the linear prediction of a
+    single draw is right to 1e-7.
     """
     deviations = SizeDeviations(1e-5, distribution, 4096)
     assert deviations.spread == pytest.approx(factor * 1e-5)
@@ -260,6 +262,7 @@ def test_draws_of_deviating_profiles_are_mechanisms_with_these_profiles(tmp_path
 
     mechanism = sk.load("two_contacts")
     other = sk.load(path)
+    # The coefficients 0 to 2 of the profile on link 3, at the pair "push".
     keys = [f"pairs.push.profiles.3.cosines.{k}" for k in range(3)]
     quantity = ["velocity_coefficient_3_1"]
     motion = sk.trace(mechanism, samples=4)
@@ -269,7 +272,7 @@ def test_draws_of_deviating_profiles_are_mechanisms_with_these_profiles(tmp_path
     (drawn,) = sensitivity.scattered(sample_rows(motion), motion.values, deviations)
     drawn = drawn[:, 0]
 
-    # The nominal mechanism has no failed rows.
+    # Failed rows, which have no configuration, are left out. `motion` has none.
     other_motion = sk.trace(other, samples=4)
     other_motion = other_motion.rows(~other_motion.failed)
     other_sensitivity = Sensitivity(other, keys, quantity)
@@ -279,7 +282,7 @@ def test_draws_of_deviating_profiles_are_mechanisms_with_these_profiles(tmp_path
     for q, value in zip(motion.q, drawn, strict=True):
         possible = other_values[np.isclose(other_motion.q, q)]
         assert np.min(np.abs(possible - value)) < 1e-9 * np.max(np.abs(possible))
-    # If the solver had led two modes to the same configuration, two values would be equal.
+    # All values differ, so no two modes were solved to the same configuration.
     assert len(set(np.round(drawn, 9))) == len(motion.q)
 
 
@@ -315,8 +318,9 @@ def test_what_no_size_changes_is_said_to_be_so(tmp_path, capsys):
 def rocker_angle(arcs, q, side):
     """Return the angle (rad) of the rocker of a four-bar by spherical triangles.
 
-    This is the independent reference of tests. The diagonal is the arc from the tip of the
-    crank to the hinge of the rocker on the base.
+    This is the independent reference of tests. The angle about the rocker's hinge counts
+    from the direction to the axis of the crank. It is NaN where the four-bar does not
+    close. The diagonal is the arc from the tip of the crank to the hinge on the base.
 
     Parameters
     ----------
@@ -333,7 +337,7 @@ def rocker_angle(arcs, q, side):
     diagonal = np.arccos(tip[1] * np.sin(base) + tip[2] * np.cos(base))
     # The hinge is at (0, sin(base), cos(base)). The azimuth of the tip about the hinge
     # counts from the direction to the axis of the crank, (0, -cos(base), sin(base)),
-    # towards x.
+    # towards x. The rocker is to one side of the diagonal from the hinge to the tip.
     tip_azimuth = np.arctan2(tip[0], tip[2] * np.sin(base) - tip[1] * np.cos(base))
     with np.errstate(invalid="ignore"):
         cosine = np.cos(coupler) - np.cos(diagonal) * np.cos(rocker)
@@ -348,10 +352,10 @@ BESIDE_A_DEAD_CENTRE = {"base": 179.9, "crank": 30.0, "coupler": 100.0, "rocker"
 def test_draws_beside_a_dead_centre_stay_in_their_assembly_mode():
     """Mechanisms with deviating arcs are assembled in the mode of the nominal one.
 
-    256 draws of deviations (0.1 degrees) of the four arcs are compared with spherical
-    triangles (`rocker_angle`). `side` is the side to which coupler and rocker bend, that is
-    the assembly mode; it is that of the nominal configuration. Draws that cannot be
-    assembled are NaN in both.
+    256 random draws of the four arcs, with standard deviations of 0.1 degrees, are compared
+    with spherical triangles (`rocker_angle`). The assembly mode is the side to which
+    coupler and rocker bend. Each draw must bend to the side of the nominal configuration.
+    Draws that cannot be assembled are NaN in both results.
     """
     mechanism = crank_rocker(**BESIDE_A_DEAD_CENTRE)
     sensitivity = Sensitivity(mechanism, (), ["theta_hinge"])
@@ -360,8 +364,8 @@ def test_draws_beside_a_dead_centre_stay_in_their_assembly_mode():
     # (4 arcs, 256 draws)
     deviations = SizeDeviations(np.radians(0.1), count=256).draws(4)
     samples = sample_rows(motion)
-    # The hinge angles with deviating arcs, (rows, draws).
-    drawn_by_row = sensitivity.scattered(samples, motion.values, deviations)[0]
+    # The hinge angle, the only quantity, with deviating arcs: (rows, draws).
+    (drawn_by_row,) = sensitivity.scattered(samples, motion.values, deviations)
     hinge = mechanism.variable_names.index("theta_hinge")
     nominal_arcs = np.radians(list(BESIDE_A_DEAD_CENTRE.values()))
     drawn_arcs = nominal_arcs[:, None] + deviations
@@ -373,9 +377,9 @@ def test_draws_beside_a_dead_centre_stay_in_their_assembly_mode():
         for side in (1.0, -1.0):
             nominal_angle = rocker_angle(nominal_arcs, q, side)
             misses[side] = abs(np.exp(1j * nominal_angle) - np.exp(1j * theta))
-        side = min(misses, key=misses.get)
-        assert misses[side] < 1e-6
-        expected = rocker_angle(drawn_arcs, q, side)
+        nominal_side = min(misses, key=misses.get)
+        assert misses[nominal_side] < 1e-6
+        expected = rocker_angle(drawn_arcs, q, nominal_side)
         assert np.array_equal(np.isnan(drawn), np.isnan(expected))
         differences = np.abs(np.exp(1j * drawn) - np.exp(1j * expected))
         assert np.nanmax(differences) < 1e-8
@@ -404,14 +408,14 @@ def test_the_first_order_is_said_to_be_so_where_it_is_not_enough():
 def test_sensitivities_of_a_reference_pose_are_those_of_its_link_sizes(name):
     """A mechanism stated by joint axes in a pose has the same derivatives as by its arcs.
 
-    In both cases the deviating sizes are arcs and angles of links, not the axes in the
-    pose. The pose is an arbitrary configuration of the mechanism that is stated by arcs.
+    `Sensitivity` has derivatives of quantities by the sizes of a mechanism. If a file
+    states the axes of the pairs in a pose, the sizes are still arcs and angles of links.
     """
     sized = sk.load(name)
     motion = sk.trace(sized, samples=3)
     motion = motion.rows(~motion.failed)
     pair_names = [pair.name for pair in sized.pairs]
-    # The reference pose is an arbitrary configuration, that of row 1.
+    # The pose is an arbitrary configuration of the motion.
     pose_row = 1
     axes = dict(zip(pair_names, motion.axes[pose_row], strict=True))
     angles = {pair: motion.values[pose_row, k] for pair, k in sized.angles.items()}
@@ -442,8 +446,10 @@ def test_sensitivities_of_a_reference_pose_are_those_of_its_link_sizes(name):
 def four_bar_with_spring_and_inertia(stiffness=3.0, rest=40.0, tensor=0.4):
     """Return a four-bar with a torsion spring, and inertia of coupler and rocker.
 
-    `stiffness` is in N m/rad, the rest angle `rest` of the spring in degrees, and `tensor`
-    is the moment of inertia (kg m^2) of the rocker about its z axis. Arcs are in degrees.
+    The crank is driven at the pair "drive". The spring is at the pair "hinge" of base and
+    rocker. `stiffness` is in N m/rad, the rest angle `rest` of the spring in degrees, and
+    `tensor` is the moment of inertia (kg m^2) of the rocker about its z axis. Arcs are in
+    degrees.
     """
     coil = {"kind": "spring", "pair": "hinge", "stiffness": stiffness, "rest": rest}
     return crank_rocker(
@@ -526,10 +532,11 @@ def test_each_number_may_have_a_deviation_of_its_own():
     spread = (parts**2).groupby([table["assembly_mode"], table["sample"]]).sum() ** 0.5
     assert np.allclose(rows["spread"], spread.to_numpy(), rtol=1e-12)
     assert np.allclose(rows["drawn_spread"], rows["spread"], rtol=0.1)
-    alone = (
+    # A remark of the run names the numbers whose deviation is not the default.
+    stated_in_words = (
         "but links.rocker.arc by 0.02, loads.coil.stiffness by 0.3, loads.coil.rest by 2"
     )
-    assert alone in run.summary["remarks"][-1]
+    assert stated_in_words in run.summary["remarks"][-1]
 
 
 POSED = mechanism_text("posed")
@@ -550,15 +557,16 @@ def test_derivatives_of_a_cam_mechanism_in_a_reference_pose_are_differences(
     """Derivatives of a cam mechanism by its sizes agree with central differences.
 
     The mechanism is stated in a pose in which a cam and its follower touch. With a changed
-    size they would not touch exactly in this pose. The points of both profiles that are
-    nearest there become the point of contact. Differences over one and over two steps are
-    combined, so that their errors of second order cancel.
+    size they would not touch exactly in this pose. Then the points of the two profiles that
+    are nearest to each other become the point of contact. Differences over one and over two
+    steps are combined, so that their errors of second order cancel.
 
     In a sliding contact (Cs), the follower turns about a pivot on the frame. In a rolling
     contact (Cr), a further link "arm" is between follower and frame. `pair_lines` are the
     lines of the file for the pairs of these links.
     """
     text = POSED.replace("TYPE", kind)
+    # The lines of the pairs are inserted before the line that begins with "inputs.shaft".
     text = text.replace("inputs.shaft", pair_lines + "inputs.shaft")
     if kind == "Cr":
         link_on_frame = "arm"
@@ -581,11 +589,13 @@ def test_derivatives_of_a_cam_mechanism_in_a_reference_pose_are_differences(
     # values, so that both have an effect.
     samples = sample_rows(motion) * [1.0, 1.3, 1.0, 1.0] + [0.0, 0.0, 0.7, 0.0]
     _, gradients = sensitivity.at(samples, motion.values)  # (sizes, quantities, rows)
-    step = 2.0**-10
+    step = 2.0**-10  # rad
 
     def quantities_at(steps):
         """Return (sizes, quantities, rows): each size alone deviates by some steps."""
+        # Draw k, that is column k of the deviations, changes size k alone.
         deviations = steps * step * np.eye(3)
+        # (quantities, rows, draws)
         drawn = sensitivity.scattered(samples, motion.values, deviations)
         return np.moveaxis(drawn, 2, 0)
 

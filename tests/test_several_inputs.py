@@ -161,15 +161,17 @@ def test_inputs_that_do_not_determine_the_pose_are_a_status():
     status is AT_SINGULARITY, or OUT_OF_REACH if rounding puts the ends of the cranks a
     little too far apart. By symmetry both cranks have the same angle q. Their ends are then
     150 deg apart, the sum of both couplers of 75 deg; the cosine of this arc is an equation
-    for q. The cranks' arcs are 75 deg too, and the base arc is 90 deg.
+    for q. The cranks' arcs are 75 deg too. Their axes are 90 deg apart, here along x and y.
     """
     sine = np.sin(np.radians(75.0))
     cosine = np.cos(np.radians(75.0))
 
     def excess_of_cosine(q):
         """Return the cosine of the arc between the cranks' ends, less that of 150 deg."""
-        between_ends = -((sine * np.sin(q)) ** 2) + 2 * sine * cosine * np.cos(q)
-        return between_ends - np.cos(np.radians(150.0))
+        # With equal angles the cranks are on opposite sides of the plane z = 0.
+        first_end = np.array([cosine, sine * np.cos(q), sine * np.sin(q)])
+        second_end = np.array([sine * np.cos(q), cosine, -sine * np.sin(q)])
+        return first_end @ second_end - np.cos(np.radians(150.0))
 
     q = brentq(excess_of_cosine, 0.5, 0.5 * np.pi, xtol=1e-15)
     regular_inputs = [1.0, 1.0]

@@ -28,8 +28,9 @@ def test_tables_of_forces_have_numbers_and_no_failed_rows(name):
     1e-3 N m. A pair transmits a moment to its two bearings by a couple of forces. The
     largest of these forces exceeds 0.1 N in each pair with bearings.
 
-    A row has a status. The only one other than OK is OUT_OF_REACH: the mode does not exist
-    at the inputs of this row, so nothing can be computed there.
+    A row is a sample in an assembly mode (way to assemble the links). Its status may be
+    OUT_OF_REACH: the mode does not exist at these inputs, so nothing can be computed.
+    Otherwise it must be OK.
     """
     run = sk.run(name, ["dynamics", "reactions", "statics"], samples=13)
     assert not run.failures
@@ -58,8 +59,9 @@ def test_mujoco_moves_the_mechanism_as_a_simulation_does(name):
     """The exported MuJoCo model moves as a simulation of spherekit, for 0.2 s from rest.
 
     Bearing friction is removed from both, because MuJoCo has no friction that depends on
-    reactions. `MUJOCO_TOLERANCE_RAD` allows for the soft constraints of MuJoCo. `find_pose`
-    returns the mechanism and a pose in which it closes.
+    reactions. No other load may be left out of the model. `MUJOCO_TOLERANCE_RAD` allows for
+    the soft constraints of MuJoCo. `find_pose` returns the mechanism and one of its
+    configurations in assembly mode 0.
     """
     mujoco = pytest.importorskip("mujoco")
     mechanism = sk.load(name)

@@ -71,11 +71,11 @@ def check_points_in_50_digits(position_analysis, singularities):
     """Assert that each singularity agrees with its exact solution, in place and type.
 
     At type I the output rests while the input moves, at type II the input rests; at a
-    self-motion both rest. `solve_exactly` finds the configuration in 50 digits, by
-    equations of its own. It is within 1e-12 rad of the point, and the links of its type
-    rest. The rates of input and output agree with those of the analysis to 1e-12. Both are
-    derivatives by the arc length of the configuration curve: the oracle starts from these
-    rates and keeps their size.
+    self-motion both rest. `solve_exactly` finds the configuration in 50 digits, in which
+    one relative rate is zero: that of the output at type I, else that of the input. This
+    configuration must be within 1e-12 rad of the point. The rates of input and output agree
+    with those of the analysis to 1e-12. In both results, rates are derivatives by the arc
+    length of the configuration curve.
     """
     solution_by_point = {}
     for point in singularities.points:
@@ -90,7 +90,7 @@ def check_points_in_50_digits(position_analysis, singularities):
             )
         exact = solution_by_point[key]
         # The rotation from the point to the exact configuration, the closure residual, and
-        # the relative rate of the links that have to rest.
+        # the relative rate of the links that have to rest. `RESTING` is zero in 50 digits.
         assert exact.rotation_change < 1e-12
         assert exact.residual < RESTING
         assert exact.relative_rate < RESTING
@@ -178,11 +178,14 @@ def chain_parameter(number):
 def test_singularities_of_random_chains_are_exact_and_none_is_missing(number):
     """Each singularity is solved for in 50 digits, and none is missing.
 
-    The second reference is the number of assembly modes (ways to assemble the links), which
-    changes at dead centres only. A chain with random axes has no special positions: no
-    curves that cross, no links that rest on a whole curve, and an even number of dead
-    centres. There have to be at least 8 singularities and 4 dead centres, and two different
-    numbers of modes, so that the test compares something.
+    A chain with random axes has no special positions. Its configuration curves do not
+    cross, and no link rests while others move along a curve. The analysis must be complete,
+    without remarks on doubtful places (`mismatches`, `notes` and `gaps`).
+
+    The number of assembly modes (ways to assemble the links) changes at dead centres only.
+    So counted modes show whether a dead centre is missing. There have to be at least 8
+    singularities and 4 dead centres, and two different numbers of modes, so that the test
+    compares something.
     """
     position_analysis, configurations, singularities = analyse_random_chain(number)
     assert configurations.guarantee is Guarantee.COMPLETE

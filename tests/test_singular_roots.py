@@ -282,12 +282,12 @@ def test_random_starts_find_the_curves_that_slices_find(kind):
     """Each point of the singular curves by slices is on a curve that random starts find.
 
     A slice is the set of configurations with all inputs but one locked. A search by slices
-    (here at 4 values of each input) guarantees all curves down to a box size. A search from
-    random configurations, without slices, guarantees nothing. Curves of both are compared.
+    (here at 4 values of each input) guarantees that no curve larger than a box is missing.
+    A search from random configurations, without slices, guarantees nothing.
 
     In a singular configuration a singular motion is possible, in which inputs or output
     rest (`motion`, rates of all variables). A point is on a curve if its configuration and
-    its singular motion are.
+    its singular motion are. Points inside the ranges of the inputs are compared.
     """
     mechanism = wide_five_bar()
     by_slices = singular_curves(mechanism, kind, slices_of_each=4)
@@ -301,6 +301,7 @@ def test_random_starts_find_the_curves_that_slices_find(kind):
         inside = curve.points.rows(curve.points.inside)
         is_on_curve = []  # (curves by random starts, points)
         for other in by_starts.curves:
+            # `find` says for each point whether it is on this curve.
             _report, followed_curve = other.traced
             is_on_curve.append(followed_curve.find(inside.values, inside.motion))
         assert np.all(np.any(is_on_curve, axis=0))

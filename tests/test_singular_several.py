@@ -79,7 +79,7 @@ def test_superposition_gives_the_motion_of_all_inputs_together():
     random = np.random.default_rng(1)
     for _ in range(8):
         rows, motion = at_reference(three_legs(random_axes(random, 9)))
-        # The only row is regular: neither all inputs together nor one alone are singular.
+        # The only row is not singular; group 0 says the same.
         assert rows.type[0] == RowType.REGULAR
         assert rows.group[0] == 0
         input_pairs = motion.assembly.inputs
@@ -309,11 +309,11 @@ def four_bars_of_singular_curves(kind):
 def test_type_one_curves_of_a_five_bar_are_the_borders_of_reach():
     """The type I curves of a five-bar are motions with a stretched or folded leg.
 
-    The output is the axis 43, which joins both legs. Let a be the crank and b the coupler
-    of a leg. While the leg is in line, it acts as one bar of the arc a + b (stretched) or
-    |a - b| (folded). The output then moves on a circle of this radius about the fixed axis
-    of the leg. The mechanism is then a four-bar, whose motion is a curve of type I
-    (`four_bars_of_singular_curves`).
+    At type I inputs can move while the output rests. The output is the axis 43, which joins
+    both legs. Let a be the crank and b the coupler of a leg. While the leg is in line, it
+    acts as one bar of the arc a + b (stretched) or |a - b| (folded). The output then moves
+    on a circle of this radius about the fixed axis of the leg. The mechanism is then a
+    four-bar, whose motion is a curve of type I (`four_bars_of_singular_curves`).
 
     - Folded: each motion of a four-bar with a folded leg is a closed curve.
     - Stretched: there is one motion with the first leg stretched, and one with the second.
@@ -321,12 +321,12 @@ def test_type_one_curves_of_a_five_bar_are_the_borders_of_reach():
       stops. So it finds each motion in two parts, four open curves in all.
     """
     mechanism = five_bar()
-    # The search starts from singular points of configuration curves with one input locked,
-    # at two values of each input.
+    # The search starts from singular points at which one input is locked at one of two
+    # values (`slices_of_each`).
     result = singular_curves(
         with_full_turns(mechanism), "I", pointing="43", slices_of_each=2
     )
-    four_bars = four_bars_of_singular_curves("I")
+    four_bars = four_bars_of_singular_curves("I")  # first those with a stretched leg
     stretched_legs, folded_legs = four_bars[:2], four_bars[2:]
     closed_count = sum(count_configuration_curves(bars) for bars in folded_legs)
     assert sum(curve.closed for curve in result.curves) == closed_count
@@ -354,7 +354,7 @@ def test_type_one_curves_of_a_five_bar_are_the_borders_of_reach():
         assert np.min(curve.points.input_rate) > 1e-12
         if not curve.closed:
             singular_ends = (Status.AT_SINGULARITY, Status.AT_SINGULARITY)
-            _, followed_curve = curve.traced
+            _report, followed_curve = curve.traced
             assert followed_curve.ends == singular_ends
             # Both legs are stretched at the ends: the angles at both elbows (variables 1
             # and 3) are 0 or pi. The curve is not followed into the crossing itself but
@@ -374,9 +374,7 @@ def test_type_two_curves_of_a_five_bar_have_coplanar_distal_axes():
 
     If the couplers are in line, they act as one bar between the elbows, with the sum or the
     difference of their arcs. Each motion of this four-bar is a curve of type II
-    (`four_bars_of_singular_curves`). Points of type III are listed for each curve.
-    Successive points are at most 0.31 rad apart, hardly more than the longest step
-    (`MAX_CURVE_STEP_RAD`). The output moves at all of them.
+    (`four_bars_of_singular_curves`).
     """
     mechanism = five_bar()
     # A slice has the configurations with one input locked. The search starts from singular
@@ -405,9 +403,11 @@ def test_type_two_curves_of_a_five_bar_have_coplanar_distal_axes():
         axes = axes_at_configuration(mechanism, curve.points.values)
         distal_axes = axes[:, 1:4]
         assert np.max(np.abs(np.linalg.det(distal_axes))) < 1e-12
+        # With the inputs locked, the output moves at each point of the curve.
         assert np.min(curve.points.output_rate) > 0.1
 
-        # The arc length between successive points is at least the chord between them.
+        # Chords between successive points are hardly longer than the longest step of the
+        # search, `MAX_CURVE_STEP_RAD`. The arc length is at least that of the chord.
         chords = np.linalg.norm(np.diff(curve.points.values, axis=0), axis=1)
         assert np.max(chords) < 0.31
         assert np.all(np.diff(curve.s) >= chords - 1e-12)
@@ -504,7 +504,8 @@ def test_aspects_of_a_five_bar_are_regions_of_a_flood_fill():
     is_large = result.sizes > 2
     assert np.sum(is_large) == 2 * region_count
     assert set(result.sign_two[is_large]) == {1, -1}
-    assert np.all(result.modes == 1)  # one configuration at each sample
+    # No aspect has two configurations at the same inputs.
+    assert np.all(result.modes == 1)
     assert len(result.values) == 2 * np.sum(closes[::10, ::10])
 
 
@@ -522,7 +523,8 @@ def test_the_surface_of_type_two_of_a_three_rrr_is_a_sound_mesh(monkeypatch):
 
     At type II the planes of the distal axes of all legs have a common line. The distal axes
     of a leg are its second and third pair axes, counted from the base. Each edge of the
-    mesh belongs to two triangles, or to one at the border. Edges are about 0.3 rad long, as
+    mesh belongs to two triangles, or to one at the border. A vertex is a configuration, and
+    lengths are distances in the space of all pair angles. Edges are about 0.3 rad long, as
     asked for, and none is longer than 2.5 times that. The mesh stops at 80 vertices and
     says so.
     """

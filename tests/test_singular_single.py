@@ -45,10 +45,12 @@ def test_a_double_zero_of_an_output_rate_is_one_singularity():
 
     With link 4 as the input and link 6 as the output, both rest there while link 2 moves.
     That is a self-motion, at which the input reverses and the output does not. `report_at`
-    returns the singularities in the reference pose.
+    returns the singularities in the reference pose for an output and an input. At type I
+    the output rests while the input moves.
     """
     axes = random_axes(np.random.default_rng(4), 7)
-    # Three axes of each four-bar are coplanar, so that its output rests.
+    # Axes 0 to 3 belong to the first four-bar, axes 3 to 6 to the second one. Crank and
+    # coupler of each are in line (three axes in one plane), so that its output rests.
     axes[0] = axes[1] + 0.7 * axes[2]
     axes[3] = axes[4] - 0.4 * axes[5]
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
@@ -101,10 +103,11 @@ def test_curves_of_folding_four_bars_cross_in_type_three_with_two_tangents(degre
     The rates of the output 4/1 and of the input satisfy a relation c w_out = d w_in. It is
     stated in two forms, which compute c and d from different pole axes:
 
-    - Form i takes the axes of the three links of both rates. If c and d do not vanish, this
-      relation is regular (its type is None), and must hold for the rates along the tangent.
-    - Form ii also takes the axes of a fourth link. Here c and d both vanish, which is type
-      III. The reason is that all axes are in one plane (the condition III.a).
+    - Form i takes the pole axes between ground, input link and output link. If c and d are
+      not zero, the relation is regular (its type is None). Then it must hold for the rates
+      along the tangent.
+    - Form ii also takes the axes of a fourth link. Here c and d are both zero, which is
+      type III. The reason is that all axes are in one plane (the condition III.a).
     """
     position_analysis = PositionAnalysis(four_bar(np.radians(degrees)))
     curves = all_curves(position_analysis)
@@ -126,7 +129,7 @@ def test_curves_of_folding_four_bars_cross_in_type_three_with_two_tangents(degre
         directions = outgoing - crossing.values
         points, _ = curve_points(closure, outgoing, directions)
         assert np.max(points.residual) < 1e-13
-        # The second derivatives along the curves stay finite at the crossing.
+        # The second derivatives of the variables along the curve (`bends`) stay finite.
         assert np.all(np.abs(points.bends) < 10.0)
 
         # Forms i and ii of the first tangent, then of the second one.
@@ -145,8 +148,10 @@ def test_curves_of_folding_four_bars_cross_in_type_three_with_two_tangents(degre
                 input_term = relation_i.d * tangent[input_variable]
                 assert abs(output_term - input_term) < 1e-12
                 assert relation_i.residual < 1e-12
-        if degrees == (60, 40, 60, 40):
-            assert report.resting_curves == []  # on no curve the output rests all along
+        is_parallelogram = degrees == (60, 40, 60, 40)
+        if is_parallelogram:
+            # There is no curve along which a link rests all the time.
+            assert report.resting_curves == []
 
 
 def test_curves_of_two_four_bars_that_fold_at_once_cross_with_four_tangents():
@@ -200,18 +205,20 @@ def test_curves_of_two_four_bars_that_fold_at_once_cross_with_four_tangents():
 @pytest.mark.many
 @pytest.mark.parametrize(("chain", "seed"), [(STEPHENSON, 3), (EIGHT_BARS[0], 1)])
 def test_rest_points_of_all_poles_are_where_relative_rates_vanish(chain, seed):
-    """A pole is reported to rest exactly where the relative rate of its links vanishes.
+    """Rest points of two links are exactly where their relative rate is zero.
 
-    A pole is the axis of the relative rotation of two links. The rate, a vector, is sampled
-    at 1501 points of a configuration curve. Where it reverses its direction, 201 finer
-    points decide whether its size goes to zero: below 2 % of that at the ends of the step.
-    `signed_rate`, the component along the continuous pole axis, must change its sign there.
+    Links are numbered from 0. Their relative rate, a vector, is sampled at 1501 points of a
+    configuration curve. Where it reverses its direction, 201 finer points decide whether
+    its size goes to zero: below 2 % of that at the ends of the step. A pole is the axis of
+    the relative rotation of two links. `signed_rate`, the component of the rate along the
+    continuous pole axis, must change its sign there.
     """
     axes = random_axes(np.random.default_rng(seed), len(parse_chain(chain)))
     mechanism = mechanism_from_chain(chain, axes, span=(-np.pi, np.pi))
     position_analysis = PositionAnalysis(mechanism, samples=41)
     curves = all_curves(position_analysis)[:1]  # one curve is enough
-    singularities = SingleFreedomSingularities(position_analysis, curves, [])
+    no_outputs = []
+    singularities = SingleFreedomSingularities(position_analysis, curves, no_outputs)
     curve_motion = singularities.curve_motions[0]
     s = np.linspace(0.0, curve_motion.curve.length, 1501)
     w = curve_motion.links_at(s).w

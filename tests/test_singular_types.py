@@ -167,8 +167,10 @@ DRIVEN = posed(
 def test_types_of_singular_rows_are_those_of_the_kernel(mechanism, expected):
     """Each row of the table has a closed configuration and the right type of singularity.
 
-    `expected` has the types that can occur, by output. The search is short, so types I, II
-    and III need not be met, but self-motion must be. About 60 rows of an output are
+    At type I the inputs can move while the output rests, at type II the output while the
+    inputs rest; type III is both. At a self-motion other links move while inputs and output
+    rest. `expected` has the types that can occur, by output. The search is short, so types
+    I, II and III need not be met, but self-motion must be. About 60 rows of an output are
     compared with `kernel_type`, which finds the type from the kernel (null space) of the
     velocity equations.
 
@@ -177,7 +179,7 @@ def test_types_of_singular_rows_are_those_of_the_kernel(mechanism, expected):
     output rests. A row with the note "in every configuration" says so.
     """
     # `slices=1`: singularities are looked for on the curves with one input locked at one
-    # value, for each input. `input_grid=0`: no parts free of singularities are computed.
+    # value, for each input. `input_grid=0`: regions without singularities are not computed.
     result = sk.run(mechanism, f"{NAME}:input_grid=0,slices=1", samples=3)
     frame = result.frame(NAME)
     for name, types in expected.items():
@@ -252,13 +254,13 @@ def test_axes_that_coincide_are_not_called_coplanar(name):
 def random_mechanism_with_outputs(seed):
     """Return a random mechanism with two or three inputs and three outputs.
 
-    Seeds choose between four kinds:
+    One seed in five gives a platform on three legs, with three inputs. One in three of
+    these also has a further leg of two links, 11 and 12, between two random links. The
+    others have two inputs. They are
 
-    - a random chain,
-    - a five-bar with a further leg of two links between two random links,
-    - a five-bar with such a leg between ground and first crank,
-    - and a platform on three legs, with three inputs. One in three of these also has a
-      further leg between two random links.
+    - random chains,
+    - five-bars with a further leg between two random links,
+    - or five-bars with a further leg between ground (1) and first crank (2).
 
     An output is a link seen from another one. Two outputs have two random links each, the
     third one has the links of the first input. If there are two inputs, the first output is
@@ -272,7 +274,7 @@ def random_mechanism_with_outputs(seed):
         edges = parse_chain("1-2 2-3 3-4 1-5 5-6 6-4 1-7 7-8 8-4")
     elif kind == 0:
         freedoms = 2
-        edges = random_chain(random, 7, freedoms)
+        edges = random_chain(random, links=7, freedoms=freedoms)
     else:
         freedoms = 2
         edges = list(FIVE)

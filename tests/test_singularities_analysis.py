@@ -46,15 +46,16 @@ def test_dead_centres_of_a_rocker_are_where_two_links_are_in_line(rocker_result)
 
     `rocker_result` is a run of the analysis. At a dead centre (type II) coupler and rocker
     are in line, the input reverses and two assembly modes meet. At type I the output
-    reverses. All types are certain, and no singularity is double (touched without a change
-    of sign).
+    reverses. All types are certain. No singularity is double: the rate that is zero there
+    changes its sign.
 
-    A singularity occurs where two pole axes (of relative rotations of links) are the same
-    line. The column `condition` has a label for them. One of them is the pole axis of crank
-    and rocker. The other is the fixed axis of the crank at type I (label I.3), and that of
-    the rocker at type II (label II.3).
+    A pole axis is the axis of the relative rotation of two links. A singularity occurs
+    where two pole axes are the same line. One of them is that of crank and rocker. The
+    other is the fixed axis of the crank at type I, or of the rocker at type II. The column
+    `condition` then has the label I.3 or II.3. Each row has a note in words.
     """
-    frame = rocker_result[0].frame()
+    result, _listener = rocker_result
+    frame = result.frame()
     type_1 = frame[frame["kind"] == "I"]
     type_2 = frame[frame["kind"] == "II"]
     expected = np.sort(np.mod(angles_with_links_in_line(*ROCKER), 2.0 * np.pi))
@@ -79,10 +80,11 @@ def test_the_relation_of_rates_holds_in_every_row(rocker_result):
     `rocker_result` is a run of a double-rocker. Triple products of pole axes give the
     coefficients c and d in two ways (`form`). Form i takes the axes of ground, input and
     output link, form ii also those of the fourth link. At samples where the loop does not
-    close, rows have another status. The distance from a singularity is missing where its
-    type does not occur.
+    close, rows have another status. In rows with status OK only the distance from a
+    singularity (`input_margin_`) may be missing, where its type does not occur.
     """
-    frame = rocker_result[0].frame(NAME, "relation")
+    result, _listener = rocker_result
+    frame = result.frame(NAME, "relation")
     good = frame[frame["status"].astype(str) == "OK"]
     assert 0 < len(good) < len(frame)
     misses = good["c"] * good["output_rate"] - good["d"] * good["input_rate"]
@@ -128,14 +130,14 @@ def test_pages_list_every_singularity_and_mark_it_on_the_phase_portrait(rocker_r
     """A recording lists every singularity on its page, and marks it on phase portraits.
 
     `rocker_result` has the tables of a double-rocker, and a listener with the drawings. A
-    portrait has the marks of the whole configuration curve. Both assembly modes are parts
-    of one curve, so the portraits of both have all marks. Their inputs are those of the
-    table, up to 1 deg.
+    portrait is a plot over the input. It has the marks of the whole configuration curve.
+    Both assembly modes are parts of one curve, so the portraits of both have all marks.
     """
     result, listener = rocker_result
     frame = result.frame()
     page, _ = listener.last_scene("Singularities")
-    (axis,) = page.over  # the numbers of the singularities
+    # The page has a row for each singularity; its axis has their numbers.
+    (axis,) = page.over
     assert len(axis.values) == len(frame)
     (text,) = (item.markdown for item in page.primitives if isinstance(item, Text))
     table_lines = [line for line in text.splitlines() if line.startswith("|")]
@@ -144,8 +146,9 @@ def test_pages_list_every_singularity_and_mark_it_on_the_phase_portrait(rocker_r
         (portrait,) = listener.primitives(Portrait, mode).values()
         labels = sorted(mark.label for mark in portrait.marks)
         assert labels == sorted(f"type {kind}" for kind in frame["kind"])
-        positions = np.array([mark.place for mark in portrait.marks])
-        distances = np.abs(frame["q"].to_numpy()[:, None] - positions[:, 0])
+        # Each singularity of the table has a mark within 1 deg.
+        input_of_mark = np.array([mark.place[0] for mark in portrait.marks])
+        distances = np.abs(frame["q"].to_numpy()[:, None] - input_of_mark)
         assert np.max(np.min(distances, axis=1)) < np.radians(1.0)
 
 
@@ -183,8 +186,9 @@ def test_folding_four_bars_have_the_right_types(name):
     are in one plane, a condition with the label III.a.
 
     A link can also rest on a whole curve. If it is the input, each configuration of the
-    curve is singular of type II, and if it is the output, of type I. Such a curve has one
-    row, without an input. The remarks must not say that the link swings by 0 deg.
+    curve is singular of type II, and if it is the output, of type I. The table has one row
+    for the whole curve; its column `q` is empty. The remarks must not say that the link
+    swings by 0 deg.
     """
     arcs, count_by_type, resting_count_by_type, expected_remarks = FOLDING[name]
     result = sk.run(four_bar(np.radians(arcs)), NAME, samples=37)
@@ -201,7 +205,7 @@ def test_folding_four_bars_have_the_right_types(name):
     resting = frame[frame["q"].isna()]
     assert all("at rest on the whole" in note for note in resting["note"])
     assert resting["kind"].astype(str).value_counts().to_dict() == resting_count_by_type
-    # Rows that are OK have all numbers. Only the transmission angle may be missing.
+    # In rows with status OK only the transmission angle may be missing.
     relation = result.frame(NAME, "relation")
     assert columns_with_missing_numbers(relation) <= {"transmission"}
 
@@ -210,13 +214,16 @@ def test_folding_four_bars_have_the_right_types(name):
 def test_near_a_parallelogram_the_type_is_right_or_said_to_be_undecided(power):
     """Near a parallelogram, the type of a singularity is right or called undecided.
 
-    With equal opposite links all axes lie in one plane at the inputs 0 and 180 deg, which
-    are singularities of type III. Here the base is 10^-power rad too long: 1e-8 or 1e-12
-    rad. The mechanism then has two singularities of type I close to the input 0, and two of
-    type II close to 180 deg. At 1e-8 rad these types must be found. At 1e-12 rad rounding
-    does not allow that, and each row must say type III, not certain, undecided.
+    At type I the output rests while the input moves, at type II the input rests. Type III
+    is where curves of configurations cross. With equal opposite links all axes lie in one
+    plane at the inputs 0 and 180 deg, which are singularities of type III. Here the base is
+    10^-power rad too long: 1e-8 or 1e-12 rad. The mechanism then has two singularities of
+    type I close to the input 0, and two of type II close to 180 deg. At 1e-8 rad these
+    types must be found. At 1e-12 rad rounding does not allow that, and each row must say
+    type III, not certain, undecided.
     """
-    arcs = np.radians(FOLDING["parallelogram"][0])
+    arcs_deg, *_ = FOLDING["parallelogram"]  # base, crank, coupler and rocker
+    arcs = np.radians(arcs_deg)
     arcs[0] += 10.0**-power
     result = sk.run(four_bar(arcs), NAME, samples=37)
     frame = result.frame()
@@ -240,11 +247,12 @@ def test_near_a_parallelogram_the_type_is_right_or_said_to_be_undecided(power):
 def test_a_sample_on_a_dead_centre_or_beside_it_is_right_or_has_a_status(distance_rad):
     """A sample on or beside a dead centre has right numbers or a status.
 
-    The last of five samples is before a dead centre, on it, or beyond (negative distance,
-    where the loop does not close). Near it the input q is a quadratic function of the arc
-    length s of the configuration curve. So dq/ds is proportional to the square root of the
-    distance (rad). `input_margin_II` is this distance. `input_margin_I` is missing if there
-    is no singularity of type I on the curve.
+    The input of the last of five samples is `distance_rad` less than that of a dead centre.
+    If the distance is negative, the loop does not close there. Near the dead centre the
+    input q is a quadratic function of the arc length s of the configuration curve. So dq/ds
+    (`input_rate`) is proportional to the square root of the distance. `input_margin_II` is
+    this distance. `input_margin_I` is missing if there is no singularity of type I on the
+    curve. The table `relation` has these columns for each sample and assembly mode.
     """
     dead_centre = float(angles_with_links_in_line(*ROCKER)[0])
     span = Input("21", dead_centre - 0.5, dead_centre - distance_rad)
@@ -401,8 +409,9 @@ def test_the_summary_of_a_four_bar_states_swing_transmission_angle_and_limits():
     """A run states swing, transmission angle and limits of the four-bar in its remarks.
 
     All are angles of spherical triangles, by the law of cosines. The rocker swings between
-    the positions in which crank and coupler are in line. The transmission angle, between
-    coupler and rocker, is least where the crank lies on the ground arc.
+    two limits, in which crank and coupler are in line. The remarks also state the crank
+    angles at these limits. The transmission angle, between coupler and rocker, is least
+    where the crank lies on the ground arc.
     """
     result = sk.run("four_bar", NAME)
     findings, warnings = findings_and_warnings(result)
@@ -429,8 +438,9 @@ def test_the_summary_of_a_four_bar_states_swing_transmission_angle_and_limits():
         in remarks
     )
 
+    # The direction from the crank's axis to the rocker's tip. A stretched crank has this
+    # direction. If the coupler is folded back, the crank has the opposite direction.
     crank_stretched = corner_deg(rocker, coupler + crank, ground)
-    # The coupler is folded back over the crank, which points away from the rocker's tip.
     crank_folded = corner_deg(rocker, coupler - crank, ground) + 180.0
     # The second assembly mode is the mirror image of the first, with opposite angles.
     for angle in (crank_stretched, crank_folded):
@@ -440,13 +450,13 @@ def test_the_summary_of_a_four_bar_states_swing_transmission_angle_and_limits():
 
 @pytest.mark.many
 @pytest.mark.parametrize("rate", [6.0, -2.0])
-def test_a_simulation_lists_the_singularities_that_it_passes_in_their_turn(rate):
-    """A simulation lists the singularities that it passes, with all turns of the input.
+def test_a_simulation_lists_the_singularities_that_it_passes_in_each_turn(rate):
+    """A simulation lists the singularities that it passes in each turn of the input.
 
-    At a singularity of type I the rate of the rocker changes its sign. The reference are
-    sign changes between 4001 times of the same simulation. The four-bar has two
-    configuration curves. The simulation stays on curve 0; the two singularities of curve 1
-    are marked as outside.
+    Their inputs count on over several turns. At a singularity of type I the rate of the
+    rocker changes its sign. The reference are sign changes between 4001 times of the same
+    simulation. The four-bar has two configuration curves. The simulation stays on curve 0;
+    the two singularities of curve 1 are marked as outside.
     """
     mechanism = replace(sk.load("four_bar"), loads=())
     start = {"q": 0.3, "dq": rate}

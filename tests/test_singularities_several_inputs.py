@@ -45,11 +45,12 @@ def test_points_of_singular_curves_say_why_they_are_singular(five_bar_run):
     frame = result.frame("singularities")
     columns = "kind condition assembly_mode q_21 q_51 inside"
     assert list(frame)[:6] == columns.split()
-    # Curves are searched in boxes of inputs. All that are larger than a box were found.
+    # No curve larger than a box of inputs is missing.
     assert set(frame.guarantee) == {"complete to a box size"}
     assert frame.residual.max() < 1e-12
     conditions_1 = set(frame[frame.kind == "I"].condition)
     conditions_2 = set(frame[frame.kind == "II"].condition)
+    # The last part says that the axes u_21 and u_51 coincide.
     assert conditions_2 == {"c_21=0 c_51=0 u of 21, 51 coincide"}
     assert conditions_1 <= {"u_21 along the direction", "d_51=0"}
     assert set(frame[frame.signs == "0"].assembly_mode) == {"0+1"}
@@ -73,7 +74,9 @@ def test_findings_count_aspects_and_singular_curves_as_the_tables_do(five_bar_ru
     """The summary of a run counts aspects and singular curves as its tables do.
 
     An aspect is a region of inputs and modes that no singularity divides. `five_bar_run` is
-    a run of the analysis of singularities. `row_counts` are the rows of each aspect.
+    a run of the analysis of singularities. At type I inputs can move while the output
+    rests, at type II the output while the inputs rest. The table of aspects has a row for
+    each configuration.
     """
     result, _ = five_bar_run
     frame = result.frame("singularities", "aspects")

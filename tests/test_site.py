@@ -152,14 +152,12 @@ def build_site(home):
 def site(tmp_path_factory, worker_id):
     """Return the folder of the built site; fail if Sphinx warned of anything.
 
-    Several processes of pytest may need the site. The first of them builds it and writes
-    the warnings to a file (`messages`). The others wait, then use the site and this file.
+    Only the first worker of pytest builds the site. The others wait and use its results.
     """
     temporary_folder = tmp_path_factory.getbasetemp()
-    # "master" means that pytest runs without workers. Otherwise each worker has a folder of
-    # its own in the folder of all.
-    if worker_id != "master":
-        temporary_folder = temporary_folder.parent  # that of all workers
+    has_workers = worker_id != "master"
+    if has_workers:
+        temporary_folder = temporary_folder.parent  # common to all workers
     home = temporary_folder / "site"
     messages_file = home / "messages"
     with FileLock(f"{home}.lock"):
@@ -398,6 +396,7 @@ def test_mechanisms_move_in_their_pages(site, browser):
         frame = tab.frame_locator("iframe.moving")
         sphere = frame.locator("#sphere")
         slider = frame.locator("input[type=range]").first
+        # The first press stops the motion, which would change the picture by itself.
         slider.press("ArrowRight")
         before = sphere.screenshot()
         for _ in range(20):

@@ -103,20 +103,20 @@ def links_beyond(mechanism, pair_number):
 @pytest.mark.parametrize("chain", OPEN_CHAINS.values(), ids=OPEN_CHAINS)
 @pytest.mark.parametrize("route", ["best", "equations", "conditioned"])
 def test_rotations_and_rates_of_open_chains_are_those_by_exponentials(chain, route):
-    """Rotations of links are products of rotations about pair axes, and so are rates.
+    """Rotations and rates of links in open chains are those by matrix exponentials.
 
-    Rotations about an axis are matrix exponentials. While one pair moves, the links beyond
-    it turn about its axis and the others rest. A route is a way to compute angular
-    velocities. "equations" solves the velocity equations of all links, and "best" does so
-    in more digits where needed. "conditioned" finds each pole (axis of relative rotation)
-    as the intersection of two great circles, those that amplify rounding least. An open
-    chain has one assembly mode (way to assemble the links), so the set of modes is
-    complete.
+    The rotation of a link is a product of rotations about pair axes, which are matrix
+    exponentials. While one pair moves, the links beyond it turn about its axis and the
+    others rest. A route is a way to compute angular velocities. "equations" solves the
+    velocity equations of all links, and "best" does so in more digits where needed.
+    "conditioned" finds each pole (axis of relative rotation) as the intersection of two
+    great circles, those that amplify rounding least. An open chain has one assembly mode
+    (way to assemble the links), so the set of modes is complete.
     """
     mechanism = open_chain(chain)
     input_count = len(mechanism.inputs)
-    # (samples, pairs) pair angles, rad. The first pair turns by `LAST_ANGLES`, the last one
-    # by half as much.
+    # (samples, pairs) pair angles, rad. `LAST_ANGLES` are those of the first pair at the
+    # samples. The last pair turns by half as much.
     part_of_pair = np.linspace(1.0, 0.5, input_count)
     path = LAST_ANGLES[:, None] * part_of_pair
     position_analysis = PositionAnalysis(mechanism, path=path)
@@ -150,8 +150,8 @@ def test_every_command_handles_an_open_chain_or_refuses_its_inputs(chain, tmp_pa
     All pairs of an open chain are inputs, one to four. The reasons to refuse are:
 
     - Eksergian's equation is for one input.
-    - With four inputs an output can rest in every configuration, so a grid of inputs
-      (`input_grid`) cannot be divided by singularities.
+    - An orientation has three freedoms. So four inputs can always move while the output
+      rests, and singularities do not divide a grid of inputs (`input_grid`).
     - A table for a coupling has the variables of pairs that are not driven, and there are
       none.
     """

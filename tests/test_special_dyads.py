@@ -38,11 +38,12 @@ tip lies on the crank's axis or opposite to it."""
 def test_a_rocker_tip_on_the_axis_of_the_crank_is_a_singularity(arcs, folded_angle):
     """The position is undetermined where the driven rocker's tip is on the crank's axis.
 
-    There crank and coupler can turn together about the crank's axis while the rocker rests,
-    because their arcs are equal (or add up to 180 deg). The status must be AT_SINGULARITY,
-    not OUT_OF_REACH. At two rocker angles beside it, the loop closes exactly if crank and
-    coupler reach the tip. The arc from the crank's axis to the tip follows from the
-    spherical law of cosines. `FOLDED` has the arcs (deg) and the rocker angle (rad).
+    There crank and coupler can turn together about the crank's axis while the rocker rests.
+    Their arcs are equal, or they add up to 180 deg and the tip is at the opposite end of
+    the axis. The status must be AT_SINGULARITY, not OUT_OF_REACH. At two rocker angles
+    beside it, the loop closes exactly if crank and coupler reach the tip. The arc from the
+    crank's axis to the tip follows from the spherical law of cosines. `folded_angle` (rad)
+    is the rocker angle at which the tip is on the axis; `arcs` are in degrees.
     """
     mechanism = four_bar(np.radians(arcs)).with_inputs("41")
     rocker_angle = np.array([folded_angle, folded_angle + 1e-3, folded_angle + 0.1])

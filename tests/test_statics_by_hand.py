@@ -35,8 +35,10 @@ def test_forces_of_bevel_gears_are_those_of_a_textbook(tmp_path):
       g = 1/sqrt(10) along the pinion's shaft is 208.0 N, its part 3/sqrt(10) along the
       gear's shaft is 623.9 N.
 
-    `at_rest` returns what the pairs transmit in a mechanism that does not move. No
-    component of a moment or force may be undetermined there (`is_open`, `open_forces`).
+    The file `BEVEL_GEARS` has a load torque of 178.01 N m = 3 * 59.34 N m at the shaft of
+    the gear. `at_rest` returns what the pairs transmit while a torque at the pinion's shaft
+    holds the load. No component of a moment or force may be undetermined there (`is_open`,
+    `open_forces`).
     """
     text = BEVEL_GEARS.replace(
         "teeth =", "pressure_angle = 20\ndistance = 0.10385\nteeth ="

@@ -50,12 +50,13 @@ def test_motion_with_dry_friction_satisfies_newton_and_euler(
 ):
     """Newton-Euler equations of all links hold along a driven motion with friction.
 
-    Friction of `dry` N m acts at the pairs `rubbing`. It is smoothed: it grows from zero to
-    this torque within some `smoothing_speed` (deg/s). The drive is 10 sin(2 t) N m less a
-    damping. The motion starts at 0.3 rad with 1 rad/s. Friction of 6 N m, in the last case,
-    stops the crank at times and lets go again. The other cases are below 1 N m. A
-    simulation that misses its tolerance says so by `missed`. `check_simulated_motion` is
-    the independent reference.
+    Friction of `dry` N m acts at the pairs `rubbing`. It is smoothed: at zero speed it is
+    zero, and at a few times `smoothing_speed` (deg/s) it has its full size. The driving
+    torque is 10 sin(2 t) N m minus 2 N m s/rad times the rate of the input. The motion
+    starts at 0.3 rad with 1 rad/s. Friction of 6 N m, in the last case, stops the crank at
+    times and lets go again. The other cases are below 1 N m. A simulation that misses its
+    tolerance says so by `missed`. `check_simulated_motion` is the independent reference,
+    with an allowed deviation of 1e-7 (`within`).
     """
     if name == "four_bar":
         mechanism = replace(load(name), loads=())

@@ -225,11 +225,13 @@ def test_usable_memory_is_the_limit_of_an_enclosing_control_group(
     """Usable memory is the limit of the control group that encloses the process's group.
 
     Linux control groups limit the memory of processes. Here the process is in group a/b,
-    which has no limit; the group a has 70000 bytes. Files have the layout of Linux: a line
-    of `/proc/self/cgroup`, and a file with the limit in the folder of each group.
+    which has no limit; the group a has 70000 bytes. Files have the layout of Linux, in
+    version 1 or 2 of control groups: `membership` is a line of `/proc/self/cgroup`, and
+    `limit_file` is in the folder of each group.
     """
     monkeypatch.setattr(resources, "GROUP_LIMITS", tmp_path)
     monkeypatch.setattr(resources, "GROUP_MEMBERSHIP", tmp_path / "cgroup")
+    # The group of the first line limits the number of processes, so it does not matter.
     (tmp_path / "cgroup").write_text(f"7:pids:/x\n{membership}\n")
     folder = tmp_path / group
     folder.mkdir(parents=True)

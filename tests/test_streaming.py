@@ -76,9 +76,10 @@ def test_a_long_simulation_reports_the_time_that_it_has_reached(monkeypatch):
 
 
 class EventRecorder:
-    """Recorder for tests that notes steps of a simulation and its own rows in their order.
+    """Recorder for tests that notes both steps of a simulation and rows given to it.
 
-    So tests see whether rows are recorded while the simulation goes on.
+    From the order of these events tests see whether rows are recorded while the simulation
+    goes on.
 
     Attributes
     ----------
@@ -108,7 +109,10 @@ class EventRecorder:
         self.times = head.times
 
     def log(self, scene, samples, inputs=None, times=None):
-        """Note rows of the motion of assembly mode 0; other scenes are left out."""
+        """Note rows of the motion of assembly mode 0; other scenes are left out.
+
+        The source `MOTION` means that a scene shows the motion, not results of an analysis.
+        """
         if scene.page == 0 and scene.source == MOTION:
             self.events.append(("rows", float(times[-1])))
             rows = zip(times, scene.primitives[0].quaternions, strict=True)
@@ -174,6 +178,7 @@ def test_a_run_that_is_refused_because_of_unfinished_work_is_not_recorded(
         # The recorder raises the error when it is given the middle rows.
         patched.setattr(interrupted, "log", interrupt_half_way)
         run_simulation("numpy", recorder=interrupted, **options)
+    # Progress is reported after each step. A started recording would get rows then.
     monkeypatch.setattr(progress, "REPORT_INTERVAL_S", 0.0)
     refused = EventRecorder(monkeypatch)
     with pytest.raises(sk.SpherekitError, match="--resume"):

@@ -195,8 +195,9 @@ def test_a_relative_folder_is_relative_to_the_command(
 
     Each worker runs in its own folder. `site` is code that the worker executes at its
     start: none, or `BLIND`, by which the worker takes the folder of the sweep for not
-    writable. A blind worker must return the files of its parts to the command, which writes
-    them. `expected_tables` come from a sweep without workers.
+    writable. The designs of a sweep are divided into parts. A blind worker must return the
+    files of its parts to the command, which writes them. `machines` starts the processes of
+    a cluster. `expected_tables` come from a sweep without workers.
     """
     machines.start_scheduler()
     machines.start_worker(site)
@@ -212,6 +213,7 @@ def test_a_relative_folder_is_relative_to_the_command(
     assert names == {"designs", "tables", "_sweep.json", ".sweep.lock"}
     # Workers leave nothing in their own folders.
     assert not list((tmp_path / "machines").rglob("part-*"))
+    # The same sweep without workers finds all designs in the folder.
     assert sweep_on_cluster("designs").computed == 0
 
 
@@ -384,7 +386,9 @@ def test_after_the_loss_of_all_workers_another_one_computes_the_parts(
 
     def start_worker_when_missed(report):
         """Start a worker when the sweep reports "the scheduler has no workers"."""
-        # The exit code of a killed process is not 0; of a living one it is None.
+        # The report also comes at the start, before the first workers are known. So the
+        # first workers must be dead. `poll` returns None for a living process, and an exit
+        # code other than 0 for a killed one.
         if "no workers" in report.text and all(worker.poll() for worker in killed_workers):
             machines.start_worker()
 
@@ -481,13 +485,13 @@ def test_a_part_that_does_not_appear_in_the_folder_is_missed(
 ):
     """A part that was computed and is not in the folder of the sweep is an error.
 
-    A worker may have written it on another disk. `undisturbed` is a sweep of three parts,
-    and part 2 is not in the folder here. It is missed in three ways:
+    A worker may have written the part on another disk. `undisturbed` is a sweep of three
+    parts, and part 2 is not in the folder here. The sweep notices this in three cases:
 
-    - when the sweep takes the part of a worker that did not send its files. The sweep waits
-      for `VISIBLE_SECONDS`, the longest time until a file on a network disk is seen;
-    - when the part is moved to the folder of the sweep;
-    - at the end of the sweep, if a cluster has computed some parts only.
+    - A worker says that the part is computed, but does not send its file. The sweep waits
+      for `VISIBLE_SECONDS`, the longest time until a file on a network disk is seen.
+    - The part has to be moved to the folder of the sweep.
+    - The sweep is at its end, and a cluster has computed some parts only.
     """
     monkeypatch.setattr(dask_cluster, "VISIBLE_SECONDS", 0.1)
     sweep = undisturbed.sweep

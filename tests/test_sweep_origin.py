@@ -91,10 +91,11 @@ def test_a_processor_is_known_by_what_it_computes():
 def test_parts_of_another_processor_are_recorded_and_reported(tmp_path):
     """A sweep reports that one of its three parts was computed by another processor.
 
-    NumPy and BLAS are forbidden to use all but the oldest instructions, which round
-    differently (`complete_with_least_kernels`). The sweep records which parts each kind of
-    processor has computed. Its rows agree to rounding with those of one processor. A sweep
-    by one kind of processor has no remark.
+    Part 1 is removed and computed again by `complete_with_least_kernels`, which returns
+    what the command prints. There NumPy and BLAS may use the oldest instructions only,
+    which round differently. The sweep records which parts each kind of processor has
+    computed. Its rows agree to rounding with those of one processor. A sweep by one kind of
+    processor has no remark.
     """
     expected = swept(tmp_path / "whole")
     assert len(expected.processors) == 1
@@ -106,7 +107,7 @@ def test_parts_of_another_processor_are_recorded_and_reported(tmp_path):
     assert "agree to rounding, not bit by bit" in printed
 
     mixed = swept(tmp_path / "mixed")
-    assert mixed.computed == 0
+    assert mixed.computed == 0  # all parts are read from the folder
     # By kind of processor, the numbers of its parts.
     assert sorted(mixed.processors.values()) == [[0, 2], [1]]
     assert len(mixed.remarks) == 1

@@ -156,14 +156,14 @@ def test_figures_in_the_same_assembly_mode_share_a_row(name, link, arc, modes):
 class DoubledInput(MinimalAnalysis):
     """Analysis for tests: twice the input, or an error for an arc of 45 degrees.
 
-    Sweeps must report such an error as the reason of the design, and go on.
+    Sweeps must report such an error as the reason why the design failed, and go on.
     """
 
     name: ClassVar[str] = "doubled"
     tables: ClassVar[tuple[Table, ...]] = (
         Table("doubled", "twice the input", (SAMPLE, Column("twice", "rad", "2 q"))),
     )
-    rowwise: ClassVar[bool] = True
+    rowwise: ClassVar[bool] = True  # samples are independent of each other
 
     def compute(self, batch):
         for size in batch.mechanism.geometry.links.values():

@@ -142,7 +142,7 @@ def test_rows_of_a_sweep_are_the_figures_of_each_design(name, keys, pair, link):
         assert sorted(frame["mode"]) == sorted(mode.label for mode in modes)
         for mode in modes:
             row = frame[frame["mode"] == mode.label].iloc[0].copy()
-            # "place" is an input in degrees, at 0 as well as at 360.
+            # "place" is the input (deg) of an extreme. 0 and 360 deg are the same input.
             row["place"] %= 360.0
             expected = compute_figures(changed, mode.number, pair, f"{link}/{ground}")
             for figure, value in expected.items():
@@ -284,7 +284,7 @@ def test_a_sweep_over_masses_and_loads_has_the_torques_of_runs(tmp_path):
     designs are all combinations of the numbers, and every fifth possible one is compared
     with a run. A third of them has a negative mass, which is impossible: 2 * 2 * 2 designs.
     Figures are the largest and the mean torque, and the largest inertia B reduced to the
-    input.
+    input. The analysis `eksergian` of a run has the torque `tau` and B at each sample.
     """
     path = tmp_path / "acted.toml"
     four_bar_text = find("four_bar").read_text()
@@ -303,6 +303,7 @@ def test_a_sweep_over_masses_and_loads_has_the_torques_of_runs(tmp_path):
     sweep = sweep_of(path, DesignSpace.from_variations(variations), figures)
     samples = DesignSamples.from_study(Study("", sweep.mechanism, samples=19))
     sweep = replace(sweep, samples=samples)
+    # Compiled formulas (the kernel) compute all designs of this sweep, not single runs.
     assert sweep.evaluator.kernel is not None
     frame = run_sweep(sweep).frame()
 
@@ -445,9 +446,9 @@ def undisturbed_sweep(request, tmp_path_factory):
     """Return a command for a sweep, and the files that it writes if nothing disturbs it.
 
     Tests that interrupt the command compare its files with these. A sweep is divided into
-    parts of some designs each, here more than four, which are written to files one after
-    another. With the parameter "figures" they have numbers to which each design is reduced,
-    with "tables" whole tables of an analysis.
+    parts (here more than four) with some designs each. Each part is written to a file. With
+    the parameter "figures" the files have numbers to which each design is reduced, with
+    "tables" whole tables of an analysis.
 
     Returns
     -------
@@ -638,16 +639,17 @@ HIGH_AND_LOW = ["high=max(torque)", "low=min(torque)"]
     ],
 )
 def test_torques_of_coils_in_a_sweep_count_whole_turns(pair, zero, range_, crank, samples):
-    """Extreme torques in a sweep are those of runs, if a torsion spring counts whole turns.
+    """Highest and lowest torques in a sweep are those of runs, also with whole turns.
 
-    The torque of the spring ("coil") depends on the whole angle of its pair, turns
-    included. The cases have long ranges of the input, few samples, and modes (ways to
-    assemble the links) that close at some inputs only. `zero` is the zero position of the
-    hinge between base and rocker, `range_` the range of the input, and `crank` an arc, all
-    in degrees. The same torques follow from `FigureGradients`, which a synthesis uses.
-    `four_bar_with_coil` returns the mechanism.
+    The torque of a torsion spring ("coil") at `pair` depends on the whole angle of this
+    pair, turns included. The cases have long ranges of the input, few samples, and modes
+    (ways to assemble the links) that close at some inputs only. `zero` is the zero position
+    of the hinge between base and rocker, `range_` the range of the input, and `crank` an
+    arc, all in degrees. The same torques follow from `FigureGradients`, which a synthesis
+    uses. `four_bar_with_coil` returns the mechanism.
     """
     mechanism = four_bar_with_coil(pair, zero, range_, crank)
+    # (modes, 2) highest and lowest torque of each mode, sorted.
     expected = extreme_torques_of_runs(mechanism, samples)
     vary = {"links.crank.arc": [crank, crank + 1.0]}
     result = sk.sweep(mechanism, vary, HIGH_AND_LOW, samples=samples)
@@ -671,17 +673,18 @@ def test_torques_of_coils_count_whole_turns_in_groups_beyond_dyads():
 
     A group is a set of links that is solved together; a dyad (two links) has a closed form.
     The double butterfly has other groups, so the sweep follows its modes (ways to assemble
-    the links) along the input. A torsion spring acts at pair C, with its whole angle. In
-    the sweep the claim "complete" says that no mode is missing. The modes of run and sweep
-    may differ in order, so numbers are compared in sorted order. NaN stands for modes that
-    do not close at 185 deg.
+    the links) along the input. The torque of a torsion spring at pair C counts whole turns
+    of this pair. In the sweep the claim "complete" says that no mode is missing. The modes
+    of run and sweep may differ in order, so numbers are compared in sorted order. NaN
+    stands for modes that do not close at 185 deg.
     """
     spring = sk.Spring("coil", "C", stiffness=2.0, rest=0.3)
     mechanism = load_without_loads("double_butterfly").with_loads(spring)
     tensor = [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]
-    mechanism = mechanism.with_mass("8", tensor)
+    mechanism = mechanism.with_mass("8", tensor)  # torques need a mass
     expected = extreme_torques_of_runs(mechanism, 73)
 
+    # A sweep with a single design: a number of the file is varied over its own value only.
     latitude = design_variable(document_of(mechanism), "pairs.C.latitude")
     vary = {latitude.key: [latitude.value]}
     figures = [*HIGH_AND_LOW, "there=at(torque, 185)"]

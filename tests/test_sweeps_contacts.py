@@ -122,15 +122,17 @@ def test_a_sweep_of_wheels_or_contacts_has_the_figures_of_separate_runs(case, tm
 def test_sensitivities_of_wheels_are_the_same_by_contacts_and_by_ratios(tmp_path):
     """Two formulations of wheels in mesh give the same values and derivatives.
 
-    Without a radius among the deviating sizes, the angles of the wheels are related by the
-    ratio of their teeth. With a radius among them, wheels are contacts of circles. Values,
-    and derivatives by the three common sizes, must agree.
+    `Sensitivity` computes derivatives by the sizes in a list. If no radius of a wheel is in
+    the list, the angles of the wheels are related by the ratio of their teeth. With a
+    radius in the list, this ratio would change. So wheels are then contacts of circles.
+    Values, and derivatives by the three common sizes, must agree.
     """
     wheels = sk.load(write_mechanism(tmp_path, WHEELS))
     motion = sk.trace(wheels, samples=5)
-    # Input, its rate 1, its acceleration and the time.
+    # Input, its rate 1, its acceleration 0 and the time 0.
     zeros = np.zeros_like(motion.q)
-    samples = np.stack([motion.q, zeros + 1.0, zeros, zeros], axis=1)
+    ones = np.ones_like(motion.q)
+    samples = np.stack([motion.q, ones, zeros, zeros], axis=1)
     sizes = ("links.1.angles.c", "links.1.arcs.c", "links.5.arc")
     quantities = ("theta_c", "theta_56", "rate_56")
     by_ratios = Sensitivity(wheels, sizes, quantities)
@@ -163,8 +165,8 @@ def test_gradients_of_figures_on_wheels_agree_with_differences(tmp_path):
     """The gradient of a figure of merit agrees with central differences of its values.
 
     Synthesis uses such gradients. The figure is the rate of pair 56 at the input 100 deg,
-    in the assembly mode "+". The gradient is by two arcs, per degree. In a changed design
-    the wheels may be assembled with other whole turns, which changes no rate.
+    in the assembly mode "+". Angles could differ by whole turns of the wheels between two
+    designs, so the figure is a rate. The gradient is by two arcs, per degree.
     """
     nominal = {"links.1.arcs.c": [70.0], "links.1.arcs.b": [50.0]}
     figure = "there=at(rate_56, 100)"

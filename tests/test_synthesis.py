@@ -58,6 +58,7 @@ def test_a_synthesized_rocker_follows_its_function():
 
     mechanism = result.mechanism()
     mode = mode_number(mechanism, result.modes[0])
+    # The objective is about twelve inputs of the file, these.
     inputs_deg = np.arange(0.0, 360.0, 30.0)
     inputs = np.radians(inputs_deg)
     theta = sk.evaluate(mechanism, inputs, assembly_mode=mode).variable("41")
@@ -66,6 +67,7 @@ def test_a_synthesized_rocker_follows_its_function():
     rms = np.sqrt(np.mean(deviations**2))
     assert rms == pytest.approx(result.objectives[0, 0], rel=2e-3)
 
+    # The table has a row for each sample and assembly mode.
     run = sk.run(mechanism, "singularities", samples=73)
     relation = run.frame("singularities", "relation")
     assert np.degrees(relation["transmission"].min()) > 40.0
@@ -382,13 +384,14 @@ def test_derivatives_of_an_inertia_tensor_follow_the_parallel_axis_theorem(acted
 def test_numbers_at_their_physical_limit_have_derivatives():
     """Derivatives by a moment of inertia exist also at the end of its physical range.
 
-    No principal moment of inertia of a body exceeds the sum of the other two. In the file
-    one of the rocker equals this sum, so that the varied moment cannot be smaller.
+    No principal moment of inertia of a body exceeds the sum of the other two. The rocker of
+    the file is at this limit: a smaller value of the varied moment would be refused. So the
+    derivative cannot come from differences to both sides.
 
     A design has four variables, in this order: the arc of link 3, the stiffness of a
-    spring, its rest angle (deg), and a moment of inertia of the rocker. The arc is a size
-    of the mechanism. Each of the other variables determines one number in the formulas of
-    the dynamics. The test is about the derivatives of these three numbers.
+    spring, its rest angle (deg), and a moment of inertia of the rocker. The formulas of the
+    dynamics contain one number for each of the last three. The test is about the
+    derivatives of these three numbers.
     """
     specification = specification_of(EXAMPLES / "spring.toml", designs=4)
     varied = specification.sweep.evaluator.varied_mechanism
@@ -525,7 +528,8 @@ def test_a_linkage_is_found_again_by_the_poses_of_its_coupler(tmp_path):
     """A synthesis finds a known four-bar by six orientations of its coupler.
 
     The orientations are those of the known four-bar. The four arcs may vary by 20 degrees
-    to both sides of the numbers that are to be found, and are found to 1e-5 degrees.
+    to both sides of the numbers that are to be found, and are found to 1e-5 degrees. The
+    synthesis tries 256 designs and improves the best two.
     """
     target = sk.load("four_bar").with_sizes(angle_unit="deg", arcs=TARGET_ARCS_DEG)
     inputs_deg = [0.0, 40.0, 90.0, 150.0, 230.0, 300.0]
@@ -542,6 +546,7 @@ def test_a_linkage_is_found_again_by_the_poses_of_its_coupler(tmp_path):
         f"at = {inputs_deg}\nvalues = {quaternions}\n"
     )
     result = sk.synthesize(path, designs=256, starts=2)
+    # (designs, objectives), the best design first.
     assert result.objectives[0, 0] < 1e-6
     assert result.values[0] == pytest.approx([*TARGET_ARCS_DEG.values()], abs=1e-5)
 
@@ -550,9 +555,9 @@ def test_a_linkage_is_found_again_by_the_poses_of_its_coupler(tmp_path):
 def test_a_linkage_is_found_again_by_the_path_of_a_point_of_its_coupler(tmp_path):
     """A synthesis finds a known four-bar by nine points of the path of a coupler point.
 
-    Arcs, the zero of the crank, and longitude and latitude of the point on the coupler
-    vary, each by 15 degrees to both sides of the number that is to be found again. They are
-    found to 1e-4 degrees.
+    Arcs, the zero position of the crank's angle, and longitude and latitude of the point on
+    the coupler vary, each by 15 degrees to both sides of the number that is to be found
+    again. They are found to 1e-4 degrees.
     """
     target = sk.load("four_bar").with_sizes(angle_unit="deg", arcs=TARGET_ARCS_DEG)
     inputs_deg = np.arange(0.0, 360.0, 40.0)
@@ -560,6 +565,7 @@ def test_a_linkage_is_found_again_by_the_path_of_a_point_of_its_coupler(tmp_path
     rotations = sk.evaluate(target, np.radians(inputs_deg), assembly_mode=0).rotation("3")
     path_points = rotations @ point
 
+    # The point of the file is another one; its longitude and latitude vary.
     output_of_point = '[outputs.tip]\nlink = "3"\nlonlat = [20.0, 40.0]\n'
     four_bar_text = find("four_bar").read_text()
     text = four_bar_text.replace("[outputs.rocker]", output_of_point + "[outputs.rocker]")

@@ -89,15 +89,17 @@ def test_a_double_butterfly_is_found_again_by_its_function(tmp_path):
     """Synthesis finds a known double butterfly again by the function that it generates.
 
     The angle of pair F of the known design is asked for at twelve inputs. The synthesis
-    starts elsewhere and must return to the coordinates of that design. It may use only
-    designs that close at all samples (``closes``), with a rate of F per rate of the input
-    (``steep``) below 8. `sweep_one_design` computes the angles of the known design.
+    starts elsewhere and must find the numbers of that design. It may use only designs that
+    close at all samples (a share ``closes`` of 1), with a rate of F per rate of the input
+    (``steep``) below 8. `sweep_one_design` computes the angles of the known design, with a
+    row for each assembly mode.
     """
     points = {f"p{k}": f"at(theta_F, {q})" for k, q in enumerate(INPUTS_DEG)}
     rows = sweep_one_design(
         "double_butterfly", BUTTERFLY_RANGES, TARGET_BUTTERFLY, points, 37
     )
-    target_angles = [float(rows.iloc[0][name]) for name in points]
+    first_mode = rows.iloc[0]
+    target_angles = [float(first_mode[name]) for name in points]
     match = (
         f'[match]\nquantity = "theta_F"\nat = {INPUTS_DEG.tolist()}\n'
         f"values = {target_angles}\n"
@@ -326,11 +328,11 @@ def test_a_mode_that_is_followed_to_another_design_and_back_is_the_same(
 ):
     """An assembly mode that is followed to another design and back has returned.
 
-    The two designs have the longitudes -8 and 20 degrees of axis C. A mode is known by its
-    configurations (variables, samples) in one design, which is called its origin. Those in
-    another design are found from there: the sizes change gradually, and the configurations
-    follow (`track_to`). They are NaN at samples at which the mode does not close or is
-    lost. `with_origin` returns the same mode with another design as its origin.
+    The two designs have the longitudes -8 and 20 degrees of axis C. The `origin` of a mode
+    is a design and the configurations (variables, samples) of the mode in it. From there
+    `track_to` changes the sizes gradually to those of another design, and returns the
+    configurations in that design. They are NaN at samples at which the mode does not close
+    or is lost. `with_origin` returns the same mode with another design as its origin.
     `continues_in` says whether a mode, tracked to the design of another mode, is that mode.
     """
     longitude = np.array([-8.0])

@@ -193,10 +193,11 @@ def test_events_and_errors_of_a_simulated_study_are_written(simulated_study):
 def test_a_row_at_a_dead_centre_is_singular_and_others_are_not():
     """A row at a dead centre of the input has no torque; the rows beside it have one.
 
-    The four-bar is driven at its rocker (pair 41). At a dead centre the rocker stands still
-    for a moment while the other links move. Rates per rate of the input are then infinite,
-    except for the rocker itself (link 4 relative to the ground). The third of five samples
-    is at that time. Pole directions must not reverse from row to row.
+    The rows are five times of a simulation; the third is at a dead centre. The analysis
+    `eksergian` computes the driving torque `tau`. The four-bar is driven at its rocker
+    (pair 41). At a dead centre the rocker stands still for a moment while the other links
+    move. Rates per rate of the input are then infinite, except for the rocker itself (link
+    4 relative to the ground). Pole directions must not reverse from row to row.
     """
     mechanism = replace(sk.load("four_bar"), loads=()).with_inputs("41")
     start = Start(2.0, 3.0)

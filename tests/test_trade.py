@@ -81,8 +81,9 @@ def compute_true_error(plan, setting, exact_rows_by_request):
     setting
         How the run evaluates velocities.
     exact_rows_by_request
-        For each input that moves alone a pair: which poles are requested, and the rows of
-        these poles in 50 digits, as `compute_exact_rows` returns them.
+        A list of tuples (request, rows in 50 digits), one for each input. Only this input
+        moves in these rows. The request has the poles that are compared. The rows are those
+        that `compute_exact_rows` returns.
     """
     tables, _, _ = compute_timed_tables(plan.sampling, *plan.analyses, setting)
     # Sort rows by mode, then by sample. Each sample of a mode then has one row for each
@@ -194,10 +195,11 @@ def test_recommended_settings_meet_the_tolerance(name, count, samples):
 
     A trade measures the time and the error of evaluation settings, and recommends the
     cheapest one whose error times `MARGIN` is below a tolerance. It measures errors at a
-    third of the samples only; here all samples are compared with the reference. If no
-    setting is recommended, all settings on the front have errors that are too large, with
-    this margin. The front has the settings that no other beats in time and error. Times do
-    not matter here, so they are measured in one round.
+    third of the samples only; here all samples are compared with the reference. No number
+    of the reference may be missing in the tables. If no setting is recommended, the error
+    of each setting in question must be too large. These are the settings that no other
+    beats in both time and error (`pareto`). Times do not matter here, so they are measured
+    in one round.
     """
     random = np.random.default_rng(MECHANISM_NAMES.index(name))
     options = {"assembly_mode": 0, "search": True}

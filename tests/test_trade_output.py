@@ -114,7 +114,8 @@ def test_settings_that_do_not_apply_for_one_reason_share_a_line():
     """Settings of a trade that do not apply for the same reason share a line of its table.
 
     A trade has the time and the error of several settings, which are ways to compute a run.
-    Reasons that differ only in the name of the setting or in a number count as one.
+    Reasons that differ only in the name of the setting or in a number count as one. A
+    reason begins with the name of the mechanism, here m, which the line does not repeat.
     """
     refused_engines = [
         Measured(name, None, reason=f"m: engine {name} finds rates by one input")

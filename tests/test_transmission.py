@@ -61,14 +61,15 @@ def compute_axes(mechanism, values):
 def measure_by_velocity_equations(mechanism, values):
     """Return the measure (n,) of type II from the velocity equations of all links.
 
-    It is the independent reference. The misfit is the norm of the relative angular
-    velocities that the pairs do not allow. The measure is the least misfit at unit rate of
-    the output with the inputs locked, divided by that with all pairs locked. It is 0 at a
-    singularity of type II, where the output can move although the inputs are locked, and at
-    most 1. `values` (n, variables) are the pair angles (rad).
+    It is the independent reference. If the inputs are locked and the output still turns at
+    unit rate, pairs usually have to give way. The misfit is the norm of the relative
+    angular velocities that the pairs do not allow. The measure is the least misfit, divided
+    by its value with all pairs locked. It is 0 at a singularity of type II, where the
+    output can move although the inputs are locked, and at most 1. `values` (n, variables)
+    are the pair angles (rad).
     """
     # Unit vectors of the pair axes, and the directions of the output if it is a direction
-    # (None if it is an orientation). Rates about the direction do not count.
+    # (None if it is an orientation). `least_misfit` does not count rates about a direction.
     axes, directions = compute_axes(mechanism, values)
     output = mechanism.outputs[0]
     link = mechanism.link_number[output.link]
@@ -129,8 +130,9 @@ def test_all_analyses_measure_type_2_as_the_velocity_equations(name):
     kinematics of random poses.
 
     The workspace also has a measure of type I. The arcsines of both measures are angles to
-    the singularities. At least 8 degrees are asked for. The margin of a pose is the smaller
-    angle less these 8 degrees, unless another limit is nearer.
+    the singularities. At least 8 degrees are asked for. So the margin of a pose to the
+    singularities is the smaller angle less these 8 degrees. If another limit of the
+    workspace is nearer, the margin of the pose is smaller (`limiting` is the nearest one).
     """
     solver, poses, rows = solve_random_poses(name)
     mechanism = solver.mechanism
@@ -147,6 +149,7 @@ def test_all_analyses_measure_type_2_as_the_velocity_equations(name):
     is_type_2 = np.isin(singularities.type, (RowType.II, RowType.III))
     assert np.array_equal(is_type_2, expected < SINGULAR_TRANSMISSION)
 
+    # `near` is the least angle to a singularity.
     least_angle = np.radians(8.0)
     kinematics = closed_kinematics(mechanism)
     bounds = bounds_of(kinematics, Constraints(near=least_angle))
@@ -156,7 +159,8 @@ def test_all_analyses_measure_type_2_as_the_velocity_equations(name):
         row = reached[k]
         signs = kinematics.modes[mode_numbers[rows.mode[row]]]
         pose = poses[rows.pose[row]]
-        if not solver.points:
+        is_orientation = not solver.points
+        if is_orientation:
             pose = Rotation.from_matrix(pose).as_quat()
         judgement = judge(kinematics, bounds, signs, pose[None])
         assert judgement.type_2[0] == pytest.approx(expected[k], abs=1e-12)
@@ -164,7 +168,8 @@ def test_all_analyses_measure_type_2_as_the_velocity_equations(name):
         margin_to_singularity = np.arcsin(least_measure) - least_angle
         # Limits of reach may be nearer than the singularity.
         assert judgement.margin[0] <= margin_to_singularity + 1e-9
-        if "type" in bounds[judgement.limiting[0]].name:
+        is_singularity_nearest = "type" in bounds[judgement.limiting[0]].name
+        if is_singularity_nearest:
             assert judgement.margin[0] == pytest.approx(margin_to_singularity, abs=1e-9)
 
     # The rotation of the output about a fixed axis can start only away from singularities,
@@ -183,16 +188,17 @@ def test_all_analyses_see_a_type_2_singularity_on_the_path_of_the_paper(
     """Every analysis has the same measure of type II near a singularity.
 
     The path of the paper (Chen et al. 2021) crosses a singularity of type II: the output
-    can move although both inputs stand still. The measure is 0 there; it is about 0.6315
-    times the angle (rad) along the path from the crossing. This factor was computed in 50
-    digits. Status and type follow from the measure. Differences below 2e-14 are rounding.
+    can move although both inputs stand still. The measure is 0 there. Close to the crossing
+    it is 0.6315 times the angle (rad) along the path. This factor was computed in 50
+    digits. The largest angle, 0.1 rad, is not that close, so an error of 30 % is allowed.
+    Status and type follow from the measure. Differences below 2e-14 are rounding.
     `rotation_of_the_paper` is this path.
     """
     mechanism = sk.load("two_dof_spm")
     (crossing,) = rotation_of_the_paper.crossings
     on_path = rotation_of_the_paper.at(np.array([crossing + distance_rad]))
     values = on_path.values
-    # Signs of the three legs on this path: the working mode, a way to assemble the legs.
+    # To which side each of the three legs is bent on this path (the working mode).
     leg_signs = (-1, 1, 1)
     # 1. The reference: the velocity equations of all links
     (expected,) = measure_by_velocity_equations(mechanism, values)
@@ -217,7 +223,7 @@ def test_all_analyses_see_a_type_2_singularity_on_the_path_of_the_paper(
     assert (rows.status[0] == Status.AT_SINGULARITY) == is_singular
 
     # 5. The workspace. The arcsine of the measure is an angle to the singularity. The
-    # margin is its excess over the least angle that is asked for.
+    # margin is this angle less the least angle that is asked for.
     least_angle = np.radians(5.0)
     kinematics = closed_kinematics(mechanism)
     bounds = bounds_of(kinematics, Constraints(near=least_angle))

@@ -101,13 +101,14 @@ def study_of(option, cell, folder):
     """Write the study file that a row of the table of angles stands for; return its path.
 
     The table is in docs/conventions.md. It lists all options and keys that are angles, with
-    an example in several units. `option` is the first cell of a row: the key of a study
-    that is tested. `cell` is an example: the text of the file with an angle.
+    an example in several units. `option` is the first cell of a row, such as
+    "study [inputs.PAIR]": a section of a study file. `cell` is an example: a text with an
+    angle that belongs in this section.
     """
     # Locking an input needs a mechanism with two inputs.
     mechanism = "five_bar" if "lock" in option else "four_bar"
     lines = ["format = 1", f'mechanism = "{mechanism}"']
-    # Values of an input, or a number of samples
+    # A study has values of an input or a number of samples.
     if "values" not in cell:
         lines.append("samples = 5")
     # Laws and simulations are about time.
@@ -141,7 +142,9 @@ def synthesis_of(option, cell, folder):
 
 
 def results_in(folder):
-    """Return the contents of the files that a command wrote, for comparison by number.
+    """Return the contents of the files that a command wrote, in a form to compare numbers.
+
+    Study files are left out: they state the angles in the units that the test changes.
 
     Returns
     -------
@@ -181,8 +184,8 @@ def assert_equal(first, second):
     """Assert that contents of files are equal: tables, and numbers in texts to 1e-8.
 
     Both arguments are dictionaries by file name, as `results_in` returns them. Angles of
-    pairs in tables may differ by whole turns. Texts must have as many words. A word that is
-    no number may be another word in the other file, but not a number.
+    pairs in tables may differ by whole turns. Two texts must have equally many words. If a
+    word of one text is no number, the word in the same place of the other text is none.
     """
     assert first.keys() == second.keys() and first
     for name, first_content in first.items():
@@ -203,8 +206,8 @@ def assert_equal(first, second):
                 # Bounds of errors in certificates are rounding, and differ freely.
                 is_rounding = max(abs(number), abs(other)) < 1e-8
                 assert is_rounding or other == pytest.approx(number, rel=1e-8), name
-            elif isinstance(number, str):
-                assert not isinstance(other, float), name
+            else:
+                assert isinstance(number, str) and isinstance(other, str), name
 
 
 def is_slow(row):
@@ -304,6 +307,7 @@ def python_result(name, arguments, folder):
     if name == "simulate":
         return result.at([0.0, 0.5]).values
     if name == "reference_simulation":
+        # A ball is a number with an error bound.
         return [float(ball) for ball in result.at(np.array([0.05, 0.1])).ravel()]
     if name == "export":
         words = re.split(r'[\s"]+', result.path.read_text(encoding="utf-8"))

@@ -373,10 +373,11 @@ def test_an_analysis_of_whole_motions_is_verified():
 def test_angles_that_drift_are_noticed_in_an_analysis_of_whole_motions(monkeypatch):
     """A drift of continued angles by 1e-9 rad per sample is found by the verification.
 
-    Continued angles have no jumps of whole turns. The verified row that deviates most is
-    then the last one, several turns on. The entry of a column in a verification is that
-    row: its sample, value, reference and deviation. The reference has to be the value of
-    the run without drift. `RiseSinceFirstSample` is the analysis: the rise of an angle.
+    Continued angles have no jumps of whole turns. A verification computes some rows again,
+    here nine, from the angles of their configurations. So the reference has no drift. For
+    each column the verification states the row that deviates most, with sample, value,
+    reference and deviation. Columns whose deviation is too large are listed in `beyond`.
+    `RiseSinceFirstSample` is the analysis: the rise of an angle.
     """
     drift_rad = 1e-9
     four_bar = sk.load("four_bar")
@@ -393,7 +394,7 @@ def test_angles_that_drift_are_noticed_in_an_analysis_of_whole_motions(monkeypat
     assert "risen.rise" in verification["beyond"]
     column = find_column(verification, "risen", "rise")
     rise = sound.set_index(["sample", "assembly_mode"])["rise"]
-    expected = rise[column["sample"], column["assembly_mode"]]
+    expected = rise[column["sample"], column["assembly_mode"]]  # in the run without drift
     assert column["reference"] == pytest.approx(expected, abs=1e-12)
     assert abs(column["reference"]) > 2.0 * np.pi
     drift_of_row = drift_rad * column["sample"]
@@ -461,8 +462,8 @@ def test_wrong_uses_of_verify_are_refused(capsys):
 def test_an_analysis_that_fails_when_computed_again_does_not_lose_the_run():
     """An analysis that works in a run and fails in its verification is named there.
 
-    The verification computes some rows again. The run has no failure, and the columns of
-    its other tables are still verified.
+    The verification computes some rows again, here two (`verify`). The run has no failure,
+    and the columns of its other tables are still verified.
     """
 
     @dataclass(frozen=True)
@@ -473,6 +474,7 @@ def test_an_analysis_that_fails_when_computed_again_does_not_lose_the_run():
         call_count: ClassVar = 0
 
         def needs(self, mechanism):
+            """Ask for the rates of one pole, though they are not used."""
             return Needs(rates=frozenset([(0, 3)]), derivatives=True)
 
         def compute(self, batch):

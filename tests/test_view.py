@@ -246,11 +246,12 @@ def test_curves_of_a_chart_have_the_colours_of_its_legend(tmp_path):
 
     Each of two assembly modes has a chart of two velocity coefficients. Both modes are also
     compared in a chart of acceleration coefficients (1/rad), with one curve for each mode.
-    Paths in the recording begin with "/x", its name.
+    The name of the recording is "x", so the paths of its objects begin with "/x".
     """
     colours = {}
     entities = set()
     for chunk in RrdReader(record_assembly_modes(tmp_path / "few.rrd", 2)).stream():
+        # Charts are static: they do not change with the sample that the viewer shows.
         if not (chunk.is_static and chunk.entity_path.startswith("/x")):
             continue
         entities.add(chunk.entity_path)

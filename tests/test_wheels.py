@@ -131,7 +131,7 @@ def coupler_margin(q, right):
     Positive: the loop closes, in two configurations. The couplers form a chain between the
     tips of both cranks. Their distance must be below the sum of both arcs and above the
     difference. `q` and `right` (n,) are the angles of the left and the right crank in
-    degrees.
+    degrees. A crank has the angle 0 if it is directed to the axis of the other crank.
     """
     base = BASE * DEGREE
     left_axis = np.array([0.0, 0.0, 1.0])
@@ -238,9 +238,11 @@ def test_a_reference_pose_alone_fixes_the_phase_of_wheels(tmp_path):
     """
     teeth = (17, 23)
     sized_mechanism = geared_five_bar(tmp_path, teeth, span=(59, 61))
-    motion_at_60_deg = PositionAnalysis(sized_mechanism, samples=3).motion()
+    # Samples of the first mode at 59, 60 and 61 degrees, then those of further modes.
+    motion_about_60_deg = PositionAnalysis(sized_mechanism, samples=3).motion()
+    axes_at_60_deg = motion_about_60_deg.axes[1]
     axes = {}
-    for pair, axis in zip(sized_mechanism.pairs, motion_at_60_deg.axes[1], strict=True):
+    for pair, axis in zip(sized_mechanism.pairs, axes_at_60_deg, strict=True):
         axes[pair.name] = tuple(axis.tolist())
     del axes["mesh"]
 
@@ -420,10 +422,11 @@ def test_modes_half_a_turn_of_the_arm_apart_are_two_although_a_planet_has_turned
     """Two modes half a turn of the arm apart are counted as two.
 
     `PLANET_WITH_PIN` is a planet on a fixed sun, and a rod from its pin to a crank. The arm
-    carries the planet. The sun has twice as many teeth as the planet, so the planet turns
-    relative to the arm by twice the angle of the arm: once while the arm makes half a turn.
-    At three of the crank angles two modes happen to be that far apart. The expected arm
-    angles come from a scan: the rod fits where the distance between its ends is 50 deg.
+    carries the planet. The sun has twice as many teeth as the planet. So while the arm
+    makes half a turn, the planet makes one turn on the arm and has the same angle again.
+    At three of the crank angles the arm angles of two modes differ by half a turn. The
+    expected arm angles come from a scan: the rod fits where the distance between its ends
+    is 50 deg.
     """
     mechanism = loads(PLANET_WITH_PIN.format(crank_arc_deg))
     path = np.array([[np.radians(crank_deg)]])
@@ -442,8 +445,8 @@ def test_modes_half_a_turn_of_the_arm_apart_are_two_although_a_planet_has_turned
     scanned = arm_turns[changes] + arms[0]
     # The scan begins 3 rad before the first mode, and ends after a whole turn.
     assert len(scanned) == len(motion.values) == 4
-    # (modes, scanned) half sines, which ignore whole turns. Each mode is near a scanned
-    # angle, and each scanned angle is near a mode.
+    # (modes, scanned) sines of half the differences, so that whole turns do not count.
+    # Each mode is near a scanned angle, and each scanned angle is near a mode.
     distances = np.abs(np.sin(0.5 * (arms[:, None] - scanned)))
     assert np.max(np.min(distances, axis=1)) < 1e-3
     assert np.max(np.min(distances, axis=0)) < 1e-3

@@ -284,10 +284,11 @@ def seven_link_case():
 def test_limits_of_a_five_bar_with_an_inner_loop_agree_with_brute_force(
     seven_link_case, signs
 ):
-    """Whether a direction is in a workspace agrees with rotation matrices of all links.
+    """`judge` says of the right directions that they are inside the workspace.
 
-    One crank of this five-bar is driven through a four-bar. `seven_link_case` has the
-    mechanism, its kinematics and limits (rad):
+    The reference computes the limits from rotation matrices of all links. One crank of this
+    five-bar is driven through a four-bar. `seven_link_case` has the mechanism, its
+    kinematics and limits (rad):
 
     - The angle of pair f2 is from -2 to 1.
     - The axes b1 and b2 are at least 0.3 apart, e2 and c at most 1.9 apart.
@@ -315,6 +316,7 @@ def test_limits_of_a_five_bar_with_an_inner_loop_agree_with_brute_force(
     # -2 <= f2 <= 1 is |f2 + 0.5| <= 1.5, compared modulo whole turns.
     f2 = configurations.values[:, pair_number["f2"]]
     f2_from_middle = np.angle(np.exp(1j * (f2 + 0.5)))
+    # The axes of `type_1` are working modes (one), directions and inputs.
     measures = inverse.at(DIRECTIONS, [signs])
     least_sine = np.minimum(measures.type_1[0].min(axis=1), measures.type_2[0])
 
@@ -366,14 +368,16 @@ def test_a_direction_outside_gets_the_nearest_reachable_one():
     """
     kinematics = closed_kinematics(FIVE_BAR)
     bounds = bounds_of(kinematics, Constraints(limits=(JointLimit("21", 0.7, 2.4),)))
-    (workspace,) = direction_workspaces(kinematics, bounds, [(1, 1)], 1e-3)
+    # The area is wanted to a relative error of 1e-3.
+    (workspace,) = direction_workspaces(kinematics, bounds, [(1, 1)], tolerance=1e-3)
     is_inside = judge(kinematics, bounds, (1, 1), DIRECTIONS).inside
     counted_area_sr = 4.0 * np.pi * is_inside.mean()
     region = workspace.region
     assert abs(region.area - counted_area_sr) < region.error + COUNTED_AREA_ERROR_SR
 
     inside = DIRECTIONS[is_inside]
-    for direction in DIRECTIONS[~is_inside][::1500]:
+    some_outside = DIRECTIONS[~is_inside][::1500]
+    for direction in some_outside:
         nearest, angle = nearest_reachable(kinematics, bounds, workspace, direction)
         judgement = judge(kinematics, bounds, (1, 1), nearest[None])
         assert judgement.inside[0]
@@ -458,11 +462,10 @@ def unlike_legs():
 def test_volume_of_a_platform_with_unlike_legs_is_the_share_that_closes(unlike_legs):
     """The volume of reachable orientations is the share of random ones whose loops close.
 
-    `unlike_legs` has a platform with different legs. `judge` says for each orientation
-    whether the legs reach it. A position solver, which uses only the graph of the
-    mechanism, must agree. All orientations together have the volume 8 pi^2. A workspace
-    belongs to a working mode (a way to bend each leg). If the second mode has the workspace
-    of the first, `same_as` has the signs of the first, otherwise None.
+    `unlike_legs` has a platform with different legs, its limits, random orientations, and
+    the workspaces of two working modes (ways to bend each leg). `judge` says for each
+    orientation whether the legs reach it. A position solver, which uses only the graph of
+    the mechanism, must agree. All orientations together have the volume 8 pi^2.
     """
     kinematics, bounds, samples, (workspace, second_workspace) = unlike_legs
     signs = kinematics.modes[0]
@@ -473,6 +476,7 @@ def test_volume_of_a_platform_with_unlike_legs_is_the_share_that_closes(unlike_l
     configurations = solver.evaluate(AssemblyMode(0, signs), angles)
     is_inside = judge(kinematics, bounds, signs, samples).inside
     assert np.array_equal(is_inside, configurations.status == Status.OK)
+    # The second workspace is its own, or marked as equal to that of the first mode.
     assert second_workspace.same_as in (None, signs)
 
     share = is_inside.mean()
@@ -532,16 +536,18 @@ def test_pages_of_a_workspace_show_map_border_mark_and_text():
         (sphere_map,) = [item for item in primitives if isinstance(item, SphereMap)]
         assert sphere_map.triangles.max() < len(sphere_map.vertices)
         assert len(sphere_map.vertices) == len(sphere_map.values)
+        # Angles to limits and singularities inside the workspace.
         drawn_values = sphere_map.values[np.unique(sphere_map.triangles)]
         assert drawn_values.min() >= 0.0
         assert drawn_values.max() <= np.pi / 2
 
+        # The last item has no curve, only the mark of the deepest point.
         curves = [item for item in primitives if isinstance(item, SphereCurves)]
         *borders, deepest_point = curves
         # Singularities of type I of both inputs, and of type II.
         assert len(borders) == 3
         assert len({border.tone for border in borders}) == 3
-        # The label is repeated at the mark, so that legends of figures name it once.
+        # A legend has one entry for equal labels, so item and mark have the same label.
         assert deepest_point.label == deepest_point.marks[0].label
 
         (text,) = [item.markdown for item in primitives if isinstance(item, Text)]
