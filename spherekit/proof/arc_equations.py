@@ -107,8 +107,8 @@ class ClosingLinkPlacement:
         For each of the two pairs its axis (3,) in link axes of the parent.
     dual_rows
         Three vectors (3,) a, b, n in link axes: the dual basis of the two pair axes and
-        their cross product. They give the orientation of the link, the matrix U a^T + W b^T
-        + (U x W) n^T. It is a rotation if the arc between U and W is right.
+        their cross product. The matrix U a^T + W b^T + (U x W) n^T is the orientation of
+        the link.
     arc_cosine
         Cosine of the arc of the link between its two axes, as a ball (a number with a bound
         of its error).
@@ -212,9 +212,8 @@ class ArcEquations:
         Returns
         -------
         (3, 3, 3) matrices T, in balls (numbers with error bounds). T[0] + cos(x) T[1] +
-        sin(x) T[2] rotates from link axes to the axes of the parent. Here x is the angle of
-        the pair. If toothed wheels drive the pair, its angle is a multiple of the input
-        angle plus an offset. Then x is the multiple, and T contains the offset.
+        sin(x) T[2] rotates from link axes to the axes of the parent. The angle of the pair
+        is x, or x plus a constant offset for a pair in `follower_offsets`.
         """
         (pair,) = step.pairs
         terms = revolute_rotation_terms(*self.pair_frames[pair])
@@ -224,6 +223,7 @@ class ArcEquations:
             # is the first one, so the rotation is transposed.
             terms = terms.swapaxes(1, 2)
         if pair in self.follower_offsets:
+            # Toothed wheels drive the pair. The rotation by the offset becomes part of T.
             terms = _shift_angle(terms, self.follower_offsets[pair])
         return terms
 
@@ -293,7 +293,8 @@ class ArcEquations:
         Arrays of balls for k equations and v variables: f (k,), then its derivatives
         f' (k, v) and f'' (k, v, v) up to the order.
         """
-        shape = [len(self.degrees), *[self.variable_count] * order]
+        equation_count = len(self.degrees)
+        shape = [equation_count, *[self.variable_count] * order]
         arrays = [
             np.full(shape[: power + 1], exact_ball(0.0)) for power in range(order + 1)
         ]
@@ -332,7 +333,7 @@ class ArcEquations:
         # At first each orientation is relative to a link placed earlier, its reference. The
         # product with the orientation of the reference leads to the root.
         _, orientations = self._evaluate_jets(variables, order)
-        # The root does not rotate. Its derivatives have no keys; they count as zero.
+        # The root does not rotate, so its jet has no derivatives.
         orientations[self.construction.root] = {(): exact_balls(np.eye(3))}
         for step in self.construction.steps:
             reference = self.construction.placements[step.link].reference
@@ -401,7 +402,7 @@ class ArcEquations:
 
         for step in self.construction.steps:
             if not step.has_two_parents:
-                # The rotation has derivatives up to order 2 in any case.
+                # Derivatives of the rotation above the requested order are left out.
                 rotation = _rotation_jet(self._rotation_terms[step.link], variables, step)
                 orientations[step.link] = {
                     key: array for key, array in rotation.items() if len(key) <= order
@@ -447,8 +448,7 @@ class ArcEquations:
         bounds = []
         # Each step places the link of one equation.
         for step in self.construction.equation_steps:
-            # `first` and `second` have the links on the paths of U and W. While loops are
-            # open, the matrices of some links are no rotations, with norms above 1.
+            # `first` and `second` have the links on the paths of U and W.
             paths = self.construction.parent_paths(step)
             norm_of_U = _multiply_norms(norms, paths.first)
             norm_of_W = _multiply_norms(norms, paths.second)
@@ -462,18 +462,16 @@ class ArcEquations:
 
         The norm of a matrix says by how much it lengthens a vector at most. The orientation
         of a link is relative to another link, its reference. The bound is valid at all real
-        angles, also at those with which the loops are open.
+        angles.
         """
         # The orientation of a link placed by one pair is a rotation about the axis of the
         # pair, so its norm is 1. `_rotation_terms` has these links as keys.
         norms = dict.fromkeys(self._rotation_terms, 1.0)
         # A closing link is put on two axes U and W of earlier links. Its matrix is
-        # U a^T + W b^T + (U x W) n^T, with constant vectors a, b and n. This is a rotation
-        # only if the loop is closed; otherwise the norm can exceed 1. U and W are unit
+        # U a^T + W b^T + (U x W) n^T, with constant vectors a, b and n. U and W are unit
         # vectors, multiplied by the orientations of the links on a path.
         for step in self.construction.equation_steps:
-            # `first` and `second` have the links on the paths of U and W. The norms of
-            # these links are known, since they were placed before.
+            # `first` and `second` have the links on the paths of U and W.
             paths = self.construction.parent_paths(step)
             # A lower bound of the sine of the arc between the two axes of the link. The
             # lengths of a, b and n are at most 1 / sine.
@@ -531,8 +529,7 @@ def _follower_offsets(
     angle is a multiple of the input angle plus a constant, the offset. The equations rotate
     the link of the pair by the multiple, and by the offset as a constant angle.
 
-    There are no offsets without wheels. There are also none if the angles of the followers
-    are separate variables.
+    The result is empty if there are no wheels, or if the follower angles are variables.
 
     Parameters
     ----------
@@ -579,11 +576,9 @@ def _bound_closing_link_norm(
 
     Returns
     -------
-    The bound. The caller may multiply it by another norm without further allowance for
-    rounding.
+    The bound.
     """
-    # At most six float64 operations are rounded: five here, and the product of the caller.
-    # An allowance of 16 roundings covers them.
+    # Five float64 operations are rounded. An allowance of 16 roundings covers these.
     rounding_allowance = 1 + 16 * UNIT_ROUNDOFF
     sum_of_norms = (
         first_norm + second_norm + first_norm * second_norm

@@ -100,11 +100,9 @@ def make_ball_curve(profile: Profile, backwards: bool = False) -> Curve:
     profile
         The profile in the axes of its link.
     backwards
-        Whether to run the curve in the opposite sense. An open curve then starts at its
-        end.
+        Whether to run the curve in the opposite sense, an open curve from its end.
     """
-    # Results are cached by precision. An open curve is reversed from its length. A closed
-    # one is reversed from 0, since it also takes negative arc lengths.
+    # `reverse_start` is the arc length from which the reversed curve starts.
     curve, reverse_start = _make_curve(profile, precision_bits())
     if not backwards:
         return curve
@@ -121,9 +119,8 @@ def make_ball_curve(profile: Profile, backwards: bool = False) -> Curve:
 def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
     """Return the curve of a profile in ball arithmetic, and where its reverse starts.
 
-    A profile is the rim of a link that touches another link. Two profiles run in the same
-    direction where they touch. For this, one of them may have to be reversed. The caller
-    makes the reversed curve from this one, and needs the arc length at which it starts.
+    A profile is the rim of a link that touches another link. The caller may reverse the
+    curve, and needs the arc length at which the reversed curve starts.
 
     The curve is a function of arc lengths (n,). It returns frames (n, 3, 3) with the
     columns tangent, normal and point. All numbers are balls, with a centre and a radius
@@ -136,7 +133,7 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
         The profile in the axes of its link: a circle, a spline through points, or a Fourier
         sum. The Fourier profile gives the angle from the centre at each azimuth.
     _precision_bits
-        Present number of bits. It is only a key of the cache, since results depend on it.
+        Present number of bits, a key of the cache, because results depend on the precision.
 
     Returns
     -------
@@ -348,9 +345,8 @@ def _convergence_distance(coefficients: list[Ball], bits: int) -> float:
 
         ln x <= -(bits ln 2 + ln abs(c_n)) / n.
 
-    The result is the largest x for which this holds for the last four terms. A single one
-    could be zero by chance. It is not an exact bound, so it is reduced by
-    `CONVERGENCE_MARGIN`.
+    The largest x that satisfies this for the last four terms is an estimate. (A single term
+    could be zero by chance.) The result is the estimate, reduced by `CONVERGENCE_MARGIN`.
 
     Parameters
     ----------
@@ -439,8 +435,8 @@ def _evaluate_colatitude(
 class _SphericalSpline:
     """A quintic spline in space, projected from the centre onto the unit sphere, in balls.
 
-    It is the profile (rim) of a link. A ball is a number with a bound of its error. The
-    float64 knots and control points of the spline count as exact.
+    The spline is the profile (rim) of a link. A ball is a number with a bound of its error.
+    The float64 knots and control points of the spline count as exact.
 
     The spline is one polynomial between two knots. If a ball contains a knot, the result
     contains the values of the polynomials on both sides.

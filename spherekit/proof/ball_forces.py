@@ -104,8 +104,7 @@ def interpolate_table(table: TorqueTable, t: Array, time_inside: float) -> Array
     """
     times = exact_balls(table.times)
     torques = exact_balls(table.torques)
-    # In a periodic table the line is one of the first period, shifted by whole periods. It
-    # is selected in float64; the torque on it is computed in balls.
+    # In a periodic table the line is one of the first period, shifted by whole periods.
     period = times[-1] - times[0]
     if table.periodic:
         periods_passed = np.floor((time_inside - table.times[0]) / float(period))

@@ -95,8 +95,8 @@ def azimuth_frame(centre: Vector) -> Frame:
 
     The rows of a frame are the zero direction (azimuth 0), the side (azimuth 90 degrees)
     and the axis. The axis is `centre`, a unit vector (3,) in link axes. The zero direction
-    is the part of the x axis of the link that is normal to the axis. If the centre is close
-    to the x axis, the y axis takes its place.
+    is the part of the x axis of the link that is normal to `centre`. If the centre is close
+    to the x axis, the y axis of the link is used.
     """
     helper = np.eye(3)[1 if abs(float(centre[0])) > 0.9 else 0]
     return _frame_toward(centre, helper - (helper @ centre) * centre)
@@ -115,8 +115,7 @@ def frames_from_sizes(
 
     A frame (3, 3) has three unit vectors in link axes as rows: the zero direction, the side
     (cross product of axis and zero direction), and the axis of the pair. The zero direction
-    points towards another axis of the link. If all axes of the link coincide, it is any
-    direction across the axis. Rolling and sliding contacts have no axis and no frame.
+    points towards another axis of the link.
 
     Parameters
     ----------

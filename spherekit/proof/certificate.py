@@ -176,15 +176,13 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
 
     A certificate is a table for a JSON file, from which a checker can repeat the proof.
     Each curve is a chain of pieces. A piece is a box in the space of the variables with
-    exactly one arc of the curve. It contains the centre of the next piece. Centres and
+    exactly one arc of the curve. Each box contains the centre of the next box. Centres and
     frames of boxes are exact float64 numbers. Places where curves cross or nearly do are
-    listed as crossings. The boxes that prove that there is no other curve are left out: a
-    checker has to divide the space of the variables again.
+    listed as crossings.
 
-    If the input drives wheels, all of them are back at their initial angles after
+    If the input drives wheels, all wheels are back at their initial angles after
     "input_turns_of_its_variable" turns of the input. In the equations the input angle is
-    this number times a variable, so that the angles of the wheels are whole multiples of
-    the variable, too. Without wheels the number is 1.
+    this number times a variable. The wheel angles are whole multiples of the variable.
 
     "off" is the error bound (rad) of a configuration. "curves_at_one_input_rad" are the
     inputs at which a whole curve has one value of the input.

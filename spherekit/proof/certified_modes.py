@@ -83,8 +83,7 @@ class CertifiedModes:
     inputs
         The inputs as decimal numbers in the unit of the file.
     roots
-        Complex roots that are proven to be different. If there are `mode_bound` of them, no
-        root is missing.
+        Complex roots that are proven to be different, real roots among them.
     precision_bits
         Bits of the ball centres with which they were proven.
     systems
@@ -144,18 +143,20 @@ class CertifiedModes:
         """What is guaranteed about the list of assembly modes, and why.
 
         An assembly mode (one way to assemble the mechanism) is a real solution of the
-        equations. One of three ways can prove that none is missing:
+        equations, or real mode. A complex mode is a real or complex solution. Each proven
+        mode is the only one in a small region about it, its ball. One of three ways can
+        prove that no real mode is missing:
 
-        1. As many complex solutions (modes) are proven as there can be (`is_counted`). The
-           largest possible number is `mode_bound`.
+        1. As many complex modes are proven as there can be (`is_counted`). The largest
+           possible number is `mode_bound`.
         2. The equations are divided into small systems, which are solved one after another
            (`systems`). For each system, as many solutions are proven as there can be,
            including solutions at infinity.
         3. The space of the unknown angles is divided into boxes, in which further real
            modes are excluded (`is_complete`).
 
-        Otherwise some boxes stay undecided, and real modes can only be missing there. If
-        space was not divided at all, modes can be missing at any angle.
+        If none of these succeeds, the guarantee is `Guarantee.TO_BOX`: real modes can be
+        missing in undecided boxes, or at any angle if there are no boxes.
         """
         arithmetic = f"ball arithmetic of {self.precision_bits} bits"
         statement = f"{len(self.real)} real modes, each alone in its ball"
@@ -183,7 +184,7 @@ class CertifiedModes:
                 f"{statement}; undecided in {len(widths)} clusters, nothing else outside; "
                 f"{arithmetic}"
             )
-            # Without clusters, space was not divided. The width is then a whole turn.
+            # Without clusters, the space of the angles was not divided.
             largest_width = max(widths, default=TURN)
             return Completeness(Guarantee.TO_BOX, words, largest_width)
         return Completeness(Guarantee.CERTIFIED, words)
@@ -249,7 +250,7 @@ def certify_modes(
             search = _RootSearch(decimal_mechanism, construction, inputs)
             for approximation in approximations:
                 search.add_root(approximation)
-            # Homotopies run once. They give the approximations.
+            # Homotopies run with the first precision only, and give the approximations.
             if bits == MODE_PRECISIONS_BITS[0]:
                 result = search.search_by_homotopies()
                 approximations = result.approximations
@@ -299,7 +300,7 @@ def read_known_angles(
 def join_boxes(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
     """Join boxes that touch each other, and return the smallest box around each group.
 
-    If the boxes around groups touch, they are joined, too.
+    Groups with boxes that touch are joined, until no boxes touch.
 
     Parameters
     ----------
@@ -421,8 +422,8 @@ class _RootSearch:
                     approximations.append(angles)
             if self._is_complete(roots):  # Case 1 or 2.
                 break
-            # A homotopy without roots is followed by the next one at once, since the
-            # systems take time.
+            # The solution of the systems takes time, and is not tried after a homotopy
+            # without roots.
             if not len(roots):
                 continue
             systems = self._find_complete_systems()
@@ -446,11 +447,9 @@ class _RootSearch:
     def _find_complete_systems(self) -> Sequence[EquationSystem]:
         """Return the systems of equations that prove that no real root is missing.
 
-        The result is empty if they do not prove this.
-
-        The equations are divided into small systems, which are solved one after another
-        (`spherekit.proof.modes_over_boxes.count_modes`). If this proves the number of real
-        roots, and as many real roots are proven here, none is missing.
+        The result is empty if the systems do not prove this. Systems are small parts of the
+        equations that are solved one after another. If the number of real roots is proven
+        in this way, and as many real roots are known here, none is missing.
         """
         real_count, systems = self.real_roots_by_systems
         return systems if real_count == len(self.real) else ()

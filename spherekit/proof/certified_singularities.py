@@ -115,20 +115,17 @@ class CertifiedSingularities:
 
         They are the singularities of types I and II (an output or the input is stationary),
         the places where curves of configurations cross or nearly do (saddles), and the
-        inputs at which a whole curve exists. An input may be listed twice.
+        inputs at which a whole curve exists.
         """
         curves = self.curves
-        # Type II is taken from the curves: `singularities` lists it, too, but not for a
-        # mechanism without outputs.
         points = [
             point
             for stationary_points in curves.input_stationary_points
             for point in stationary_points.proven
         ]
         points += [singularity.point for singularity in self.singularities]
-        # In a mechanism with wheels, the equations contain the input divided by
-        # `cycle_turns`. So errors of this variable are multiplied by `cycle_turns`, and
-        # `input_angle` multiplies the variable itself. Without wheels the factor is 1.
+        # The equations contain the input divided by `cycle_turns`. `input_angle` multiplies
+        # this variable by `cycle_turns`, so its errors are multiplied as well.
         critical_inputs = [
             (curves.input_angle(point.position), curves.cycle_turns * point.error)
             for point in points
@@ -197,7 +194,7 @@ def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
         if output_pairs.get(name) not in input_like_pairs
     ]
     if not output_names:
-        # Singularities of type II do not depend on the output, so one row is enough.
+        # The singularities of type II are listed under this name, once.
         output_names = ["-"]
     for output in output_names:
         pair = output_pairs.get(output)

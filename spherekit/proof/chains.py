@@ -116,8 +116,6 @@ def _may_be_between(
 ) -> bool:
     """Return whether a curve may pass a configuration between the centres of two arcs.
 
-    It serves to find out whether the curve runs through the configuration a second time.
-
     Parameters
     ----------
     configuration
@@ -287,8 +285,8 @@ def _follow_forward(
         if not end:
             end_to_leave = end
         # The chain closes if the start is in the box of the last arc, ahead of its centre,
-        # and both tangents have the same sense. Before the curve has left the box of the
-        # first arc, this is not tested.
+        # and both tangents have the same sense. At first the curve must leave the box of
+        # the first arc.
         has_left_start = distance_covered > 1.5 * start.half_length
         start_is_ahead = has_left_start and last.coordinates(start.centre)[0] > 0
         has_same_sense = last.tangent @ start.tangent > 0.5

@@ -370,8 +370,7 @@ def _exact_arc(
     Returns
     -------
     The arc as a fraction in the unit of the file, between 0 and half a turn. None if the
-    file does not give this arc, or if it is 0 or half a turn. In radians also None for arcs
-    beyond this range, because 2 pi cannot be subtracted exactly.
+    file does not give this arc, or if no such exact fraction exists.
     """
     arc_text = _find_arc_text(decimal_mechanism, link, first_pair, second_pair)
     if arc_text is None:
@@ -385,8 +384,8 @@ def _exact_arc(
         arc = min(forward_arc, backward_arc)
         upper_limit = 180.0
     else:
-        # Half a turn, pi, is not a decimal number. A limit a little below excludes few
-        # arcs.
+        # The limit is a little below half a turn, because pi is not a decimal number. Arcs
+        # above are refused, because 2 pi cannot be subtracted exactly.
         upper_limit = 3.14159
     return arc if 0 < arc < upper_limit else None
 
@@ -557,14 +556,15 @@ class Crossings:
         """Return the arms on which a chain of arcs begins and ends, None for no arm.
 
         An arm is a branch of a curve that leaves a saddle, where curves cross or nearly do.
-        A closed chain has no ends. A chain of a single arc belongs to an arm that leaves
-        the range of the input near its saddle. It begins outside the range, so only its end
-        is on the arm.
         """
         if closed:
             return None, None
-        begin_arm = None if len(pieces) == 1 else self.arm(pieces[0])
-        return begin_arm, self.arm(pieces[-1])
+        end_arm = self.arm(pieces[-1])
+        if len(pieces) == 1:
+            # A single arc leads from outside the range of the input to an arm. So only its
+            # end is on the arm.
+            return None, end_arm
+        return self.arm(pieces[0]), end_arm
 
     def may_contain(self, position: Floats, error: float) -> bool:
         """Return whether a configuration may be in the box of a saddle.
@@ -644,8 +644,7 @@ class Crossings:
         # The constant values of one variable at which the second variable is free.
         for angle in loop.angles_that_free_other_variable(variable):
             # The equation of this loop is satisfied. Those of other loops determine the
-            # remaining variables. The result is None if this angle is not near the
-            # position.
+            # remaining variables.
             given = {variable: angle, other_variable: other_angle}
             balls = complete_configuration(self.equations, loop.equation, given, position)
             if balls is not None:

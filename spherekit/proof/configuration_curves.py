@@ -86,8 +86,8 @@ class ModeInterval(NamedTuple):
 class CertifiedCurves:
     """The configuration curves over a range of the only input, as far as they are proven.
 
-    A closed configuration is one with closed loops. Each one in the range is on a chain
-    (curve), on an arm (branch) of a crossing, or in one of the undecided boxes.
+    Each configuration in the range is on a chain (curve), on an arm (branch) of a crossing,
+    or in one of the undecided boxes.
 
     Attributes
     ----------
@@ -140,9 +140,9 @@ class CertifiedCurves:
     def cycle_turns(self) -> int:
         """Number of turns of the input after which all wheels are at their initial angles.
 
-        It is 1 without wheels. The equations use a variable that makes one turn while the
-        input makes this number of turns. So the input angle is this number times the
-        variable.
+        The number is 1 without wheels. The equations use a variable that makes one turn
+        while the input makes this number of turns. So the input angle is this number times
+        the variable.
         """
         return self.construction.cycle_turns
 
@@ -243,9 +243,10 @@ class CertifiedCurves:
     ) -> list[tuple[float, float]]:
         """Return the inputs near a position as intervals (low, high) rad.
 
-        All links return to the same place after a cycle of the input. So the interval of
-        inputs near the position is shifted by whole cycles, to where it overlaps the range.
-        The result is empty if there is no overlap. It may list an interval several times.
+        All links return to the same place after a cycle of `cycle_turns` turns of the
+        input. So the interval of inputs near the position repeats after each cycle. The
+        result has the repetitions that overlap the range. A repetition may be listed
+        several times.
 
         Parameters
         ----------
@@ -255,11 +256,12 @@ class CertifiedCurves:
             Largest difference (rad) of the input's variable from its value at the position.
         """
         ranges = []
-        # The input makes `cycle_turns` turns in a cycle, its variable in the equations one.
+        # The input's variable in the equations is the input divided by `cycle_turns`.
         half_width = variable_error * self.cycle_turns
         middle = self.input_angle(position)
-        # The interval may overlap the range with one end only. So its start, its middle and
-        # its end are shifted into the range one after another, and the interval with them.
+        # The start, the middle or the end of the interval is shifted into the range by
+        # whole cycles; None if no shift leads there. The interval is shifted by the same
+        # angle.
         for offset_from_middle in (-half_width, 0.0, half_width):
             shifted_input = self.wrap_into_range(middle + offset_from_middle)
             if shifted_input is not None:
@@ -418,6 +420,8 @@ class CertifiedCurves:
             if is_constant:
                 continue
             positions = _list_positions(chain, points)
+            # A chain can end at a saddle, on one of the branches of curves that leave the
+            # saddle (arms). None for an end at no saddle.
             first_arm, last_arm = arms
             if first_arm is not None:
                 positions.insert(0, self._saddle_centre(first_arm))
@@ -476,14 +480,14 @@ class CertifiedCurves:
         return sorted(q for q in inputs if first < q < last)
 
     def _shortest_interval(self) -> float:
-        """Return the length (rad) up to which an interval of the input may be an error.
+        """Return the length (rad) that an interval of the input must exceed.
 
-        Modes are counted between turning points, where the input turns back. Turning points
-        are known with an error. Two of them may be at the same input if they differ by less
-        than twice the largest error.
+        Modes are counted in the intervals between turning points, where the input turns
+        back. Turning points are known with an error. A shorter interval may exist only
+        because of these errors: it is shorter than twice the largest error.
         """
-        # In mechanisms with wheels the equations contain the input divided by
-        # `cycle_turns`, with the error `point.error`. The input's error is larger.
+        # `point.error` is the error of the variable in the equations. The input is
+        # `cycle_turns` times this variable.
         input_errors = [
             point.error * self.cycle_turns
             for points in self.input_stationary_points
@@ -521,8 +525,8 @@ class CertifiedCurves:
             f"{counted(len(self.chains), 'curve')} of {piece_count} pieces with one arc "
             f"each, {self.box_count} boxes{_describe_saddles(self.saddles)}"
         )
-        # This problem means that one curve may have been found twice. Assembly modes are
-        # then not counted, and the text begins with it.
+        # If one curve may have been found twice, assembly modes are not counted. The text
+        # begins with this problem.
         if OVERLAPPING in self.problems:
             facts = f"{OVERLAPPING}; {facts}"
         undecided_ranges = self.undecided_ranges
@@ -594,8 +598,8 @@ def _bound_saddle_doubt(
     stationary. It is 0 if the variable is proven not to be stationary near the saddle.
     """
     distance = 0.0
-    # 1. In the central zone. Curves are proven to cross if `level_sign` is 0; then they do
-    #    not bend. `is_monotonic`: the variable is proven to grow or fall along the bend.
+    # 1. In the central zone. Curves that are proven to cross (`level_sign` 0) do not bend.
+    #    `is_monotonic`: the variable is proven to grow or fall along the bend.
     is_proven_crossing = saddle.level_sign == 0
     if not (is_proven_crossing or saddle.is_monotonic[variable]):
         # Largest change (rad) of the variable from the centre to the end of the zone.

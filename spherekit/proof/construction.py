@@ -360,8 +360,8 @@ def permanent(matrix: Indices) -> int:
     It is the sum, over all permutations, of the products of one entry from each row and
     column. It gives an upper bound of the number of solutions of equations.
 
-    The rows are taken one by one. For each set of columns that they can use, the sum of the
-    products is stored. The time grows as 2**n instead of n!.
+    The rows are taken one by one. For each set of columns that the rows so far can use, the
+    sum of the products is stored.
     """
     # Sums of products by the set of used columns. Bit k of the set is 1 if it has column k.
     sums = {0: 1}
@@ -400,8 +400,7 @@ def find_construction(
     Raises
     ------
     PlanError
-        If there is no order, or no closed loop. There is an order if the numbers of links
-        and pairs give as many degrees of freedom as there are inputs.
+        If there is no order, or no closed loop.
     """
     construction = _find_best_construction(
         PairGraph.from_structure(structure), preferred_pairs=frozenset(preferred_pairs)
@@ -528,8 +527,7 @@ def _find_best_construction(
 def has_construction(structure: Structure) -> bool:
     """Return whether `find_construction` finds an order of placing the links.
 
-    Without such an order, proofs do not apply to the mechanism. The search stops at the
-    first order, so it is fast for structures with many links, too.
+    Without such an order, proofs do not apply to the mechanism.
     """
     constructions = _find_constructions(PairGraph.from_structure(structure))
     first = next(constructions, None)

@@ -125,8 +125,7 @@ class CurveSearch:
         if pieces:
             from scipy.spatial import cKDTree
 
-            # A tree needs at least one box; `covers` does not use it without boxes. With
-            # `boxsize`, angles that differ by a whole turn are the same.
+            # With `boxsize`, angles that differ by a whole turn are the same.
             periods = np.full(count, TURN)
             self._tree = cKDTree(_within_one_turn(self._centres), boxsize=periods)
 
@@ -186,10 +185,11 @@ class CurveSearch:
         return np.any(self._are_inside(arcs, centres[:, None], reach), axis=1)
 
     def _are_inside(self, pieces: Any, positions: Floats, reach: Floats | float) -> Bools:
-        """Return whether positions (..., v) are inside the oriented boxes of arcs.
+        """Return whether positions are inside the boxes of known arcs.
 
-        Each known arc of a configuration curve has a box around it, with sides along its
-        tangent and normals, that contains no other part of any configuration curve.
+        A position is a point in the space of the v variables. Each known arc of a
+        configuration curve has a box, with sides along the tangent and the normals of the
+        arc. The box contains no other part of any configuration curve.
 
         Parameters
         ----------
@@ -223,16 +223,15 @@ class CurveSearch:
     def resolve_undecided(self, undecided: BoxSet) -> BoxSet:
         """Search saddles in undecided boxes, and return the boxes outside all saddles.
 
-        A saddle is a place where configuration curves cross or narrowly miss each other. A
-        curve cannot be followed there, so boxes near it stay undecided: they are not proven
-        to be empty, nor inside the box of a known curve.
+        Boxes are in the space of all variables. A saddle is a place where configuration
+        curves cross or narrowly miss each other. A curve cannot be followed there, so boxes
+        near a saddle stay undecided: not proven to be empty, nor inside the box of a known
+        curve.
 
-        Each known curve is stored as a chain: a row of arcs, each in a box without other
-        configurations. Chains that pass a new saddle are divided there.
-
-        Four branches of curves, the arms, leave a saddle. Some arms are short: they leave
-        the range of the input near the saddle, so no curve was followed along them. A chain
-        of one arc is added for each of these.
+        A known curve is stored as a chain, a row of arcs. Chains that pass a new saddle are
+        divided there. Four branches of curves, the arms, leave a saddle. An arm is short if
+        it leaves the range of the input near the saddle. For each short arm a chain of one
+        arc is added.
         """
         for _ in range(MAX_SADDLES):
             new_saddle = self._add_saddle_near(undecided.centres)
@@ -374,8 +373,8 @@ class CurveSearch:
         for number, chain in enumerate(self.chains):
             is_other = chain_of_piece != number
             for piece in self._pieces_in_range(chain):
-                # The exact centre may differ from the computed one by this distance. So a
-                # computed centre that is outside a box by less counts as inside, too. The
+                # The exact centre may differ from the computed one by this distance. A
+                # computed centre that is outside a box by less counts as inside. The
                 # argument `reach` is negative for positions outside.
                 allowed_outside = piece.centre_error + COORDINATE_ROUNDING_RAD
                 is_inside = self._are_inside(is_other, piece.centre, reach=-allowed_outside)
@@ -451,19 +450,20 @@ class CurveSearch:
                 self._set_chains([*self.chains, chain])
 
     def _find_chain_outside_range(self, use: ArmUse) -> Chain | None:
-        """Return a curve of one arc for an arm that leaves the range of the input.
+        """Return a chain of one arc for an arm that leaves the range of the input.
 
-        An arm is one of the four branches of curves that leave a saddle, a box where curves
-        cross or nearly do. The arc is near the border of this box. The result is None if no
-        arc is proven, if the arc is in the range, or if the arm may lead back to the range.
+        A chain is a configuration curve as a row of arcs. An arm is one of the four
+        branches of curves that leave a saddle, a box where curves cross or nearly do. The
+        arc of the result is a part of the arm near the border of this box. The result is
+        None if no arc is proven, if the arc is in the range, or if the arm may lead back to
+        the range.
         """
         piece = self._find_piece_on_arm(use)
         if piece is None:
             return None
         # The last variable belongs to the input.
         input_variable = piece.centre[-1]
-        # 1 if the arc is above the range of the input, -1 below, 0 within. With a margin, a
-        # value a little outside would count as within; here there is none.
+        # 1 if the arc is above the range of the input, -1 below, 0 within.
         no_margin = 0.0
         side_of_range = self.side(input_variable, no_margin)
         # Whether the arc is outside the range, and the input moves farther away along it.
@@ -509,6 +509,7 @@ class CurveSearch:
         """
         pieces = chain.pieces
         arms = [self.crossings.arm(piece) for piece in pieces]
+        # The arms at both ends. None, with the count 0 below, for an end on no arm.
         first_arm, last_arm = self.crossings.chain_ends(pieces, chain.closed)
         first_count = _count_leading_arcs(arms, first_arm)
         last_count = _count_leading_arcs(arms[::-1], last_arm)

@@ -146,8 +146,6 @@ class _ContactCircle:
 class DecimalGeometry:
     """The sizes of a mechanism as the exact decimal numbers of its file, for proofs.
 
-    In float64 they would be rounded.
-
     Attributes
     ----------
     mechanism
@@ -184,8 +182,8 @@ class DecimalGeometry:
     def input_range_text(self, pair: str) -> tuple[str, str]:
         """Return the lower and the upper end of an input's range as the file writes them.
 
-        If the file gives no range, it is one turn from 0 on. `pair` is the name of the
-        input.
+        If the file gives no range, the range is one turn from 0 on. `pair` is the name of
+        the input.
         """
         table = self.document.data.get("inputs", {}).get(pair, {})
         turn = 360 if self.in_degrees else 2 * math.pi

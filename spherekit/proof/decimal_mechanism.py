@@ -231,8 +231,8 @@ class DecimalMechanism(DecimalGeometry):
         coupler. On the second circle of an external contact, arc length and angle have
         opposite senses, so the factor is negative.
         """
-        # First each pair gets the column of a revolute pair. Those of coupler pairs do not
-        # exist in the table, and are replaced.
+        # First each pair gets the column of a revolute pair. The columns of coupler pairs
+        # are replaced below.
         columns = [(f"theta_{name}", 1.0) for name in self.structure.pairs]
         for coupler, contact in enumerate(self.structure.couplers):
             pair = self.mechanism.pairs[contact]
@@ -256,9 +256,7 @@ class DecimalMechanism(DecimalGeometry):
 
         A mesh is a rolling contact of two wheels, with the link that carries both. The
         followers are the R pairs with angles that follow from the inputs through the
-        meshes. `structure` has only the R pairs of the mechanism, in the same order. The
-        indices of followers refer to `structure`; `_structure_pair` converts them from the
-        indices in `mechanism`.
+        meshes. Followers are numbered as in `structure`, which has the R pairs only.
 
         Raises
         ------
@@ -289,8 +287,8 @@ class DecimalMechanism(DecimalGeometry):
         followers = tuple(sorted(related_pairs - set(structure.inputs)))
         # The train has the lengths that wheels have rolled. Pair angles are known only up
         # to whole turns, which change these lengths, so combinations of turns are tried.
-        # None if no tried one agrees with all meshes, or if these do not determine the
-        # angles.
+        # None if no tried combination agrees with all meshes, or if the meshes do not
+        # determine the angles.
         train = find_gear_train(mechanism, driven_pairs(mechanism))
         # Each mesh gives a linear equation, and each follower is an unknown.
         if train is not None and len(followers) == len(meshes):
@@ -342,9 +340,9 @@ class DecimalMechanism(DecimalGeometry):
 
         Returns
         -------
-        (meshes, 2) lengths along both circles. They are in rad, unless the file gives
-        numbers of teeth. These then replace the sines of the radii, so that the length of a
-        whole turn is 2 pi times the number of teeth.
+        (meshes, 2) lengths along both circles, in rad. If the file gives numbers of teeth,
+        these numbers replace the sines of the radii. The length of a whole turn is then 2
+        pi times the number of teeth.
 
         Raises
         ------

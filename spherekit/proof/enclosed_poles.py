@@ -82,9 +82,7 @@ def _link_angular_velocities(
     """Return the angular velocities of all links at unit rate of one input.
 
     The other inputs are locked. Angular velocities are relative to the link that is placed
-    first, the root. The choice of the root has no influence on the difference of the
-    angular velocities of two links. All numbers are balls, which have a proven bound of
-    their error.
+    first, the root. All numbers are balls, which have a proven bound of their error.
 
     Parameters
     ----------

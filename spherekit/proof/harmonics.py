@@ -185,17 +185,20 @@ class Harmonics:
         angles.
         """
         variable_count = self.degrees.shape[1]
-        given_variables = [j for j in range(variable_count) if j not in unknowns]
+        given_variables = [
+            variable for variable in range(variable_count) if variable not in unknowns
+        ]
         given_count = len(given_variables)
-        # The equation is a Fourier sum of waves e^(i j angle). The sum is taken over the
-        # waves of the given angles. The axes of the unknowns remain; their waves are powers
-        # of z.
+        # The coefficients have an axis for each variable, with an index for each wave. For
+        # an unknown, this is an axis of powers of z.
         coefficients = self.coefficients[equation].transpose([*unknowns, *given_variables])
         waves = _evaluate_waves(given, self.max_degree, order=1)
-        # (2, ..., 2, powers of each unknown, n). The g axes of length 2 belong to the given
-        # angles; the index is the order of the derivative with respect to the angle.
+        # The sum over the waves of the given angles leaves these axes: first one of length
+        # 2 for each given angle, where index 0 is the value and index 1 the derivative.
+        # Next is an axis of powers of z for each unknown. The last axis has the n sets of
+        # given angles.
         sums = _sum_waves(coefficients, waves)
-        # Without given angles, the last axis still has the length 1.
+        # Without given angles, there is no sum, and the last axis has the length 1.
         sums = np.broadcast_to(sums, (*sums.shape[:-1], len(given)))
         values = _select_derivative(sums, given_count)  # (2 m_1 + 1, ..., n)
         slopes = np.empty((given_count, *values.shape), dtype=complex)

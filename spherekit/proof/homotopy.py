@@ -232,8 +232,8 @@ def _make_start_system(
         start = _expand_factors(roots) * phase
         # Start and goal get coefficients of the same norm.
         scale = np.linalg.norm(start) / np.linalg.norm(goal)
-        # `goal` has a first axis of length 1 for sets of given values; `start` gets one,
-        # too.
+        # The first axis of `goal` has length 1, for one set of given values. `start` gets
+        # such an axis.
         start_and_goal.append(np.stack([start[None], scale * goal], axis=1))
     return HomotopyStart(start_and_goal, _list_start_solutions(factor_roots))
 

@@ -124,8 +124,8 @@ class InputMap:
         distances = np.abs(self.centres - q) - self.radii
         low = np.min(self.centres - self.radii, axis=0)
         high = np.max(self.centres + self.radii, axis=0)
-        # A point is in a box only if it is so in all directions, so the largest distance
-        # counts.
+        # The largest of the distances in all directions counts: a point is in a box only if
+        # no distance is positive.
         gaps = np.max(distances[self.kind != REGULAR], axis=1)
         # 1e-12 rad covers the rounding of the boxes.
         return max(np.min([*gaps, *(q - low), *(high - q)]) - 1e-12, 0.0)
@@ -281,10 +281,9 @@ def _classify_boxes(
            halved.
         3. A part of the smallest size that is not regular adds -1 to this set.
 
-        From these sets, `_classify_boxes` classifies the cells in the end. `subdivide`
-        passes the number of boxes examined so far; this function ignores it.
+        From these sets, `_classify_boxes` classifies the cells in the end.
         """
-        del examined_count
+        del examined_count  # `subdivide` passes this number to all such functions.
         # By box and input: number of halvings of the range (level), and index of the part.
         levels, parts = boxes
         radii = ranges.radii(boxes)

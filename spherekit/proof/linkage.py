@@ -192,7 +192,8 @@ def _newton_step_to_identity(rotation: PairFunction, variables: Array) -> Array:
 def _rotation_vectors(rotation: PairFunction, values: Array) -> Array:
     """Return the angular velocity of a pair at unit rate of each of its variables.
 
-    It is the motion of the second link relative to the first, and is found by power series.
+    The motion is that of the second link relative to the first. Power series in time give
+    the angular velocity.
 
     Parameters
     ----------
@@ -270,8 +271,7 @@ def _contact_starts(
 
     A file with link sizes states these arc lengths. With a reference pose instead, wheels
     start to roll where they touch in the pose. The float64 geometry only approximates these
-    points, so they are computed again with more digits. A sliding contact needs no such
-    digits: its arc lengths are variables, so another start only shifts them.
+    points, so they are computed again with more digits.
 
     Parameters
     ----------
@@ -288,6 +288,7 @@ def _contact_starts(
     """
     first, second = joint.contact_profiles
     float_starts = exact_balls([first.start, second.start])
+    # Both arc lengths of a sliding contact are variables, so its starts may be inexact.
     is_rolling = bool(joint.rolling_variables)
     if is_rolling and has_reference_pose:
         return _find_contact(curves, float_starts)
@@ -429,8 +430,7 @@ class Linkage:
             (n, links, 3, 3) rotations from link axes to ground axes.
         residuals
             (n, 3 loops) three numbers for each loop: the axis of the remaining rotation, in
-            ground axes, times the sine of its angle. They are 0 if the loop is closed, but
-            also after half a turn.
+            ground axes, times the sine of its angle. A closed loop has the residuals 0.
         """
         # For each pair the rotations (n, 3, 3) from its second link to its first.
         rotations = [
@@ -484,9 +484,9 @@ class Linkage:
     def variable_vectors(self, values: Array, orientations: Array) -> Array:
         """Return for each variable the angular velocity of its pair (joint) at unit rate.
 
-        The other variables rest. It is the velocity of the second link of the pair relative
-        to the first: for a revolute pair the axis, for a contact the derivative of its
-        rotation.
+        The other variables rest. The velocity is that of the second link of the pair
+        relative to the first: for a revolute pair the axis, for a contact the derivative of
+        its rotation.
 
         Parameters
         ----------
@@ -518,8 +518,9 @@ class Linkage:
     def link_velocities(self, vectors: Array, rates: Array) -> Array:
         """Return the angular velocities of all links relative to the ground.
 
-        They are sums over the variables on the path from the ground to the link: rate times
-        velocity vector, with the sign of the sense in which the path passes the pair.
+        The velocity of a link is a sum over the variables on the path from the ground to
+        the link: rate times velocity vector. Each term has the sign of the sense in which
+        the path passes the pair.
 
         Parameters
         ----------
@@ -538,10 +539,10 @@ class Linkage:
     def jacobian(self, vectors: Array) -> Array:
         """Return the derivatives of loop closure errors with respect to the variables.
 
-        The closure error of a loop is the small rotation by which it is open. Its
+        The closure error of a loop is the small rotation by which the loop is open. Its
         derivative with respect to a variable is the angular velocity of the pair (joint) at
-        unit rate. The sign is 1 or -1, the sense in which the loop passes the pair, or 0 if
-        it does not.
+        unit rate, multiplied by a sign. The sign is the sense in which the loop passes the
+        pair, 1 or -1. It is 0 if the loop does not pass the pair.
 
         Parameters
         ----------
@@ -608,7 +609,7 @@ class Linkage:
             active_change = np.where(is_active[:, None], change, 0)
             values[:, free] = exact_centres(values[:, free] + active_change)
         # If there is only one solution near the start, the second step is much shorter than
-        # the first. If there was only one step, it takes the place of the second.
+        # the first. A single step counts as the first and the second.
         second_step = step_sizes[:2][-1]
         is_ambiguous = second_step > np.maximum(
             rounding, MAX_START_CONTRACTION * step_sizes[0]

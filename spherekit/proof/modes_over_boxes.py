@@ -180,8 +180,7 @@ class EquationSystem:
         Upper bound of the number of roots, including complex roots and roots at infinity.
     solved
         Values of the given variables for which all roots are known. Approximate roots for
-        other values are followed from the nearest of these. It grows while roots are
-        proven.
+        other values are followed from the nearest of these.
     """
 
     def __init__(
@@ -211,11 +210,11 @@ class EquationSystem:
             if variable not in unknowns
         ]
         self.degrees = equations.degrees[np.ix_(rows, [*unknowns, *self.given])]
-        # Degree m in an angle is degree 2 m in e^(i angle). Bezout's bound of the number of
-        # roots is the permanent of the degrees (equations, unknowns).
+        # Degree m in an angle is degree 2 m in e^(i angle). For equations with a separate
+        # degree in each unknown, Bezout's bound of the number of roots is the permanent of
+        # the degrees (equations, unknowns).
         self.bound = permanent(2 * self.degrees[:, : len(unknowns)])
         # Values of the given variables at which all roots are known, with these roots.
-        # Roots at other values are followed from the nearest of them.
         self.solved: list[SystemSolution] = []
 
     def form_polynomials(self, circle_points: Array) -> Polynomials:
@@ -323,12 +322,12 @@ class EquationSystem:
         unit_rates = no_error[..., None] + np.eye(centres.shape[1])
 
         def select_given(name: str, of_inputs: Array) -> Array:
-            """Return a property of all variables that are no unknowns of this system.
+            """Return a property of all given variables, for each mode.
 
-            They are the unknowns of other systems, and the inputs. `name` is the property:
-            the field "angle", "circle_points", "rates" or "error" of `modes`, which has
-            values for all unknowns. `of_inputs` has the values of the property for the
-            inputs. The result has the modes as first axis, then the variables.
+            Given variables are the unknowns of other systems, and the inputs. `name` is the
+            property: the field "angle", "circle_points", "rates" or "error" of `modes`,
+            which has values for all unknowns. `of_inputs` has the values of the property
+            for the inputs. The result has the modes as first axis, then the variables.
             """
             # In the numbering of all variables the inputs follow the unknowns.
             return np.concatenate([modes[name], of_inputs], axis=1)[:, self.given]
@@ -346,9 +345,8 @@ class EquationSystem:
             approximations = self._follow_roots(given)
         roots, has_converged = polish_roots(polynomials, approximations)
         tubes = enclose_roots(polynomials, roots, known_angle_changes)
-        # If all roots at the centre of a box are known, they are starts for other boxes,
-        # even if nothing can be proven over the whole box because it is too large. Each
-        # mode has `bound` roots, one after another.
+        # If all roots at the centre of a box are known, these roots are starts for other
+        # boxes. Each mode has `bound` roots, one after another.
         has_all_roots = are_distinct(roots, tubes.centre_radius, has_converged, self.bound)
         for mode in np.flatnonzero(has_all_roots):
             rows_of_mode = slice(mode * self.bound, (mode + 1) * self.bound)
@@ -370,20 +368,20 @@ class EquationSystem:
     def _follow_roots(self, given: Floats) -> ChartRoots:
         """Return approximate roots at some values of the given variables.
 
-        The given variables are inputs, and unknowns of other systems. Their start values
-        are other values, at which all roots are known. The roots are moved from there by
-        one step along the tangent.
+        The given variables are inputs, and unknowns of other systems. Start values are
+        values of the given variables at which all roots are known. The roots are moved from
+        the start values by one step along the tangent.
 
         Parameters
         ----------
         given
-            (m, given) m sets of values of the given variables (rad).
+            (m, given variables) m sets of values (rad) of the given variables.
 
         Returns
         -------
         For each set as many roots as the system can have (`bound`).
         """
-        # `prove_roots` adds new solutions to `solved` only after all roots are found here.
+        # Cosines and sines of the stored start values, of which the nearest are chosen.
         solved_points = cosines_and_sines([solution.given for solution in self.solved])
         values_of_starts = []
         points_of_starts = []
@@ -396,8 +394,7 @@ class EquationSystem:
         points = np.concatenate(points_of_starts)
         # For each point the index of its set.
         set_of_point = np.repeat(np.arange(len(given)), self.bound)
-        # Numbers above 1 in magnitude are stored as their inverse. So roots with infinite
-        # e^(i angle) can be moved, too.
+        # Numbers above 1 in magnitude are stored as their inverse, so none is infinite.
         roots = ChartRoots.from_points(points, row=set_of_point)
         return self._step_along_tangent(roots, np.array(values_of_starts), given)
 
@@ -643,9 +640,8 @@ def _bound_angle_deviation(
 def _bound_logarithm_remainder(relative_change: Floats) -> Floats:
     """Return a bound of the difference of log(1 + w) and w.
 
-    It is for complex w of a magnitude up to `relative_change` c < 1. The series
-    w - w^2/2 + w^3/3 - ... gives the bound c^2 / 2 / (1 - c). So an angle, the logarithm of
-    e^(i angle), is nearly linear in small changes.
+    The bound is valid for complex w of a magnitude up to `relative_change` c < 1. The
+    series w - w^2/2 + w^3/3 - ... gives the bound c^2 / 2 / (1 - c).
     """
     return 0.5 * relative_change**2 / (1.0 - relative_change)
 

@@ -75,10 +75,10 @@ class SurfaceDerivatives:
     """First derivatives of a surface of positions near a loss of rank, as balls.
 
     Balls are numbers with a bound of their error. F(z) = 0 are the n - 1 equations of a
-    mechanism in n variables z. Near a crossing of curves, the component g of F along a
-    constant unit vector l hardly changes with z. So only the other components are made
-    zero: F(z) = g l. With given values of two coordinates u and v of z, this determines z
-    and g. The points z for all u and v form a surface, with the configurations at g = 0.
+    mechanism in n variables z. Near a crossing of curves, the derivatives F' are nearly
+    singular: l F' is nearly 0 for a constant unit vector l. The equations are therefore
+    replaced by F(z) = g l with a new unknown number g, and two coordinates u and v of z are
+    given. The points z for all u and v form a surface, with the configurations at g = 0.
 
     Attributes
     ----------
@@ -105,10 +105,10 @@ class SurfaceCurvatures:
     """Second derivatives of z and the number g with respect to u and v, as balls.
 
     Balls are numbers with a bound of their error. F(z) = 0 are the n - 1 equations of a
-    mechanism in n variables z. Near a crossing of curves, the component g of F along a
-    constant unit vector l hardly changes with z. So only the other components are made
-    zero: F(z) = g l. With given values of two coordinates u and v of z, this determines z
-    and g. The points z for all u and v form a surface, with the configurations at g = 0.
+    mechanism in n variables z. Near a crossing of curves, the derivatives F' are nearly
+    singular: l F' is nearly 0 for a constant unit vector l. The equations are therefore
+    replaced by F(z) = g l with a new unknown number g, and two coordinates u and v of z are
+    given. The points z for all u and v form a surface, with the configurations at g = 0.
 
     Attributes
     ----------
@@ -130,9 +130,9 @@ class SurfaceCurvatures:
 class ReducedEquation:
     """The reduced equation g(u, v) = 0 about a centre where F' nearly loses a rank.
 
-    F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. At the centre one
-    component of F hardly changes with z: the component along a constant unit vector l, so
-    that l F' = 0, nearly. Therefore only the other components of F are made zero, and two
+    F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. At the centre, the
+    derivatives F' are nearly singular: l F' is nearly 0 for a constant unit vector l. The
+    equations are therefore replaced by F(z) = g l with a new unknown number g, and two
     coordinates u = a . z and v = b . z of z are given. The n + 1 equations
 
         F(z) = g l,   a . z = u,   b . z = v
@@ -163,8 +163,8 @@ class ReducedEquation:
 
         F are the equations of a mechanism near a crossing of curves. There small changes of
         z hardly change the component g of F along a constant unit vector l
-        (`left_null_vector`). So a step of Newton's method can make the residual zero, which
-        has nearly no component along l, but not g l.
+        (`left_null_vector`). The residual has nearly no component along l, so a step of
+        Newton's method can remove the residual.
 
         Parameters
         ----------
@@ -194,11 +194,10 @@ class ReducedEquation:
         """Return the first derivatives of z and g with respect to u and v.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the component g of F along a constant unit vector l
-        (`left_null_vector`) hardly changes with z. So only the other components are made
-        zero: F(z) = g l. With given values of two coordinates u and v of z, these are n + 1
-        equations for z and g. So z and g are functions of u and v. Where g is 0, z is a
-        configuration.
+        crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
+        constant unit vector l (`left_null_vector`). The equations are therefore replaced by
+        F(z) = g l with a new unknown number g, and two coordinates u and v of z are given.
+        So z and g are functions of u and v. Where g is 0, z is a configuration.
 
         u and v are the coordinates along the first two columns of `frame`. If F(z) = g l
         has an error, the result also contains the step of Newton's method that removes this
@@ -231,11 +230,10 @@ class ReducedEquation:
         """Return the first and second derivatives of z and g with respect to u and v.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the component g of F along a constant unit vector l
-        (`left_null_vector`) hardly changes with z. So only the other components are made
-        zero: F(z) = g l. With given values of two coordinates u and v of z, these are n + 1
-        equations for z and g. So z and g are functions of u and v. Where g is 0, z is a
-        configuration.
+        crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
+        constant unit vector l (`left_null_vector`). The equations are therefore replaced by
+        F(z) = g l with a new unknown number g, and two coordinates u and v of z are given.
+        So z and g are functions of u and v. Where g is 0, z is a configuration.
 
         The given z has an error F(z) - g l. A step of Newton's method, with constant u and
         v, removes this error. The results also say by how much the step changes z and g,
@@ -274,14 +272,14 @@ class ReducedEquation:
         """Return a Newton step, and the derivatives of (z, g) with respect to u and v.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the component g of F along a constant unit vector l
-        (`left_null_vector`) hardly changes with z. So only the other components are made
-        zero: F(z) = g l. With given values of two coordinates u and v of z, these are n + 1
-        equations for z and g. So z and g are functions of u and v. Where g is 0, z is a
-        configuration.
+        crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
+        constant unit vector l (`left_null_vector`). The equations are therefore replaced by
+        F(z) = g l with a new unknown number g, and two coordinates u and v of z are given.
+        So z and g are functions of u and v. Where g is 0, z is a configuration.
 
-        The coordinates are u = a . z and v = b . z, with constant vectors a and b. The step
-        and the derivatives (z', g') solve three sets of linear equations:
+        The coordinates are u = a . z and v = b . z, with constant vectors a and b. Let z'
+        and g' be the changes of z and g by Newton's step, or their derivatives along u or
+        v. They solve three sets of linear equations with one matrix (`_border`):
 
             Newton's step:   F' z' - g' l = -residual,   a . z' = 0,   b . z' = 0,
             along u:         F' z' - g' l = 0,           a . z' = 1,   b . z' = 0,
@@ -309,20 +307,20 @@ class ReducedEquation:
         """Return second derivatives of (z, g) in three directions: Newton's step, u and v.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the component g of F along a constant unit vector l
-        (`left_null_vector`) hardly changes with z. So only the other components are made
-        zero: F(z) = g l. With given values of two coordinates u and v of z, these are n + 1
-        equations for z and g. So z and g are functions of u and v. Where g is 0, z is a
-        configuration.
+        crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
+        constant unit vector l (`left_null_vector`). The equations are therefore replaced by
+        F(z) = g l with a new unknown number g, and two coordinates u and v of z are given.
+        So z and g are functions of u and v. Where g is 0, z is a configuration.
 
-        The first derivatives z_i of z are known in three directions i: along u, along v,
-        and along a step of Newton's method, which corrects an approximate z. The second
-        derivatives say, for example, how the derivative of g along u changes in the step.
-        The coordinates are u = a . z and v = b . z, with constant vectors a and b. In all
-        directions the error F(z) - g l changes linearly: it stays 0 along u and v, and goes
-        to 0 along the step. So its second derivative in the directions i and j is 0:
+        The coordinates are u = a . z and v = b . z, with constant vectors a and b. A given
+        z has an error r = F(z) - g l, which a step of Newton's method with constant u and v
+        removes. Let s be the part of the step that is done, from 0 to 1. Then z and g are
+        functions of three parameters s, u and v, with F(z) - g l = (1 - s) r. The second
+        derivatives of this equation with respect to two parameters i and j are
 
             F' z_ij - g_ij l = -F''(z_i, z_j),   a . z_ij = 0,   b . z_ij = 0.
+
+        z_i and z_ij are the first and second derivatives of z.
 
         Parameters
         ----------
@@ -338,8 +336,9 @@ class ReducedEquation:
         indices to z.
         """
         equation_count, variable_count = slopes.shape
-        # (k, 3, 3) F''(z_i, z_j). Axes: equation, i, j. The nine pairs of directions are
-        # written side by side, as right sides of the linear equations.
+        # (k, 3, 3) F''(z_i, z_j). Axes: equation, i, j. The nine pairs of parameters are
+        # written side by side, as right sides of the linear equations. The last two rows,
+        # of a and b, are 0.
         second_changes = rates.T @ curvatures @ rates
         right_sides = np.zeros((variable_count + 1, 9), object)
         right_sides[:equation_count] = -second_changes.reshape(equation_count, 9)
@@ -351,20 +350,21 @@ class ReducedEquation:
         """Return the matrix (n + 1, n + 1) of the linear equations for (z', g').
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the component g of F along a constant unit vector l
-        (`left_null_vector`) hardly changes with z. So only the other components are made
-        zero: F(z) = g l. With given values of two coordinates u and v of z, these are n + 1
-        equations for z and g. So z and g are functions of u and v. Where g is 0, z is a
-        configuration.
+        crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
+        constant unit vector l (`left_null_vector`). The equations are therefore replaced by
+        F(z) = g l with a new unknown number g, and two coordinates u and v of z are given.
+        So z and g are functions of u and v. Where g is 0, z is a configuration.
 
         The coordinates are u = a . z and v = b . z; a and b are the first two columns of
-        `frame`. z' and g' are changes of z and g in some direction. F' are the derivatives
-        of F with respect to z, `slopes` (k, n). The changes of F - g l, u and v are then
-        F' z' - g' l, a . z' and b . z'. The matrix of these equations is
+        `frame`. z' and g' are changes of z and g in some direction. `slopes` (k, n) are the
+        derivatives F'. The changes of F - g l, u and v are F' z' - g' l, a . z' and
+        b . z'. The matrix of these linear functions of (z', g') is
 
             [F'  -l]
             [a^T  0]
             [b^T  0].
+
+        It is regular at a crossing, where F' alone loses a rank.
         """
         # All elements become balls: numbers with a bound of their error.
         left_null_vector = exact_balls(self.left_null_vector)
@@ -380,11 +380,10 @@ class ReducedEquation:
         """Return the point near a position where both slopes of g(u, v) are 0.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the component g of F along a constant unit vector l
-        (`left_null_vector`) hardly changes with z. So only the other components are made
-        zero: F(z) = g l. With given values of two coordinates u and v of z, these are n + 1
-        equations for z and g. So z and g are functions of u and v. Where g is 0, z is a
-        configuration.
+        crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
+        constant unit vector l (`left_null_vector`). The equations are therefore replaced by
+        F(z) = g l with a new unknown number g, and two coordinates u and v of z are given.
+        So z and g are functions of u and v. Where g is 0, z is a configuration.
 
         If g is 0 at the point where its slopes are 0, and has a saddle there, curves of
         configurations cross. Newton's method solves F(z) = g l and grad g = 0 together.
@@ -422,16 +421,16 @@ class ReducedEquation:
         """Return the Newton step of all variables to a point where curves may cross.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the component g of F along a constant unit vector l
-        (`left_null_vector`) hardly changes with z. So only the other components are made
-        zero: F(z) = g l. With given values of two coordinates u and v of z, these are n + 1
-        equations for z and g. So z and g are functions of u and v. Where g is 0, z is a
-        configuration.
+        crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
+        constant unit vector l (`left_null_vector`). The equations are therefore replaced by
+        F(z) = g l with a new unknown number g, and two coordinates u and v of z are given.
+        So z and g are functions of u and v. Where g is 0, z is a configuration.
 
         Curves g(u, v) = 0 can cross only where the gradient of g is 0. All z that satisfy
         F(z) = g l form a surface. The step has two parts, which are added:
 
         1. To the surface: with u and v constant, z and g are corrected so that F(z) = g l.
+           The gradient changes by `gradient_correction`.
         2. Along the surface: u and v are changed so that the gradient becomes 0. z follows.
 
         Parameters
@@ -443,7 +442,7 @@ class ReducedEquation:
         -------
         (n,) balls of radius 0, since a step needs no error bounds.
         """
-        # The residual is the error F(z) - g l at the position.
+        # The residual is the error F(z) - g l at the position. The number g is not needed.
         _level, residual = self.split_residual(position)
         # First and second derivatives of z and g with respect to u and v.
         first, second = self.differentiate_twice(position, residual)
@@ -472,11 +471,10 @@ class ReducedEquation:
         """Return g(u, v) and its slopes at the u and v of an approximate position.
 
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
-        crossing of curves, the component g of F along a constant unit vector l
-        (`left_null_vector`) hardly changes with z. So only the other components are made
-        zero: F(z) = g l. With given values of two coordinates u and v of z, these are n + 1
-        equations for z and g. So z and g are functions of u and v. Where g is 0, z is a
-        configuration.
+        crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
+        constant unit vector l (`left_null_vector`). The equations are therefore replaced by
+        F(z) = g l with a new unknown number g, and two coordinates u and v of z are given.
+        So z and g are functions of u and v. Where g is 0, z is a configuration.
 
         The given z and g satisfy F(z) = g l only approximately. They are corrected with
         constant u and v. The result is g, with its slopes, at the corrected z.
@@ -501,6 +499,7 @@ class ReducedEquation:
         # Balls that contain the exact z and g for this u and v.
         enclosed_position = position + derivatives.correction
         enclosed_level = level + derivatives.level_correction
+        # F(z) = g l is linear in g, so the slopes of g depend on z only.
         gradient = self.differentiate(enclosed_position).gradient
         return enclosed_level, gradient
 
@@ -566,8 +565,8 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> SaddleReducti
     Raises
     ------
     ZeroDivisionError
-        If there is no critical point nearby, or if g has no saddle there. Singular matrices
-        raise the same error, so that callers treat all failures alike.
+        If there is no critical point nearby, if g has no saddle there, or if a matrix is
+        singular.
     """
     # 1. The critical point, with l and the kernel of F' at the position. Then the same
     # reduction about the critical point.

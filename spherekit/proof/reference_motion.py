@@ -714,8 +714,7 @@ class ExactSimulation:
         w
             (n, links, 3) angular velocities at unit rate of the coordinate.
         """
-        # Only the derivative of B depends on the derivative of w. This function does not
-        # use it.
+        # Only the derivative of B, which is not needed here, depends on dw.
         unused_dw = exact_balls(np.zeros(w.shape))
         B, _derivative = equivalent_inertia(self.mechanism, orientations, w, dw=unused_dw)
         return B
@@ -966,9 +965,7 @@ class ExactSimulation:
         samples in float64. Then bisection of this interval computes the change in all
         digits.
 
-        `is_at_start` is True for a sign change in the first interval. If it belongs to the
-        sign that has just changed, this sign would change back at once. The motion can then
-        continue with neither sign, and the caller ends it.
+        `is_at_start` is True for a sign change in the first interval.
         """
         # The start itself is not examined. A condition that has just changed is nearly 0
         # there, with either sign.

@@ -90,7 +90,7 @@ class ExactRows:
     condition
         (n,) condition number, in Frobenius norms, of the closure Jacobian without the
         inputs. An error e of the geometry moves the configuration by up to about
-        `condition` times e. It is unbounded near singularities of type II.
+        `condition` times e.
     status
         (n,) `Status`. A row that had failed keeps its status. NOT_CONVERGED; NOT_CLOSED;
         MODE_LOST if the solution is farther from the row than 1e-6 rad and also farther
@@ -138,11 +138,10 @@ def exact_rows(
 ) -> ExactRows:
     """Return reference values of some rows of a motion, computed with many digits.
 
-    They serve to check results of normal precision. A row is one configuration. One input
-    moves at unit rate while the other inputs are locked. Values are balls (numbers with a
-    bound of their error). All sizes and inputs count as exact float64 numbers. The
-    components of an axis are not exactly a unit vector, so they are divided by the length
-    in many digits.
+    Reference values serve to check results of normal precision. A row is one configuration.
+    One input moves at unit rate while the other inputs are locked. Values are balls
+    (numbers with a bound of their error). All sizes and inputs count as exact float64
+    numbers.
 
     Parameters
     ----------
@@ -327,8 +326,7 @@ def exact_motion(motion: Motion, rows: Bools, reference: ExactRows) -> Motion:
     """Return some rows of a motion, with configurations replaced by reference values.
 
     A row is one configuration. Reference values have many digits, and are rounded to
-    float64 here. This opens the loops by about 1e-16 rad. The stored closure residual is
-    still that before the rounding: it says how well the solution was computed.
+    float64 here. The stored closure residual is that before the rounding.
 
     Parameters
     ----------
@@ -712,8 +710,8 @@ def _derivative_with_link(reference: ExactRows, pair: int, direction: Array) -> 
     """
     first_link, _second_link = reference.mechanism.ends[pair]
     angular_velocity = reference.w[:, first_link]
-    # The product is computed in balls, and only the result is rounded to float64. With
-    # float64 factors, the derivative of an axis at rest would not be exactly 0.
+    # The product is computed in balls, and only the result is rounded to float64. Rounded
+    # factors would add errors of about 1e-16.
     derivative = np.cross(angular_velocity, direction)
     return centre_floats(derivative)
 

@@ -99,8 +99,7 @@ class CertifiedRoot:
         """Return whether an approximation (rad) is so near that Newton's method leads here.
 
         `approximation` has the complex angles of the unknowns. From distances below half of
-        `unique`, Newton's method is proven to lead to this root, up to whole turns. There
-        each step at least halves the distance.
+        `unique`, Newton's method is proven to lead to this root, up to whole turns.
         """
         offset = np.array(approximation) - [complex(angle) for angle in self.centre]
         distance = np.abs(wrap(offset.real) + 1j * offset.imag)

@@ -65,8 +65,9 @@ given up.
 class Polynomials:
     """The polynomials of a system for m sets of given values, with error bounds.
 
-    They are polynomials in z = e^(i angle) of each unknown angle. Given values are the
-    angles of the inputs, and the unknowns of systems that were solved before.
+    Systems are parts of the equations of a mechanism, and are solved one after another. The
+    polynomials are in z = e^(i angle) of each unknown angle of this system. All other
+    angles have given values: the inputs, and the unknowns of earlier systems.
 
     Attributes
     ----------
@@ -81,9 +82,10 @@ class Polynomials:
     error
         (k,) for each equation a bound of the errors of its coefficients.
     derivative_bound
-        (k,) for each equation a number C. At real angles, its derivative with respect to
-        angle 1 is at most C d_1, that with respect to the angles 1 and 2 at most C d_1 d_2,
-        and so on, with the degrees d_1, d_2, ... (Bernstein's inequality).
+        (k,) for each equation a number C. At real angles, the magnitude of any derivative
+        of the equation is at most C times the degrees in the angles of the derivative. For
+        example, it is at most C d_1 d_2 for the second derivative with respect to angles 1
+        and 2 (Bernstein's inequality).
     degrees
         (k, variables) trigonometric degrees, the unknowns first, then the given variables.
     """
@@ -771,10 +773,11 @@ def are_distinct(roots: ChartRoots, radius: Floats, is_good: Bools, count: int) 
     """Return a mask of the rows with good roots that are proven to differ from each other.
 
     A row is one set of values of the given variables (inputs, and unknowns that were solved
-    before). A root has coordinates z: e^(i angle) of each unknown angle, or the inverse of
-    large ones. The gap of two roots (`ChartRoots.pairwise_gaps`) is a distance that is
-    finite even if a root is at infinity. Two roots differ if the gap of their
-    approximations is larger than any change of the gap within the errors of both roots.
+    before). A root has complex values of the unknown angles. A coordinate z of a root is
+    e^(i angle), or the inverse of this number if its magnitude exceeds 1. The gap of two
+    roots (`ChartRoots.pairwise_gaps`) is a distance that is always finite. Two roots differ
+    if the gap of their approximations is larger than any change of the gap within the
+    errors of both roots.
 
     Parameters
     ----------
@@ -813,7 +816,7 @@ def _bound_gap_change(radius: Floats, other_radius: Floats) -> Floats:
         |y z - 1|,   if one is stored inverted: it changes by at most r + s + r s.
 
     The larger bound is taken for both. `ROUND_UP` covers its rounding, and 1e-14 the
-    rounding of a gap. The factor 1.5 is a margin, which the bound does not need.
+    rounding of a gap. The factor 1.5 is a margin.
 
     Parameters
     ----------
