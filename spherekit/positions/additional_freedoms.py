@@ -108,8 +108,7 @@ def _close_loops(closure: Closure, points: Floats, rank: int) -> Floats:
     surface in the space of all variables. The rank r of the closure Jacobian on this
     surface is the number of variables minus the degrees of freedom. Each step is computed
     with the r largest singular values only (truncated singular value decomposition). The
-    others are zero on the surface and nearly zero beside it, so a division by them would
-    lead far away.
+    smaller singular values are about zero, so a division by them would lead far away.
 
     Parameters
     ----------

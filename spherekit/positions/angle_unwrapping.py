@@ -194,8 +194,8 @@ class UnwrappedStretch:
     def _range_with_slack(self) -> tuple[float, float]:
         """Lowest and highest input (rad) that count as inputs of the curve.
 
-        At a dead centre the input turns back. A curve that leads there ends a little before
-        it. So inputs up to `DEAD_CENTRE_SLACK_RAD` beyond an end count as at the end.
+        A curve ends a little before a dead centre, where the input turns back. Inputs up to
+        `DEAD_CENTRE_SLACK_RAD` beyond an end of the curve therefore count as at the end.
         """
         low, high = self.curve.inputs[[0, -1]]
         return low - DEAD_CENTRE_SLACK_RAD, high + DEAD_CENTRE_SLACK_RAD
@@ -204,11 +204,8 @@ class UnwrappedStretch:
         """Shift inputs (n,) by whole periods into the range of the followed curve.
 
         After a period of the input the configurations repeat. The shifted inputs are in the
-        period that begins a little below the first input of the curve. The reason is that a
-        curve can begin a little above a dead centre.
-
-        With an infinite period, no period is taken off. Inputs below the curve then become
-        infinite.
+        period that begins a little below the first input of the curve, because a curve can
+        begin a little above a dead centre.
 
         Returns
         -------
@@ -289,8 +286,8 @@ class AngleUnwrapping:
             (n, inputs) inputs (rad) over full revolutions. They may differ from the inputs
             in `values` by whole periods, after which configurations repeat.
         requested
-            Indices of the variables for which revolutions are needed. Those of other
-            variables may be returned as zero, which saves time.
+            Indices of the variables for which revolutions are needed. The revolutions of
+            other variables may be zero.
         last
             (variables,) the configuration before `values[0]`, such as the last one of the
             previous block, with angles over full revolutions. Its count is continued. If
@@ -360,10 +357,8 @@ class AngleUnwrapping:
         piece_numbers = mode.pieces_at(q[:, 0])
         shift = np.zeros(values.shape[1])
         for number, (crossing, piece) in enumerate(mode.pieces):
-            # `count` stores the followed curves under a number. Each piece has a number
-            # of its own, since the curves of several pieces are close at a crossing.
-            # Modes have numbers from 0 on, and pieces negative ones. The number of the
-            # piece before is key + 1.
+            # `count` stores the followed curve of each piece under its own negative number.
+            # Numbers from 0 on are those of modes.
             key = -1 - mode.number * len(mode.pieces) - number
             is_on_piece = piece_numbers == number
             # At a crossing itself it is open which of the curves is followed.
@@ -377,8 +372,12 @@ class AngleUnwrapping:
                 # The angles just below and just above the crossing must agree. Samples at
                 # the crossing are compared with the angles just below.
                 previous_piece = mode.pieces[number - 1][1]
+                previous_key = key + 1
                 below = self._unwrap_at(
-                    key + 1, previous_piece, crossing - CROSSING_DISTANCE_RAD, requested
+                    previous_key,
+                    previous_piece,
+                    crossing - CROSSING_DISTANCE_RAD,
+                    requested,
                 )
                 above = self._unwrap_at(
                     key, piece, crossing + CROSSING_DISTANCE_RAD, requested
@@ -484,16 +483,15 @@ class AngleUnwrapping:
         start
             (variables,) a configuration (rad).
         inputs
-            (m,) further inputs (rad). They are used only without a period.
+            (m,) further inputs (rad). Not used with a period.
         period
             Growth of the input (rad) after which the configurations repeat, or infinite.
 
         Returns
         -------
         The followed curve, with the revolutions that its angles gain in a period. The
-        result also has the revolutions of the angles at the reference input: the anchor, or
-        one period above the anchor. If the curve reaches neither, the reference input is
-        the end nearest to the anchor.
+        result also has the revolutions at the reference input: the anchor, if the curve
+        reaches the anchor.
         """
         (driven,) = self._driven
         (anchor,) = self.solver.anchor_inputs
@@ -575,8 +573,8 @@ class AngleUnwrapping:
         begins_part = np.concatenate([[last is None], ~steps.is_connected])
 
         # Follow the first configuration of each part to the anchor, after its inputs were
-        # shifted by whole periods to be near the anchor. Where it does not arrive, its
-        # angles near the anchor are reduced to (-pi, pi] instead.
+        # shifted by whole periods to be near the anchor. Where the path ends before the
+        # anchor, the angles near the anchor are reduced to (-pi, pi].
         first = chain[begins_part]
         periods = self.solver.periods
         q = first[:, self._driven]
@@ -674,7 +672,7 @@ def _count_on_stretch(
     if not len(rows):
         return rows
     revolutions[rows] = stretch.count_revolutions(values[rows])
-    # Such a row is NaN for all angles, so the first angle is enough to find it.
+    # A configuration that is not on the stretch has NaN for all angles.
     is_not_on_stretch = np.isnan(revolutions[rows, 0])
     return rows[is_not_on_stretch]
 
@@ -704,9 +702,7 @@ def continue_angles(
     Returns
     -------
     mapping from the name of each pair to (n,) values. The value of a driven pair is the
-    input of the row. Arc lengths are taken from the motion without a change. If the motion
-    has a `sense`, it comes from a simulation and is continuous already, so all its
-    variables are taken without a change.
+    input of the row.
     """
     mechanism = motion.mechanism
     inputs = motion.assembly.inputs
@@ -714,6 +710,7 @@ def continue_angles(
     revolutions = np.zeros_like(motion.values)
     # `mechanism.angles` maps the name of each R pair to the index of its variable.
     requested = [mechanism.angles[name] for name in names if name in mechanism.angles]
+    # A motion with a `sense` comes from a simulation, so its angles are continuous.
     if requested and motion.sense is None:
         for index, mode in enumerate(motion.assembly_modes):
             first = index * motion.samples

@@ -87,8 +87,8 @@ class GroupGeometry:
 
         Without the removed links, the other bodies of the group form a tree, whose pair
         angles are the unknowns. A removed link has two pairs, and the arc between their
-        axes is its size. So the axes must be at this arc in the tree, too. This equation is
-        linear in 1, cosine and sine of each angle.
+        axes is its size. The axes must be at this arc in the tree. This equation is linear
+        in 1, cosine and sine of each angle.
 
         Parameters
         ----------
@@ -116,8 +116,7 @@ class GroupGeometry:
         To have fewer unknowns, t links with two pairs each are removed from the group,
         until the other bodies form a tree. The unknowns are the angles of the pairs of this
         tree. Each removed link gives an equation: in the tree, the axes of its two pairs
-        must be at the fixed arc of the link. There are as many unknowns as equations,
-        because the group cannot move when the inputs are locked.
+        must be at the fixed arc of the link. There are as many unknowns as equations.
 
         Parameters
         ----------
@@ -144,8 +143,7 @@ class GroupGeometry:
 
         To form the equations, some links with two pairs were removed, so that the other
         bodies form a tree without loops. These are placed pair by pair from the base body.
-        The removed links are then put between their two neighbours. Each has an arc
-        equation: the two axes of its neighbours are at the arc of its own two axes.
+        The removed links are put between their two neighbours at the end.
 
         Parameters
         ----------
@@ -190,7 +188,8 @@ class GroupGeometry:
                 )
             ]
             # The link is placed by the rotation that takes its two axes to the axes of its
-            # neighbours. Such a rotation exists because the arc equation is satisfied.
+            # neighbours. The rotation exists, because the arc equation gives the
+            # neighbours' axes the arc of the link's axes.
             rotation = rotation_between_pairs(
                 *(axis[:, None] for axis in axes_in_link), *placed_axes
             )
@@ -210,7 +209,8 @@ class GroupGeometry:
         Parameters
         ----------
         orientations
-            (1, solutions, bodies, 3, 3) real rotations, as `place_bodies` returns them.
+            (1, solutions, bodies, 3, 3) rotations from the axes of each body to those of
+            the first body of the group.
 
         Returns
         -------
@@ -229,20 +229,22 @@ class GroupGeometry:
     def measure_pair_angles_at(self, orientations: Floats, samples: Indices) -> Floats:
         """Return the angles of all pairs at orientations that belong to several samples.
 
-        A sample is one choice of the inputs. A body can be several links that were joined
-        before, so the frames of pairs in the bodies depend on the sample.
+        The angle of a pair leads about its z axis from the x axis of its frame in the first
+        body to that in the second. A sample is one choice of the inputs. A body can consist
+        of links whose relative positions depend on the inputs, and so do the pair frames in
+        the body.
 
         Parameters
         ----------
         orientations
-            (k, bodies, 3, 3) real rotations from the axes of each body to those of the
-            first body.
+            (k, bodies, 3, 3) rotations from the axes of each body to those of the first
+            body.
         samples
             (k,) index of the sample to which each configuration belongs.
 
         Returns
         -------
-        (k, pairs) angles in (-pi, pi] (rad), as in `measure_pair_angles`.
+        (k, pairs) angles in (-pi, pi] (rad).
         """
         first_bodies, second_bodies = np.transpose(self.group.ends)
         # Frames (pairs, samples, 3, 3) of all pairs in their first and second bodies.

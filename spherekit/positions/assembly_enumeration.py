@@ -153,8 +153,8 @@ def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
     """Return all closed configurations that are found at inputs q (inputs,) in rad.
 
     Usually the mechanism is placed group by group (sets of links that are placed together).
-    Some mechanisms with wheels are searched as a whole instead, because the search has to
-    know how far the wheels have rolled.
+    A mechanism is searched as a whole if the search has to prescribe how far its wheels
+    have rolled.
     """
     # The rolled lengths of the wheels. None if the mechanism is placed group by group.
     gear_phases = _find_phases_of_common_search(solver)
@@ -180,8 +180,7 @@ def _find_phases_of_common_search(solver: PositionSolver) -> GearPhases | None:
     Returns
     -------
     The rolled lengths as functions of the inputs. None if the mechanism is placed group by
-    group: if gear ratios are enough to place all groups with contacts, or if the inputs do
-    not determine all rolled lengths.
+    group.
     """
     # A group that is not `revolute` has contacts. Gear ratios place a train of wheels.
     has_general_contacts = any(
@@ -286,16 +285,17 @@ def enumerate_modes(solver: PositionSolver, q: Floats, max_modes: int) -> ModeEn
     def place_next_groups(placement: ModePlacement) -> Iterator[ModePlacement]:
         """Yield all modes of the mechanism that begin with a placement of its first groups.
 
-        The next group of links is placed in each of its modes (ways to close it), and then
-        the groups after it, recursively.
+        The next group of links is placed at the inputs `q` in each of its modes (ways to
+        close it). The groups after it follow recursively. `methods` stores for each group
+        how its modes were found: closed form, elimination or search.
         """
         position = len(placement.signs)
         if position == group_count:
             yield placement
             return
         states_by_mode, method = _place_group_modes(solver, placement.state, position, q)
-        # This group is solved once for each mode of the groups before. The least complete
-        # method counts.
+        # This group is solved once for each mode of the groups before. Of the methods used,
+        # the one most likely to miss modes is stored.
         methods[position] = least_complete(methods[position], method)
         # The sign tells apart the two modes of a dyad. Other groups have the sign 0.
         for sign, next_state in states_by_mode:
@@ -509,24 +509,28 @@ def group_signs(
     values
         (n, variables) closed configurations (rad).
     least
-        Least reciprocal condition number of a matrix with a reliable sign.
+        Least reciprocal condition number of a matrix with a reliable sign. With 0, all
+        signs count as reliable.
 
     Returns
     -------
-    (n, groups) signs, 0 if the sign is not reliable. A matrix that is not square, because
-    constraints are redundant, has no determinant. Its sign is 0, or 1 if `least` is 0.
+    (n, groups) signs, 0 if the sign is not reliable.
     """
     linearisation = solver.closure.linearise(values)
     signs = np.zeros((len(values), len(solver.assembly.groups)), dtype=np.int8)
     for position in range(signs.shape[1]):
         matrices = group_matrices(solver, linearisation, position)
         _, rows, columns = matrices.shape
-        # 1 for matrices that are not square.
-        signs[:, position] = np.nan_to_num(determinant_sign(matrices))
-        # Near a singular matrix, rounding decides the sign.
-        if least:
-            is_regular = condition_numbers(matrices) < 1.0 / least
-            signs[:, position] *= (rows == columns) & is_regular
+        group_sign = np.nan_to_num(determinant_sign(matrices))
+        if least == 0.0:
+            signs[:, position] = group_sign
+        elif rows != columns:
+            # Redundant constraints give a matrix without a determinant, so without a sign.
+            signs[:, position] = 0
+        else:
+            # Near a singular matrix, rounding decides the sign.
+            is_reliable = condition_numbers(matrices) < 1.0 / least
+            signs[:, position] = group_sign * is_reliable
     return signs
 
 

@@ -142,7 +142,7 @@ class Chords:
             (n,) indices of chords.
         fractions
             (n,) positions along these chords, from 0 at the start to 1 at the stop. The
-            predicted point is beside this position, at right angles to the chord.
+            predicted point is in the plane normal to the chord at this position.
         """
         starts = self.nodes.rows(which)
         stops = self.nodes.rows(which + 1)
@@ -175,7 +175,7 @@ class Chords:
         configurations = []
         chords = []
         offsets = []
-        # At least one block, so that there are arrays to join.
+        # There is at least one block, so that there are arrays to join.
         for first in range(0, max(len(values), 1), CONFIGURATIONS_PER_BLOCK):
             block = values[first : first + CONFIGURATIONS_PER_BLOCK]
             row, chord, offset = self._find_near_chords(block, periods)
@@ -217,10 +217,10 @@ class Chords:
         """
         half_chords = 0.5 * np.diff(self.nodes.values, axis=0)
         middles = self.nodes.values[:-1] + half_chords
-        # Differences of the configurations from all chords; axes: configuration, chord,
-        # variable. Whole periods are taken off. Measured from the middle of a near chord, a
+        # Differences of the configurations from the middles of all chords, less whole
+        # periods. The axes are configuration, chord, variable. At a near chord, a
         # difference is about half a chord at most. This is far less than half a period, so
-        # rounding does not decide how many periods are taken off.
+        # the number of periods is certain.
         from_middles = less_periods(values[:, None] - middles, periods)
         from_starts = from_middles + half_chords
         # Components along the chord and across it. `directions` are unit vectors along the
@@ -330,11 +330,11 @@ class ArcCurve(Chords):
         jacobian = self.closure.linearise(self.nodes.values).jacobian
         equations = bordered(jacobian, self.nodes.tangents)
         at_nodes = bordered_reciprocal_condition(equations, left_inverse(equations))
-        # The smaller one of both ends of each chord counts.
+        # The smaller number at the two ends of each chord counts.
         on_chords = np.minimum(at_nodes[:-1], at_nodes[1:])
         rounding = POINT_ROUNDING_FACTOR * EPS / on_chords
         # `_speed` is the derivative of the arc length with respect to u. The integration
-        # does not try to resolve its rounding errors.
+        # does not resolve differences below its rounding errors.
         return integrate_rate(self._speed, self.starts, rounding)
 
     def _speed(self, u: Floats) -> Floats:
@@ -387,8 +387,7 @@ class ArcCurve(Chords):
     def returns_after(self, variable: int, period: float) -> float:
         """Return the growth of a variable after which the same configurations return.
 
-        The result is infinite if no such growth is known. For example, wheels can be in
-        another position after each revolution.
+        The result is infinite if no such growth is known.
 
         Parameters
         ----------
@@ -406,9 +405,8 @@ class ArcCurve(Chords):
         growth_in_lap = abs(self.rise[variable])
         if growth_in_lap != 0.0:
             return growth_in_lap
-        # On a closed curve, the variable now swings and has its first value after a lap. An
-        # angle and the same angle plus 2 pi are one position, unless wheels count the
-        # revolutions.
+        # The variable has no growth in a lap, so it swings. If no wheel counts its
+        # revolutions, the angle plus 2 pi is the same position.
         no_wheel_follows = np.isnan(period)
         if self.closed and no_wheel_follows:
             return TURN
@@ -421,8 +419,8 @@ class ArcCurve(Chords):
     def at(self, s: ArrayLike) -> CurvePoints:
         """Return the points of the curve at arc lengths s (n,) in rad, in any order.
 
-        A closed curve continues lap after lap, and its variables grow by `rise` in each.
-        Beyond the ends of an open curve the points are NaN.
+        A closed curve continues lap after lap, and its variables grow by `rise` in each
+        lap. Beyond the ends of an open curve the points are NaN.
         """
         s = np.atleast_1d(np.asarray(s, dtype=float))
         # Whole laps, which are 0 on an open curve, and the arc length within the last lap.
@@ -453,8 +451,7 @@ class ArcCurve(Chords):
         Returns
         -------
         Arc lengths (rad) of the zeros: in [0, length) on a closed curve, in [0, length] on
-        an open one. `spherekit.numerics.zeros` describes when two zeros are one double
-        zero.
+        an open one.
         """
         if variable is not None and self.rests(variable):
             return Zeros(np.zeros(0), np.zeros(0, dtype=bool))
@@ -488,7 +485,7 @@ class ArcCurve(Chords):
         variable
             Index of the variable.
         value
-            The value (rad). Values that differ from it by whole periods count too.
+            The value (rad). Values that differ by whole periods count as equal.
         period
             The period (rad), by default that of `periods`.
 
@@ -505,10 +502,9 @@ class ArcCurve(Chords):
 
             The difference is the variable minus the searched value. The function is zero
             where the difference is a whole number of periods, so all such places are found.
-            With an infinite period it is the difference itself.
             """
             # NumPy's sinc(x) is sin(pi x) / (pi x), and 1 at x = 0. The product below is
-            # therefore the sine above. The product is also right for an infinite period.
+            # the sine above, and the difference itself for an infinite period.
             difference = points.values[:, variable] - value
             slope = np.cos(np.pi / period * difference) * points.tangents[:, variable]
             return difference * np.sinc(difference / period), slope
@@ -541,8 +537,7 @@ class ArcCurve(Chords):
 
         A chord is the straight line between two successive nodes (stored points) of the
         curve. The result has the projections of configurations on chords. A configuration
-        at a node can be near both chords that meet there, and then has one projection on
-        each.
+        at a node can have a projection on each of the two chords that meet there.
         """
         # A variable can grow by a period without a change of the configuration: an angle by
         # a revolution, an arc length by the circumference of its profile. Whole periods are

@@ -147,9 +147,9 @@ class NodePieces:
     """The division of the nodes into pieces, from which assembly modes are made.
 
     A node is one configuration at one sample of the inputs. An assembly mode (one way to
-    assemble the links) has at most one node per sample. So has a piece, a set of nodes that
-    paths join. A new node is a piece of its own. Pieces that a path joins are united,
-    unless both have a node at the same sample, which is possible if modes meet.
+    assemble the links) has at most one node per sample. A piece is a set of nodes that
+    paths join, at most one per sample. A new node is a piece of its own. Pieces that a path
+    joins are united, unless both have a node at the same sample.
 
     Attributes
     ----------
@@ -189,8 +189,7 @@ class NodePieces:
         """Unite the pieces of two nodes, unless these pieces share a sample.
 
         A node is one configuration at one sample of the inputs. A piece is a set of joined
-        nodes with at most one node per sample, as in an assembly mode. United pieces that
-        share a sample would have two nodes there.
+        nodes with at most one node per sample, as in an assembly mode.
         """
         larger = int(self.piece_of_node[first_node])
         smaller = int(self.piece_of_node[second_node])
@@ -198,8 +197,8 @@ class NodePieces:
             return
         if self._count_nodes(larger) < self._count_nodes(smaller):
             larger, smaller = smaller, larger
-        # The nodes of the smaller piece get the identifier of the larger one, since they
-        # are fewer. `_parts` has the nodes of each piece, in several arrays.
+        # The nodes of the smaller piece get the identifier of the larger one. `_parts` has
+        # the nodes of each piece, in several arrays.
         moved_nodes = np.concatenate(self._parts[smaller])
         moved_samples = self._node_table.sample[moved_nodes]
         if np.any(self.have_nodes_at(larger, moved_samples)):
@@ -329,7 +328,7 @@ class ConfigurationGraph:
 
         A node is one configuration at one sample (choice of the inputs). The sign of the
         determinant of its closure Jacobian is stored with it. Two configurations with
-        opposite signs differ, however near they are.
+        opposite signs never count as equal.
 
         Parameters
         ----------
@@ -343,8 +342,8 @@ class ConfigurationGraph:
         (m,) node of each configuration.
         """
         signs = self._determinant_signs(values)
-        # Of equal configurations only the first one becomes a node. It represents the
-        # others. A configuration that represents itself is a first one.
+        # Of equal configurations only the first becomes a node, which represents all of
+        # them. The first configuration represents itself.
         representative = self._find_equal(sample, values, signs)
         (rows_of_new_nodes,) = np.nonzero(representative == np.arange(len(sample)))
         new_nodes = self._append_nodes(
@@ -412,8 +411,8 @@ class ConfigurationGraph:
     ) -> Indices:
         """Return, for each configuration, the one of them that represents it.
 
-        The representative is the first configuration that is equal to it. If that one is
-        represented by a still earlier one, the latter represents both.
+        The representative is the earliest configuration that is equal, directly or through
+        a chain of equal configurations.
 
         Parameters
         ----------
@@ -423,9 +422,8 @@ class ConfigurationGraph:
             (m, variables) configurations (rad).
         signs
             Signs of the determinants of their closure Jacobians. Configurations with
-            opposite signs differ, however near they are, because a singular configuration
-            separates them. A nearly singular configuration has no reliable sign and can be
-            equal to either.
+            opposite signs differ, because a singular configuration separates them. A nearly
+            singular configuration has no reliable sign.
 
         Returns
         -------
@@ -448,7 +446,8 @@ class ConfigurationGraph:
             differences = wrap(values[earlier] - values[later])[:, self._angles]
             is_same = max_abs(differences, axis=1) < SAME_CONFIGURATION_RAD
             representative[later[is_same]] = earlier[is_same]
-        # The representative may have an earlier representative itself. Go on to the first.
+        # A representative may itself be represented by an earlier configuration. Go on to
+        # the first one.
         while np.any(representative != representative[representative]):
             representative = representative[representative]
         return representative
@@ -468,8 +467,7 @@ class ConfigurationGraph:
         Returns
         -------
         (m,) the nearest node of the same sample, if all its angles of R pairs differ by
-        less than `SAME_CONFIGURATION_RAD`; otherwise -1. Other variables, which are arc
-        lengths along profiles, are not compared.
+        less than `SAME_CONFIGURATION_RAD`; otherwise -1.
         """
         nodes = np.full(len(sample), -1, dtype=np.intp)
         if not len(self.sample):
@@ -502,8 +500,7 @@ class ConfigurationGraph:
         # angles of R pairs.
         differences = wrap(self.values[candidates] - values[:, None])
         angle_differences = differences[..., self._angles]
-        # (m, c) distances, infinite for unused places. (The index -1 has read the last
-        # node.)
+        # (m, c) distances, infinite for unused places.
         largest_differences = max_abs(angle_differences, axis=2)
         distances = np.where(candidates < 0, np.inf, largest_differences)
         # The nearest candidate of each configuration.
@@ -530,12 +527,11 @@ class ConfigurationGraph:
         # If a configuration is a node already, `add` returns this node, not a new one.
         nodes = self.add(sample, values[sample])
         # Edges from each node to the next make the whole sheet one connected component of
-        # the graph. They need not be between neighbouring samples.
+        # the graph.
         self._edges.append(NodeEdges(starts=nodes[:-1], ends=nodes[1:]))
-        # Nodes are also united to pieces, which have at most one node per sample. `unite`
-        # leaves two pieces separate if they share a sample. New nodes are united first,
-        # which always succeeds: each is a piece of its own, and their samples differ. An
-        # earlier node can belong to a larger piece, which may share a sample.
+        # Unite the nodes to a piece, which has at most one node per sample. New nodes come
+        # first, because they can always be united. The piece of an earlier node may share a
+        # sample with them and then stays separate.
         new_nodes = nodes[nodes >= old_node_count]
         earlier_nodes = nodes[nodes < old_node_count]
         ordered_nodes = np.concatenate([new_nodes, earlier_nodes]).tolist()
@@ -547,9 +543,9 @@ class ConfigurationGraph:
 
         Each configuration has the sign of the determinant of its closure Jacobian (without
         the inputs). At each sample, the signs of all configurations add up to zero. The
-        reason is that, if sizes or inputs are changed, configurations appear and vanish
-        only in pairs with opposite signs, and that for some sizes there are none. Another
-        sum shows that a configuration was not found.
+        reason is that configurations appear and vanish only in pairs with opposite signs
+        when sizes or inputs change. A sum that is not zero shows that a configuration was
+        not found.
 
         Returns
         -------
@@ -570,18 +566,17 @@ class ConfigurationGraph:
         """Join nodes at neighbouring samples by paths, until the assembly modes are known.
 
         A node is a configuration at one sample (choice of the inputs). The samples form a
-        grid with one axis for each input. A piece is a set of joined nodes with at most one
-        node per sample. Pieces are united, and become the assembly modes in the end.
+        grid with one axis for each input. A path follows a configuration while the inputs
+        move to the next sample along an axis. A piece is a set of joined nodes with at most
+        one node per sample. Pieces are united, and become the assembly modes in the end.
 
         First, paths along the last axis of the grid make long pieces. Then paths are
-        followed along the other axes. A single path can join two long pieces that are side
-        by side, so a few paths from each piece are tried first, and more only if pieces
-        remain to be joined. A path joins two nodes whichever of them it starts from. In the
-        first rounds, paths are therefore followed in only one of the two directions of each
-        axis.
+        followed along the other axes, a few from each piece at first. One path is often
+        enough to join two long pieces. A path joins two nodes whichever of them it starts
+        from. In the first rounds, paths are therefore followed in only one of the two
+        directions of each axis.
 
-        At some samples configurations may be missing among the nodes. A path to such a
-        sample can end at a new configuration, which becomes a node.
+        A path can end at a new configuration, which becomes a node.
         """
         # Direction 2 a leads to the next sample along axis a, and 2 a + 1 to the previous
         # one. `_neighbours` has a row for each direction.
@@ -591,12 +586,10 @@ class ConfigurationGraph:
         # The nodes from which a path may join two pieces.
         starts = self._find_useful_starts(back_along_last_axis)
         self._join_along_paths(starts, back_along_last_axis)
-        # Paths to previous samples, from the last axis but one to the first axis. Pieces
-        # are long now, so that this method tries a few paths of each piece first.
+        # Follow paths to previous samples, from the last axis but one to the first axis.
         for axis in range(axis_count - 2, -1, -1):
             self._join_in_directions([2 * axis + 1])
-        # Now all directions, also because new nodes can have been added during these
-        # rounds.
+        # Follow paths in all directions, because new nodes may have been added.
         self._join_in_directions(range(direction_count))
 
     def _join_in_directions(self, directions: Sequence[int]) -> None:
@@ -633,8 +626,9 @@ class ConfigurationGraph:
 
         A path leads from a node (a configuration at a sample of the inputs) to the
         neighbouring sample. A piece is a set of joined nodes with at most one node per
-        sample. A path is useful only if its piece has no node at the neighbouring sample
-        yet, and a node of another piece can be its end.
+        sample. A path is useful under two conditions. First, the piece of its start has no
+        node at the neighbouring sample. Second, the path can end at a node or a new
+        configuration there.
 
         Parameters
         ----------
@@ -670,7 +664,7 @@ class ConfigurationGraph:
         neighbouring sample. The path can end at a node there that is not singular, has the
         same sign of the determinant of the closure Jacobian, and is not the end of another
         path in this direction. If configurations may be missing among the nodes of the
-        sample, it can also end at a new one.
+        sample, the path can end at a new one.
 
         Parameters
         ----------
@@ -686,7 +680,7 @@ class ConfigurationGraph:
         # (m,) samples to which the paths lead.
         target = self._neighbours[direction][self.sample[starts]]
         # All nodes at the target of each path: (m, nodes of a sample). Unused places are
-        # -1. They read the data of the last node below, and `is_node` excludes them.
+        # -1, and `is_node` excludes them.
         ends = self._node_table.list_nodes_at(target)
         is_node = ends >= 0
         is_regular = self._is_regular[ends]
@@ -705,11 +699,10 @@ class ConfigurationGraph:
         """Return the nodes from which paths in a direction are followed next.
 
         A node is a configuration at a sample of the inputs. A piece is a set of joined
-        nodes. Two pieces are often side by side at many samples, and a single path is
-        enough to join them. So only a few paths are selected from each piece to each block
-        of samples. In a grid of two inputs, for example, paths along axis 0 lead from one
-        row of samples to the next, and each row is a block. In general, the samples of a
-        block have the same indices along axis 0 to the axis of the path.
+        nodes. A single path is enough to join two pieces, so only a few paths are selected
+        from each piece to each block of samples. The samples of a block have the same
+        indices along axis 0 to the axis of the path. In a grid of two inputs, for example,
+        each row of samples is a block for paths along axis 0.
 
         Parameters
         ----------
@@ -747,7 +740,7 @@ class ConfigurationGraph:
         are updated:
 
         - `_is_tried`: whether a path from a node in a direction was followed,
-        - `_is_reached`: whether such a path ends at a node,
+        - `_is_reached`: whether a path that was followed in a direction ends at a node,
         - `_edges`: the nodes at the starts and at the ends of the paths,
         - `_pieces`: the sets of joined nodes with at most one node per sample.
 
@@ -760,9 +753,10 @@ class ConfigurationGraph:
             2 a + 1 to the previous one. All nodes have a neighbour in this direction.
         """
         self._is_tried[direction, nodes] = True
+        # Nodes from this number on are new: they are added at the ends of these paths.
         old_node_count = len(self.sample)
         starts, ends = self._find_ends_of_paths(nodes, direction)
-        # The ends of paths that are not sound remain nodes, but are not joined here.
+        # Paths that are not sound join no nodes.
         is_sound = self._are_paths_sound(starts, ends, direction, old_node_count)
         starts = starts[is_sound]
         ends = ends[is_sound]
@@ -782,8 +776,8 @@ class ConfigurationGraph:
         """Follow paths from nodes in a direction, and return the nodes at both ends.
 
         A node is one closed configuration at one sample of the inputs. A path leads to the
-        next sample in the direction. A configuration at its end that is no node yet becomes
-        one.
+        next sample in the direction. The configuration at the end of a path becomes a node,
+        if it is new.
 
         Parameters
         ----------
@@ -820,10 +814,11 @@ class ConfigurationGraph:
         node to a node at the next sample.
 
         - A path can be followed back to its start, so two paths cannot end at one node. If
-          they do, one of them has jumped. Neither is sound, since the wrong one is not
-          known. A path to a node that an earlier path has reached is not sound, either.
+          two do, one of them has jumped, and neither is sound. `_is_reached` marks the ends
+          of earlier sound paths.
         - The determinant of the closure Jacobian with locked inputs keeps its sign along a
-          path. So both ends must have the same sign.
+          path. An old node at the end must have the sign of the start. For a new node, each
+          step to it was tested for this.
 
         Parameters
         ----------
@@ -832,13 +827,13 @@ class ConfigurationGraph:
         direction
             Direction of the paths in the grid of inputs.
         old_node_count
-            Number of nodes before these paths were followed.
+            Number of nodes before these paths were followed. New nodes have this index or a
+            greater one.
         """
         paths_to_end = np.bincount(ends, minlength=len(self.sample))[ends]
         is_reached_once = (paths_to_end == 1) & ~self._is_reached[direction, ends]
-        # A new node is exactly the end of its path, where the sign was tested. An old node
-        # may differ from the end by up to `SAME_CONFIGURATION_RAD`. Beside a singular
-        # configuration the two may be on different sides of it, with different signs.
+        # An old node may differ from the end of the path by up to `SAME_CONFIGURATION_RAD`.
+        # A singular configuration, at which the sign changes, may be between them.
         is_new = ends >= old_node_count
         has_equal_signs = self._determinant_sign[ends] == self._determinant_sign[starts]
         return is_reached_once & (is_new | has_equal_signs)
@@ -894,11 +889,9 @@ class ConfigurationGraph:
         The mode with the most nodes comes first. Modes with equally many are sorted by
         their first sample.
         """
-        # Paths join nodes to connected components. A component can have several nodes at a
-        # sample. It consists of pieces, sets of nodes with at most one node per sample. To
-        # get few modes, several pieces of a component can form one mode. Each piece, the
-        # largest first, is put into the first mode of its component that has no nodes at
-        # the samples of the piece.
+        # Paths join nodes to connected components. A component consists of pieces, sets of
+        # nodes with at most one node per sample. Each piece, the largest first, is put into
+        # the first mode of its component that has no nodes at the samples of the piece.
         component_of_node = self._find_components()
         modes_of_component: dict[int, list[Indices]] = {}
         for nodes in self._pieces.sort_by_size():
@@ -998,8 +991,8 @@ def _put_into_first_mode(
     """Put a piece (a set of configurations) into the first assembly mode in which it fits.
 
     A node is one configuration at one sample (choice of the inputs). A mode can have only
-    one node at each sample. So a piece fits into a mode that has no node at any sample of
-    the piece. If it fits into no mode, it becomes a new mode.
+    one node at each sample. A piece fits into a mode that has no node at any sample of the
+    piece. A piece that fits into no mode becomes a new mode.
 
     Parameters
     ----------
@@ -1027,9 +1020,8 @@ def share_numbers(modes: Sequence[Indices]) -> list[Indices]:
     """Unite assembly modes that occur on separate parts of a path of samples.
 
     United modes share one number, so that users see fewer of them. A sample is one choice
-    of the inputs. Between two modes that are united, there is at least one sample without
-    either. A curve through successive samples therefore never changes from one to the
-    other.
+    of the inputs. At least one sample without a configuration separates two modes that are
+    united.
 
     Parameters
     ----------

@@ -98,16 +98,14 @@ crossing fails, this is not reported as a problem.
 class Piece(NamedTuple):
     """A part of a configuration curve on which the input only rises or only falls.
 
-    All its configurations belong to one assembly mode. The range can contain several
-    periods of the input, after which configurations repeat. The same part of a curve then
-    gives one piece in each period. The input of a piece is that on the curve plus `shift`.
+    All its configurations belong to one assembly mode. Configurations repeat after a period
+    of the input. A part of a curve gives one piece in each period within the range. The
+    input of a piece is that on the curve plus `shift`.
 
     Attributes
     ----------
     assembly_mode
-        Number of the mode. None if no known mode has the configurations of the piece:
-        either the search for modes has missed one, or wheels mesh in other teeth than in
-        the known modes.
+        Number of the mode. None if no known mode has the configurations of the piece.
     middle
         (variables,) configuration at the middle of the piece (rad), with `shift` added to
         the input.
@@ -145,15 +143,13 @@ def monotone_pieces(
     period
         Growth of the input (rad) after which all configurations of the mechanism return.
         The period is infinite if wheels follow the input by gear ratios and are not known
-        to return. The period is NaN if no wheel follows the input. In both cases only the
-        period of this curve is used: a closed curve returns after one lap
-        (`ArcCurve.returns_after`).
+        to return. The period is NaN if no wheel follows the input. If the period is not
+        finite, the period of this curve is used (`ArcCurve.returns_after`).
 
     Returns
     -------
-    The pieces within the range in order of arc length, without their assembly modes. If the
-    range is longer than the period, the same part of the curve is a piece each time that
-    the input passes it.
+    The pieces within the range in order of arc length, without their assembly modes. A part
+    of the curve gives a piece for each period in the range.
     """
     period = curve.returns_after(driven, period)
     if not _may_reach_range(curve, driven, low, high, period):
@@ -249,7 +245,7 @@ def _may_reach_range(
     # A chord is the straight line between two successive nodes, in the space of all
     # variables. On this line, the input is between its values at both nodes. The nodes are
     # so close that the curve deviates from the line by less than the length of the chord.
-    # So on the curve, the input is beyond these values by less than this length.
+    # The input on the curve exceeds these values by less than this length.
     margin = float(np.max(curve.chord_lengths))
     lowest = float(np.min(curve.nodes.values[:, driven])) - margin
     highest = float(np.max(curve.nodes.values[:, driven])) + margin
@@ -277,9 +273,8 @@ class Configurations(NamedTuple):
     """The configuration curves that have a configuration with the input in its range.
 
     A configuration curve consists of all closed configurations that the mechanism reaches
-    from one of them. It does not depend on which pair is the input. To search the curves,
-    configurations were computed at values of the pair `drive`. This pair is the input
-    itself, or another pair if that was less work.
+    from one of them. To search the curves, configurations were computed at values of the
+    pair `drive`. The pair `drive` is the input, or another pair if that was less work.
 
     Attributes
     ----------
@@ -357,7 +352,7 @@ def configuration_curves(
         # No mode passes through the reference pose if the input is stationary on its curve.
         search.add_curves(reference[None])
     # The curves are divided at values of the pair with which this takes the least work. If
-    # this is not the input, the whole revolution of this pair is searched.
+    # this pair is not the input, its whole revolution is searched.
     drive = choose_driving_pair(solver)
     drive_range = (low, high) if drive is solver else (-np.pi, np.pi)
     turning_points = find_input_turning_points(drive, *drive_range)
@@ -498,8 +493,7 @@ class _CurveSearch:
             (n, variables) configurations (rad), often of one assembly mode in the order of
             the input.
         """
-        # This follows all curves first. Their ends show where curves cross, which decides
-        # about the failures below.
+        # All curves are followed first, because their ends show where curves cross.
         failures = self._follow_unknown_curves(values)
         for start, message in failures:
             if self._is_near_crossing_end(start):
@@ -511,8 +505,6 @@ class _CurveSearch:
 
     def _follow_unknown_curves(self, values: Floats) -> list[tuple[Floats, str]]:
         """Follow curves until one passes each of the configurations, and add them.
-
-        Curves through some of the configurations may be known already.
 
         Parameters
         ----------
@@ -529,8 +521,8 @@ class _CurveSearch:
         for curve in self.curves:
             values = values[~curve.passes(values)]
         while len(values):
-            # Start in the middle of the list. The first and last configurations of a mode
-            # can be near the ends of the mode, where following is difficult.
+            # Start in the middle of the list. Following is difficult from configurations
+            # near the ends of a mode.
             middle = len(values) // 2
             start = values[middle]
             values = np.delete(values, middle, axis=0)
@@ -560,13 +552,11 @@ class _CurveSearch:
     def follow_curves_from_crossings(self) -> None:
         """Follow the curves that leave the crossings at which known curves end.
 
-        The search by assembly modes does not find curves on which the input is constant.
-        Such curves can be reached from crossings. Several curves end at a crossing, but
-        each crossing is searched only once.
+        Curves on which the input is constant can be reached only from crossings. Each
+        crossing is searched only once.
         """
         searched_ends: list[Floats] = []
-        # New curves are appended to `curves` during this loop, and their ends are searched
-        # too.
+        # New curves are appended to `curves` during this loop, so their ends are searched.
         for curve in self.curves:
             # The ends (one or two configurations) of the curve that are at crossings.
             for end in _crossing_ends([curve]):
@@ -601,8 +591,8 @@ class _CurveSearch:
 
         Returns
         -------
-        How complete the curves are. All modes at an input can be computed if unknowns can
-        be eliminated from the loop equations. Otherwise nothing is guaranteed.
+        How complete the curves are. Nothing is guaranteed if no elimination computes all
+        modes at an input.
         """
         incomplete = Completeness(
             Guarantee.SAMPLED, "no elimination finds all modes at an input"
@@ -627,17 +617,15 @@ class _CurveSearch:
         """Follow the configuration curves to which random starts over the range lead.
 
         The search ends when many starts have led to each known curve, because few curves
-        can then be missing. The starts differ from those of the search for assembly modes.
+        can then be missing.
 
         Returns
         -------
-        How complete the curves are, with the numbers of starts. Wheels can have rolled on
-        each other by any number of revolutions. If the input does not determine this
-        number, there are infinitely many curves. Then nothing is searched, and only the
-        curves of the known assembly modes are complete (`Guarantee.COMPONENT`).
+        How complete the curves are, with the numbers of starts.
         """
-        # None without wheels. `all_known` says whether the input determines how far all
-        # wheels have rolled.
+        # `all_known` says whether the input determines how far all wheels have rolled. If
+        # not, there are infinitely many curves, and nothing is searched. Without wheels
+        # `gear_phases` is None.
         gear_phases = self.solver.gear_phases
         if gear_phases is not None and not gear_phases.all_known:
             return Completeness(
@@ -670,16 +658,16 @@ class _CurveSearch:
         A piece is a part of a curve on which the input only rises or only falls, so it is
         one mode. At the inputs of `mode_counts`, all modes were computed without the
         curves. If there are fewer pieces than modes, a curve is missing. If the curves
-        should be complete, more pieces are an error, too. A sentence about each error is
-        added to `problems`.
+        should be complete, more pieces than modes are an error. A sentence about each error
+        is added to `problems`.
 
         Parameters
         ----------
         pieces
             The pieces of all curves.
         is_complete
-            Whether the curves should be complete. Then modes are also counted at further
-            inputs spread over the range.
+            Whether the curves should be complete. If so, modes are counted at further
+            inputs.
         """
         if is_complete:
             self._count_modes_at_further_inputs()
@@ -719,8 +707,7 @@ class _CurveSearch:
         """Return whether the number of modes at an input may depend on rounding.
 
         Modes meet at the end of a piece (part of a curve), where the input reverses, and
-        where curves cross. Next to such an input, rounding decides how many modes there
-        are.
+        where curves cross.
 
         Parameters
         ----------
@@ -733,7 +720,7 @@ class _CurveSearch:
         if end_distance < NEAR_TURN_RAD:
             return True
         # Inputs of crossings may differ by whole turns from those in the range. `wrap`
-        # removes these.
+        # removes whole turns.
         crossing_inputs = np.array(
             [end[self.solver.input_variable] for end in _crossing_ends(self.curves)]
         )

@@ -195,9 +195,9 @@ class CurveContinuation(ABC, Generic[Node]):
         A closed curve returns to its start after one lap, but angles may have grown by
         whole periods (revolutions). The moved start is compared with the end of the lap.
 
-        A subclass can have more unknowns than the pair variables, such as rates of links.
-        It then overrides this method and compares these unknowns of `starts` and `nodes`.
-        Where they differ it returns NaN, so that the lap does not close.
+        A subclass with further unknowns, such as rates of links, overrides this method.
+        Where the further unknowns of `starts` and `nodes` differ, NaN is returned, so that
+        the lap does not close.
 
         Parameters
         ----------
@@ -226,7 +226,7 @@ class CurveContinuation(ABC, Generic[Node]):
     def limit_steps(self, rows: Indices, steps: Floats) -> Floats:
         """Return the next steps (k,) of curves (rad), at most the longest allowed one.
 
-        `rows` (k,) are the indices of the curves. Here the limit is the same for all.
+        `rows` (k,) are the indices of the curves, which a subclass may use.
         """
         return np.minimum(steps, self.max_step)
 
@@ -244,8 +244,7 @@ class CurveContinuation(ABC, Generic[Node]):
     def _advance(self, rows: Indices, steps: Floats) -> StepOutcome:
         """Try a step on each curve, and append the new points (nodes).
 
-        Curves that return to their start end here. A subclass may also end curves that
-        reach a limit, such as the end of a profile. Curves that end get an `end_status`.
+        Curves that return to their start or reach a limit end, and get an `end_status`.
 
         Parameters
         ----------
@@ -265,8 +264,7 @@ class CurveContinuation(ABC, Generic[Node]):
         tried_steps = self.try_steps(rows, nodes, steps)
         # Curves whose step passes their start end there.
         is_closed_now = self._close_laps(rows, nodes, steps, tried_steps=tried_steps)
-        # The subclass selects the verified steps that pass no limit. It sets `end_status`
-        # of curves that end at one.
+        # The subclass selects the verified steps that pass no limit, and may end curves.
         is_taken = self.select_steps(
             rows,
             steps,
@@ -276,8 +274,8 @@ class CurveContinuation(ABC, Generic[Node]):
         self.append_nodes(rows[is_taken], tried_steps.nodes.rows(is_taken))
         # A curve that has ended needs no step, so its step has not failed.
         has_ended = self.end_status[rows] != UNFINISHED
-        # The less the Jacobian has changed in a step, the longer the next one may be. A
-        # step that was not taken says nothing about this, so its factor is 1.
+        # The less the Jacobian has changed in a step, the longer the next one may be. The
+        # factor is 1 after a step that was not taken.
         growth = self._choose_growth(tried_steps.changes)
         return StepOutcome(
             has_failed=~is_taken & ~has_ended, growth=np.where(is_taken, growth, 1.0)
@@ -342,8 +340,8 @@ class CurveContinuation(ABC, Generic[Node]):
         """Find the curves whose step passes their start, so that they are closed.
 
         A lap is one round of a closed curve, after which it returns to its start. Angles
-        may have grown by whole periods (such as revolutions) then. A lap closes under these
-        conditions:
+        may have grown by whole periods (such as revolutions) in a lap. A lap closes under
+        these conditions:
 
         - The start is ahead of the last node, within the length of the verified step.
         - The start is near the curve that is extrapolated from the last node, and the
@@ -381,16 +379,14 @@ class CurveContinuation(ABC, Generic[Node]):
             nodes.values, nodes.tangents, nodes.bends, distances[:, None]
         )
         miss = max_abs(values - predicted, axis=1)
-        # The first nodes of a curve are near the start, too. A lap is possible only on a
-        # curve that is clearly longer than the distance `NEAR_END_RAD`, which counts as
-        # the start itself.
+        # Points up to `NEAR_END_RAD` from the start count as the start. A lap is possible
+        # only on a curve that is clearly longer.
         was_away = self.lengths[rows] > 4.0 * NEAR_END_RAD
         closes = tried_steps.is_verified & all_finite(end_nodes.values, 1) & was_away
         closes &= (distances > -NEAR_END_RAD) & (distances <= steps)
         # The error that is allowed for the prediction of a step.
         closes &= miss <= self.step_tests.correction * steps
-        # The curve must pass its start in the same direction as it began. A curve that
-        # crosses it at an angle is not closed.
+        # The curve must pass its start in the same direction as it began.
         closes &= np.vecdot(starts.tangents, nodes.tangents) >= MIN_LAP_COSINE
         # If the start is practically the last node, the curve is closed without a step.
         # Otherwise a step up to the start is tried. This step must be verified and end at
@@ -417,9 +413,9 @@ class CurveContinuation(ABC, Generic[Node]):
     ) -> Bools:
         """Return a mask (k,) of the steps whose middle both ends predict correctly.
 
-        This is the last test. It shows that the step is on one smooth curve. A polynomial
-        with the position and the first two derivatives at both ends must agree with the
-        middle, a point computed separately.
+        This test shows that the step is on one smooth curve. A polynomial with the position
+        and the first two derivatives at both ends must agree with the middle, a point
+        computed separately.
 
         Parameters
         ----------
@@ -461,8 +457,8 @@ class CurveContinuation(ABC, Generic[Node]):
         all_nodes = self.start_nodes.concatenate(nodes)
         is_kept = np.ones(len(all_nodes.values), dtype=bool)
         if self.is_closed[row]:
-            # The last node is the copy of the start. The node before it is left out if it
-            # is practically the same point.
+            # The last node is the copy of the start. The node before the copy is left out
+            # if it is practically the same point.
             last_chord = max_abs(all_nodes.values[-1] - all_nodes.values[-2])
             is_kept[-2] = last_chord >= NEAR_END_RAD
         return all_nodes.rows(is_kept)

@@ -200,20 +200,20 @@ def follow_arcs(closure: Closure, starts: Floats, longest: float) -> list[ArcCur
     Parameters
     ----------
     closure
-        The loops of the whole mechanism. The loops may have locked variables, whose values
-        can differ from configuration to configuration.
+        The loops of the whole mechanism. Values of locked variables can differ from
+        configuration to configuration.
     starts
         (n, variables) closed configurations (rad).
     longest
-        Curves are followed from their starts in both senses. One that does not close is
-        ended after this arc length in each sense (rad, in the space of all variables).
+        Curves are followed from their starts in both senses. A curve that does not close is
+        ended after this arc length in each sense (rad).
 
     Returns
     -------
     n curves. None for a configuration that does not close, does not move, is beyond a limit
     or is singular.
     """
-    # `stops` would be further limits, which the caller chooses.
+    # No further limits (`stops`) are chosen.
     limits = CurveLimits.of_mechanism(closure, stops={})
     # The first node (point with its tangent) of each curve, by index of the configuration.
     # Configurations with an error are left out.
@@ -306,8 +306,7 @@ def _join_senses(
 ) -> ArcCurve:
     """Return one curve from the parts that were followed in both senses.
 
-    Nodes and steps differ between the senses. A curve whose forward part ended, for example
-    because no step passed the tests, may therefore still close in the backward sense.
+    A curve that did not close in the forward sense may close in the backward sense.
 
     Parameters
     ----------
@@ -322,12 +321,10 @@ def _join_senses(
     Raises
     ------
     SolveError
-        If no step was possible in either sense, so that the start is the only node. An
-        example is a start at joint limits on both sides.
+        If no step was possible in either sense, so that the start is the only node.
     """
-    # The nodes of a closed curve are those of one sense. Both ends then have the status OK.
-    # A `plain` node is a point of the curve, without the equations and the distances from
-    # limits that following needed.
+    # The nodes of a closed curve are those of one sense. A `plain` node is a point of the
+    # curve, without the equations and the distances from limits that following needed.
     nodes = forward.collect_nodes(row).plain
     ends = (Status.OK, Status.OK)
     closed = True
@@ -430,8 +427,8 @@ def _find_motion(closure: Closure, values: Floats) -> Floats:
         If the loops allow no motion.
     """
     # Rates with J rates = 0 keep the loops closed, with the closure Jacobian J. The last
-    # right singular vector has this property if its singular value is zero. If there are
-    # more variables than equations, singular values are missing; they count as zero.
+    # right singular vector has this property if its singular value is zero. With more
+    # variables than equations, singular values are missing, and count as zero.
     _, singular_values, right_vectors = np.linalg.svd(
         closure.linearise(values[None]).jacobian[0]
     )
@@ -558,8 +555,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         A limit is a bound of a variable, or equal curvatures of two profiles in contact,
         which do not determine how they move. Its margin is the distance from it (rad, or
         difference of curvatures). A last step has to lead to the limit and pass the tests
-        that it stays on the curve. Otherwise nothing is changed, and the curve continues by
-        smaller steps.
+        that it stays on the curve. If no such step exists, nothing is changed.
 
         Parameters
         ----------
@@ -604,7 +600,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         -------
         (1, variables) configuration (rad). It need not be on the same curve.
         """
-        # Locked variables can have other values for each curve. Take those of this curve.
+        # Take the values of locked variables of this curve.
         closure = self.closure.select_rows(row)
 
         def compute_steps(values: Floats, _: Indices) -> Floats:
@@ -636,7 +632,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         self.end_status[row] = (
             Status.AT_SINGULARITY if is_near_crossing else Status.MODE_LOST
         )
-        # The margins are the distances from all limits. One near limit is enough.
+        # The margins are the distances from all limits.
         near_limits = np.flatnonzero(self.last_nodes.margins[row] < NEAR_END_RAD)
         if len(near_limits):
             self.end_status[row] = self.limits.statuses[near_limits[0]]

@@ -99,7 +99,7 @@ class Crossing(NamedTuple):
         How far the configuration is from an exact crossing (rad). At an exact crossing the
         loops are closed: the closure residual is zero. The closure Jacobian has lost rank:
         all its singular values beyond the rank are zero. `miss` is the largest of these
-        numbers, in absolute value. If it is only rounding, this may be an exact crossing.
+        numbers, in absolute value.
     error
         Size (rad) of the last step of Newton's method that found `values`.
     """
@@ -116,8 +116,9 @@ def find_crossing(closure: Closure, values: Floats) -> Crossing | None:
     """Return the crossing near a configuration (variables,), None if there is none.
 
     At a crossing, several curves of configurations meet. The closure Jacobian (derivatives
-    of the loop equations by the pair variables) has a lower rank there. So the loops allow
-    several independent motions. The largest possible number of motions is tried first.
+    of the loop equations by the pair variables) has a lower rank there. The loops therefore
+    allow several independent motions. The largest possible number of motions is tried
+    first.
     """
     _, singular_values, _ = np.linalg.svd(closure.linearise(values[None]).jacobian[0])
     rank = int(np.sum(singular_values > MAX_NULL_RATIO * singular_values[0]))
@@ -131,10 +132,9 @@ def find_crossing(closure: Closure, values: Floats) -> Crossing | None:
 def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
     """Return points on all curves of configurations that leave a given configuration.
 
-    From these points the curves can be followed, even if several curves cross here.
-    The points are searched at a fixed distance from the configuration, by Newton's method
-    from `START_COUNT` start points that are spread over a sphere. A curve that none of them
-    leads to is missed.
+    From these points the curves can be followed. The points are searched at a fixed
+    distance from the configuration, by Newton's method from `START_COUNT` start points that
+    are spread over a sphere. A curve to which no start point leads is missed.
 
     Parameters
     ----------
@@ -146,16 +146,13 @@ def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
 
     Returns
     -------
-    (n, variables) configurations (rad), `RADIUS_RAD` away in the space of the variables. If
-    the configuration belongs to a surface of configurations, infinitely many are that far
-    away. Those to which the start points lead are returned.
+    (n, variables) configurations (rad), `RADIUS_RAD` away in the space of the variables.
     """
     _, singular_values, right_vectors = np.linalg.svd(
         closure.linearise(values[None]).jacobian[0]
     )
-    # Singular values below `MOTION_RATIO` times the largest one count as zero. If even the
-    # largest one is tiny, the whole Jacobian is zero but for rounding. Its values are then
-    # not small relative to each other, so the scale has a least value.
+    # Singular values below `MOTION_RATIO` times the largest one count as zero. The scale
+    # has a least value, so that a Jacobian with only tiny singular values counts as zero.
     scale = max(singular_values[0], MOTION_RATIO)
     rank = int(np.sum(singular_values >= MOTION_RATIO * scale))
     # Motions that keep the loops closed to first order. The curves are searched on a small
@@ -298,9 +295,10 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
     # rate of a vector follows from the angular velocities of both bodies of its pair.
     #
     # Bodies are placed along a tree of pairs, and `body_rates` gives the angular velocities
-    # of these bodies. A pair outside the tree closes each loop. As the loop opens, its
-    # second body leaves this pair. But J describes the pair with a second body that stays
-    # in it. The angular velocity of such a body follows from the first body and the pair.
+    # of these bodies. A pair outside the tree closes each loop. While a loop opens, there
+    # are two copies of the second body of this pair: one placed by the tree, and one
+    # carried by the pair. J describes the copy carried by the pair. The angular velocity of
+    # this copy follows from the first body and the pair.
     first_rates = linearisation.body_rates(np.eye(count))[:, closure.tree.first_bodies]
     second_rates = _rates_of_second_bodies(linearisation, first_rates)
     vector_rates = linearisation.vector_rates_of_pairs(first_rates, second_rates)
@@ -315,9 +313,6 @@ def _rates_of_second_bodies(linearisation: Linearisation, first_rates: Floats) -
     In row k, variable k has the rate 1 and all others are at rest, so the loops open. The
     second body of its pair rotates relative to the first body. The two bodies of every
     other pair rotate alike.
-
-    The method `body_rates` would give the rates of bodies that are placed along a tree of
-    pairs. These rates are wrong for the pairs outside the tree, which close the loops.
 
     Parameters
     ----------
@@ -393,7 +388,7 @@ def _find_independent_forms(forms: Floats) -> Floats:
     _, singular_values, right_vectors = np.linalg.svd(forms[:, rows, columns])
     if singular_values[0] < MIN_SECOND_ORDER:
         return np.zeros((0, size, size))
-    # A form that is tiny relative to the largest one may be a rounding error, too.
+    # A form that is tiny relative to the largest one may be a rounding error.
     count = int(np.sum(singular_values > MIN_SECOND_ORDER * singular_values[0]))
     independent_forms = np.zeros((count, size, size))
     independent_forms[:, rows, columns] = right_vectors[:count]
@@ -472,12 +467,10 @@ def _search_zeros(forms: Floats, y: Floats) -> _ZeroSearch:
         slopes = np.einsum("fij,nj->nfi", forms, y)
         form_values = np.sum(slopes * y[:, None], axis=2)
         residuals = np.append(form_values, np.zeros((len(y), 1)), axis=1)
-        # The matrices are square. `left_inverse` returns NaN for singular ones, while
-        # NumPy would refuse all of them.
+        # The matrices are square. `left_inverse` returns NaN for singular matrices.
         inverse = left_inverse(np.concatenate([2.0 * slopes, y[:, None]], axis=1))
         y = unit_rows(y - (inverse @ residuals[..., None])[..., 0])
-    # The residuals and the inverse belong to the points before the last step. The caller
-    # judges by them whether the search has converged, and whether two zeros coincide.
+    # The residuals and the inverse belong to the points before the last step.
     return _ZeroSearch(
         points=y,
         residuals=max_abs(residuals, axis=1),

@@ -105,10 +105,11 @@ class CurveLimits:
         closure
             The loops, with the joints of the pairs.
         stops
-            Lowest and highest value (rad) of variables, by the index of the variable.
-            Configurations beyond these values exist, so their status is OK.
+            Lowest and highest value (rad) of variables, by the index of the variable. A
+            curve that ends at such a value gets the status OK.
         """
-        # Each range is a variable, its lowest and highest value, and the status beyond.
+        # Each range is a variable, its lowest and highest value, and the status of a curve
+        # that ends there.
         ranges = [(variable, ends, Status.OK) for variable, ends in stops.items()]
         contacts = []
         for pair, profiles in iterate_contact_profiles(closure.joints):

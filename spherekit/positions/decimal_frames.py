@@ -40,10 +40,10 @@ where Z is a rotation about z by the pair variable.
 
 
 def decimal_frames(mechanism: Mechanism) -> dict[int, Frames]:
-    """Return the frames of all pairs in quad precision, if all are revolute pairs.
+    """Return the frames of all pairs of a mechanism of R pairs, in quad precision.
 
     The frames are computed from the decimal numbers of the mechanism file, such as 64.02
-    degrees. The nearest float64 numbers would already have errors of 1e-16.
+    degrees. Float64 numbers would have errors of 1e-16.
 
     Returns
     -------
@@ -56,11 +56,12 @@ def decimal_frames(mechanism: Mechanism) -> dict[int, Frames]:
         # The file has the axes of all pairs in one configuration, the reference pose. The
         # "value" of a pair is its angle in this pose.
         angles_in_pose = _read_pair_angles(document, "value")
-        # `geometry.axes` is in float64. The function restores the decimals of the file.
+        # `geometry.axes` is in float64. `_frames_from_pose` restores the decimals of the
+        # file.
         frames_by_name = _frames_from_pose(geometry.axes, angles_in_pose)
     else:
         # The file has the sizes of each link, which are angles between its pair axes. The
-        # "zero" of a pair is an angle that moves the zero of its variable.
+        # "zero" of a pair is an angle by which its frame in the first link is turned.
         axes_by_link = {
             link: _read_link_axes(sizes, document.data["links"][link])
             for link, sizes in geometry.links.items()
@@ -95,8 +96,8 @@ def _frames_from_pose(
     """
     frames: dict[str, Frames] = {}
     for name, axis in axes.items():
-        # `repr` returns the shortest decimal number that float64 rounds to this number. It
-        # is the number of the file, if that has at most 15 digits.
+        # `repr` returns the shortest decimal number that float64 rounds to this number.
+        # This is the number of the file, if the file has at most 15 digits.
         exact_axis = normalize(_parse_decimals([repr(float(x)) for x in axis]))
         # The float64 axis selects the x axis, as in computations with float64.
         first = _frame_with_any_x_axis(exact_axis, np.array(axis, dtype=float))
@@ -116,8 +117,8 @@ class _LinkAxes:
     exact
         The vectors in quad precision.
     rounded
-        The same vectors in float64. Decisions, such as whether two axes are collinear, are
-        based on them, so that they are the same as in computations with float64.
+        The same vectors in float64. Whether two axes are collinear is decided with these
+        vectors, as in computations with float64.
     """
 
     exact: Mapping[str, Array]
@@ -128,7 +129,7 @@ class _LinkAxes:
 
         The z axis is the pair axis. The x axis points to the first other axis of the link
         that is not collinear with the pair axis. If there is none, x is any normal
-        direction. Collinearity is tested with the axes in float64 (`rounded`).
+        direction.
         """
         axis = self.exact[name]
         for other_name, other_axis in self.exact.items():
@@ -149,7 +150,7 @@ def _read_link_axes(sizes: LinkSizes, link_table: Mapping[str, Any]) -> _LinkAxe
         The arcs and angles (rad) in float64.
     link_table
         The table of the link in the mechanism file, with the same arcs and angles in
-        degrees as decimal numbers. These are exact.
+        degrees as decimal numbers. The decimal numbers are exact.
     """
     exact_sizes = LinkSizes(
         sizes.axes,
@@ -181,7 +182,7 @@ def _frames_from_sizes(
         The pair axes of each link.
     zero_angles
         Angle (rad, quad precision) by which the frame of a pair in its first link is
-        rotated about the pair axis, by the name of the pair. It moves the zero of the
+        rotated about the pair axis, by the name of the pair. This moves the zero of the
         variable. Pairs that are left out have the angle 0.
 
     Returns

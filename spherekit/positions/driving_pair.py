@@ -26,15 +26,15 @@ def choose_driving_pair(solver: PositionSolver) -> PositionSolver:
     """Return a solver with the driving pair for which meetings of modes are found fastest.
 
     The configuration curves of a mechanism do not depend on which pair is driven, so the
-    cheapest can be chosen. The search needs the inputs at which assembly modes meet: the
-    zeros of functions of the input (`make_mode_coalescence`). The time of one value of
+    pair of least cost is chosen. The search needs the inputs at which assembly modes meet:
+    the zeros of functions of the input (`make_mode_coalescence`). The time of one value of
     these functions is the cost of a driving pair. For some pairs the functions are not
     known.
 
     Returns
     -------
-    A solver of the same mechanism. It is the solver of the argument if this is fast enough,
-    if the functions are not known for any pair, or if a group has contacts or redundant
+    A solver of the same mechanism. The argument is returned if it is fast enough, if the
+    functions are not known for any pair, or if a group has contacts or redundant
     constraints.
     """
     groups = solver.assembly.groups

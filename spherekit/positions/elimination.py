@@ -44,15 +44,15 @@ smaller limit the equations lose digits. With a larger one more groups are searc
 class EliminationResult:
     """Configurations of a group of links that were found by elimination.
 
-    The group is solved by arc equations: each says that the axes of a link with two pairs
-    include the angle of the link, its arc. Their complex solutions are computed. Those that
-    are real, or nearly real, are returned.
+    The group is solved by arc equations: the angle between the two axes of a link equals
+    its arc (size). Complex solutions of these equations are computed. The result has those
+    that are real or nearly real.
 
     Attributes
     ----------
     angles
-        (solutions, pairs) real parts of the angles (rad). They are starting values for
-        Newton's method, and a configuration can occur more than once.
+        (solutions, pairs) real parts of the angles (rad). These are starting values for
+        Newton's method. A configuration can occur more than once.
     is_real
         (solutions,) whether the solution is real up to rounding. Newton's method must then
         find a closed configuration next to it. Other solutions have a small imaginary part,
@@ -70,12 +70,11 @@ def solve_by_elimination(group: Group, closure: Closure) -> EliminationResult:
     """Compute all real solutions of the arc equations of a group at one sample.
 
     The group becomes a tree of bodies if some links with two pairs are removed. Each of
-    these links gives an arc equation in the angles of the tree: the axes of its two pairs
-    must include the angle of the link (its arc). An elimination order says which links are
+    these links gives an arc equation in the angles of the tree: the angle between the axes
+    of its two pairs equals the arc of the link. An elimination order says which links are
     removed, and in which order the angles are eliminated. Orders are tried until the checks
-    of one succeed. If all orders fail, the solutions of all of them are returned together,
-    since a solution that one order has lost may be among those of another. Copies do no
-    harm: they are starting values for Newton's method.
+    of one succeed. If all orders fail, the solutions of all orders are returned together,
+    because a solution that one order has lost may be among those of another.
 
     Parameters
     ----------
@@ -111,9 +110,9 @@ def solve_by_elimination(group: Group, closure: Closure) -> EliminationResult:
         # says which equation contains which angle.
         equations = geometry.form_equations(order)[0]
         tree_angles, problem = find_near_real_angles(equations, order.incidence)
-        # Rounding gives real solutions an imaginary part, and multiple ones a large one.
-        # Solutions below the wide limit are candidates for real ones. Only those below the
-        # narrow limit `REAL_RAD` are real for certain.
+        # Rounding gives real solutions an imaginary part, which is larger for multiple
+        # solutions. Solutions below the wide limit `NEARLY_REAL_RAD` may be real. Solutions
+        # below the narrow limit `REAL_RAD` are real.
         imaginary_part = max_abs(tree_angles.imag, axis=1)
         is_candidate = imaginary_part < NEARLY_REAL_RAD
         orientations = geometry.place_bodies(order, tree_angles[None, is_candidate].real)
@@ -123,7 +122,7 @@ def solve_by_elimination(group: Group, closure: Closure) -> EliminationResult:
             return EliminationResult(angles, is_real, problem="")
         angles_of_orders.append(angles)
         is_real_of_orders.append(is_real)
-    # Every order had a problem. The one of the last order stands for all.
+    # Every order had a problem. The problem of the last order is reported.
     return EliminationResult(
         np.concatenate(angles_of_orders), np.concatenate(is_real_of_orders), problem
     )

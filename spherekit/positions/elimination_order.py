@@ -32,8 +32,9 @@ class BinaryLink(NamedTuple):
     """A body of a group with two R pairs that join it to two different bodies.
 
     A group is a set of bodies that are placed together by closing their loops. Binary links
-    are removed to get fewer unknown angles. One equation remains for each: the angle
-    between its two axes in the neighbours must be the arc of the link, its only size.
+    are removed to get fewer unknown angles. One equation remains for each removed link. Its
+    two axes are fixed in the neighbours, and the angle between these axes must equal the
+    arc (size) of the link.
 
     Attributes
     ----------
@@ -97,8 +98,7 @@ class EliminationOrder(NamedTuple):
         The order says in which sequence angles are eliminated from the equations of a
         group. A polynomial in cos and sin of the first angle remains. Such a polynomial of
         degree d has 2 d complex roots. The degree follows from `incidence`: which equation
-        contains which angle. The number of roots is 0 if the elimination is not possible in
-        this order.
+        contains which angle.
         """
         return 2 * eliminant_degree(self.incidence)
 
@@ -122,7 +122,7 @@ def find_binary_links(group: Group) -> tuple[BinaryLink, ...]:
     binary_links = []
     for body in range(len(group.bodies)):
         pairs = [pair for pair, ends in enumerate(group.ends) if body in ends]
-        # The sum of both ends less one end is the other one.
+        # The sum of both ends less this body is the other end.
         neighbours = [sum(group.ends[pair]) - body for pair in pairs]
         if len(pairs) == len(set(neighbours)) == 2:
             binary_links.append(
@@ -150,8 +150,7 @@ def find_elimination_orders(group: Group) -> tuple[EliminationOrder, ...]:
         tree_pairs = _find_remaining_pairs(group, removed_links)
         if _can_form_equations(tree_pairs, removed_links):
             orders += _list_orders(group, tree_pairs, removed_links)
-    # An angle can be eliminated from equations only if they contain it. In some orders they
-    # do not. The number of roots is then stated as 0.
+    # `root_count` is 0 for an order in which an angle cannot be eliminated.
     solvable_orders = [order for order in orders if order.root_count > 0]
     fewest_roots = min((order.root_count for order in solvable_orders), default=0)
     best_orders = [order for order in solvable_orders if order.root_count == fewest_roots]
@@ -171,7 +170,7 @@ def _can_form_equations(
 
     Links with two pairs are removed so that a tree of bodies remains. The unknowns are the
     angles of the tree pairs. A removed link gives an equation between the axes of its pairs
-    in its two neighbours. So the neighbours must be in the tree.
+    in its two neighbours. The neighbours must therefore be in the tree.
     """
     removed_bodies = {link.body for link in removed_links}
     has_neighbours = all(
@@ -189,7 +188,7 @@ def _list_orders(
     pairs of the other bodies, which form a tree. There are as many equations as angles. The
     angles are eliminated one by one, from the last to the second, until one equation for
     the first angle remains. The first step combines the last two equations into one without
-    the last angle. Some sequences may be impossible to solve.
+    the last angle.
 
     Parameters
     ----------
@@ -209,7 +208,7 @@ def _list_orders(
     for ordered_pairs in permutations(tree_pairs):
         for ordered_links in permutations(removed_links):
             # The order of the last two equations does not matter, as they are combined.
-            # Only the one with rising indices of the bodies is listed.
+            # Only the order with rising indices of the bodies is listed.
             last_bodies = [link.body for link in ordered_links[-2:]]
             if last_bodies == sorted(last_bodies):
                 yield EliminationOrder(

@@ -54,7 +54,7 @@ def bound_by_kantorovich(
     Newton's method would close the loops step by step. The Newton-Kantorovich theorem
     bounds the sum of all steps by the first one. If the Jacobian J of the loop residuals
     changes little along the first step, the closed configuration is at most twice this step
-    away. Otherwise there may be no closed configuration nearby.
+    away.
 
     Parameters
     ----------
@@ -77,8 +77,8 @@ def bound_by_kantorovich(
     Ciarlet, Mardare: On the Newton-Kantorovich theorem. Analysis and Applications 10, 2012.
     """
     with np.errstate(invalid="ignore", over="ignore"):
-        # All norms are Euclidean. The residuals of all loops have the norm
-        # sqrt(3 loop_count) residual_bound, and J changes by sqrt(loop_count) curvature.
+        # All norms are Euclidean. The residuals of all loops have at most the norm sqrt(3
+        # loop_count) residual_bound. J changes by at most sqrt(loop_count) curvature.
         first_step = sensitivity * np.sqrt(3.0 * loop_count) * residual_bound
         jacobian_change = np.sqrt(loop_count) * curvature
         kantorovich_number = jacobian_change * sensitivity * first_step
@@ -109,8 +109,8 @@ def rounding_of_loops(linearisation: Linearisation) -> float:
     """Return by how much rounding errors open loops, in each component (rad).
 
     Two roundings of size `EPS` are counted for the closure residual. One more is counted
-    for each variable of the longest loop. It covers the geometry of the pair, which is
-    computed from rounded numbers of the mechanism file.
+    for each variable of the longest loop, because pairs are computed from rounded numbers
+    of the mechanism file.
     """
     return EPS * (2.0 + linearisation.tree.longest_loop)
 
@@ -166,14 +166,13 @@ def place_at_folds(
     Returns
     -------
     Configurations with bounds. The bounds contain the rounding of the sizes of the file to
-    float64. At a fold they also contain the rounding of the inputs.
+    float64, and at a fold the rounding of the inputs.
     """
     driven = list(driven)
     passive = np.delete(np.arange(values.shape[1]), driven)
     values = values.copy()
     values[:, driven] = q
-    # Rows that are not finite keep an infinite error, and so do all rows if there are more
-    # passive variables than equations. The arrays are filled in below.
+    # The error is infinite until a bound is computed. The arrays are filled in below.
     placement = FoldPlacement(
         values=values,
         error=np.full(len(values), np.inf),
@@ -183,7 +182,8 @@ def place_at_folds(
     equations = 3 * len(closure.tree.chords)
     if not len(rows) or not 0 < len(passive) <= equations:
         return placement
-    # Take steps to the nearest root of the quadratic function. Each step has a new one.
+    # Take steps to the nearest root of the quadratic function, which is computed anew for
+    # each step.
     closure = closure.select_rows(rows)
     improved = values[rows]
     for _ in range(MAX_FOLD_NEWTON_STEPS):
@@ -205,8 +205,8 @@ def place_at_folds(
         curvature=curvature_bound(linearisation),
         loop_count=closure.tree.loop_count,
     )
-    # Otherwise by the quadratic function. At a fold the rounding of the inputs matters, and
-    # opens the loops by `input_gap`.
+    # Error bound by the quadratic function. At a fold the rounding of the inputs matters,
+    # and opens the loops by `input_gap`.
     input_rounding = INPUT_ROUNDING * np.maximum(1.0, max_abs(improved[:, driven], axis=1))
     input_gap = input_rounding * np.max(
         np.abs(linearisation.jacobian[:, :, driven]), axis=(1, 2)
@@ -275,9 +275,8 @@ class _FoldModel:
     F is by how much the loops are open. At a fold two configurations meet at one input. The
     smallest singular value s of the Jacobian J of F is then near zero: J v = s u, with the
     unit vectors v and u. If the variables move along v, the loops hardly open to first
-    order. They open in the direction u. So the component u . F as a function of the
-    distance x along v shows where the loops close again. In all other directions J is
-    regular, and a step of Newton's method closes the loops.
+    order. The component u . F, as a function of the distance x along v, shows where the
+    loops close again. In all other directions, a step of Newton's method closes the loops.
 
     In the code, v is `_direction` and u is `_residual_direction`.
 
@@ -297,7 +296,7 @@ class _FoldModel:
         The closure residual is by how much the loops are open. Its Jacobian J has the
         derivatives with respect to the variables that are not inputs. At a fold, two
         configurations meet at one input. The smallest singular value of J is then near
-        zero. So there is a direction of the variables in which the loops hardly open.
+        zero. There is then a direction of the variables in which the loops hardly open.
 
         Parameters
         ----------
@@ -412,7 +411,7 @@ class _FoldModel:
         Returns
         -------
         Bounds, infinite where f does not describe the residual up to the bound. Near a fold
-        they contain both roots, else the simple root.
+        the bounds contain both roots.
         """
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             # The bound g of the component along u, from the bound of every component.

@@ -74,9 +74,8 @@ class GearPhases(NamedTuple):
         configurations return. This follows from the gear ratios.
 
         - Finite: after this growth, all wheels are in their first positions again.
-        - Infinite: the wheels are never all in their first positions again. It is also
-          infinite if only some rolled lengths follow from the inputs, because the period is
-          not known then.
+        - Infinite: the wheels are never all in their first positions again. The period is
+          set to infinite if only some rolled lengths follow from the inputs.
         - NaN for all inputs: no rolled length follows from the inputs.
     all_known
         Whether the rolled lengths of all contacts follow from the inputs.
@@ -109,9 +108,9 @@ def make_gear_phases(
 ) -> GearPhases | None:
     """Return how far wheels have rolled on each other, as linear functions of the inputs.
 
-    A rolled length is how far two wheels have rolled on each other, as an arc length.
-    The loops also close if two wheels are put together one tooth further. So the meant
-    assembly is fixed by the rolled lengths at one value of the inputs, the anchor.
+    A rolled length is how far two wheels have rolled on each other, as an arc length. The
+    loops also close if two wheels are put together one tooth further. The rolled lengths at
+    one value of the inputs, the anchor, say which assembly is meant.
 
     Parameters
     ----------
@@ -127,8 +126,7 @@ def make_gear_phases(
     The rolled lengths, with the periods of the inputs after which the same configurations
     return. None if the mechanism has no rolling contact.
     """
-    # Variables that count how far two wheels have rolled on each other. The second element
-    # is the joint of the variable.
+    # Variables that count how far two wheels have rolled on each other.
     rolling = [variable for variable, _ in list_rolling_variables(closure.joints)]
     if not rolling:
         return None
@@ -147,7 +145,7 @@ def make_gear_phases(
     variables = [v for v in rolling if closure.tree.pair_of_variable[v] in train.contacts]
     ratios = train.length_ratios
     # Whether the rolled lengths of all contacts follow from the inputs. If not, the periods
-    # stay infinite, which means that inputs are never reduced by whole periods.
+    # stay infinite.
     all_known = len(variables) == len(rolling)
     periods = np.full(len(anchor), np.inf)
     if all_known:
@@ -172,8 +170,7 @@ def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
 
     A rolled length is how far both wheels have rolled on each other, as an arc length. If a
     wheel is turned by a whole revolution, it looks the same, but the rolled length differs
-    by its circumference. Revolutions of both wheels together give further lengths, which
-    are not listed.
+    by its circumference.
 
     Parameters
     ----------
@@ -225,12 +222,11 @@ def _find_input_period(lap_lengths: Floats, ratios: Floats) -> float:
     if np.any(never_returns):
         return np.inf
     # If a contact makes p / q laps in one revolution of the input, its wheels are back
-    # after q revolutions. The ratio zero of a contact at rest gives 0 / 1 laps, also for an
-    # infinite lap length.
+    # after q revolutions. A contact at rest makes 0 / 1 laps.
     revolutions = 1
     for laps_per_revolution in TURN * ratios / lap_lengths:
-        # The ratio is one of numbers of teeth. The denominator is limited, because some
-        # fraction with a huge denominator is close to any number.
+        # The number of laps is a ratio of numbers of teeth. The denominator is limited,
+        # because some fraction with a huge denominator is close to any number.
         fraction = Fraction(float(laps_per_revolution)).limit_denominator(MAX_TEETH)
         if abs(fraction - laps_per_revolution) > GEAR_RATIO_TOLERANCE:
             return np.inf

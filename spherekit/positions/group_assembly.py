@@ -72,9 +72,8 @@ class AssemblyState:
     ) -> "AssemblyState":
         """Return the state in which only the links joined by inputs are placed.
 
-        A body is a set of links whose relative orientations are known. Here, only inputs
-        join links to bodies. Every other link is a body of its own. Groups of bodies are
-        placed later.
+        A body is a set of links whose relative orientations are known. In this state, links
+        that inputs join form one body. Every other link is a body of its own.
 
         Parameters
         ----------
@@ -104,12 +103,12 @@ class AssemblyState:
             values=values,
             # No group is placed yet, so none has failed to close.
             is_open=np.zeros(n, dtype=bool),
-            # Groups of two links (dyads) are placed by spherical triangles. The next two
-            # numbers tell how many digits this loses, and change with each dyad. First, the
-            # error of the placed axes (rad), initially the rounding errors.
+            # Dyads (groups of two links) are placed by spherical triangles. A narrow
+            # triangle enlarges the errors of the axes. `slack` is the error of the placed
+            # axes (rad), initially rounding.
             slack=np.full(n, REACH_SLACK),
-            # Second, how narrow the narrowest triangle was: its smallest sine of a side,
-            # divided by the largest one. The initial value is the largest possible ratio.
+            # How narrow the narrowest triangle was: its smallest sine of a side, divided by
+            # the largest one. The initial value 1 is the largest possible ratio.
             side_ratio=np.ones(n),
         )
 
@@ -156,7 +155,7 @@ class AssemblyState:
 
         A body is a set of links whose orientations are known in the axes of the body. The
         new body has the axes of the first body. Only the orientations `body_from_link`
-        change; `read_values` computes the pair variables from them.
+        change, not the pair variables.
 
         Parameters
         ----------
@@ -237,8 +236,8 @@ def orient_links_in_bodies(
     body_from_link = dict.fromkeys(range(len(mechanism.links)), identity)
     # The links that give the bodies their axes. A body has the index of this link.
     first_links = assembly.body_of_link
-    # From them, each input leads from a link with a known orientation (parent) to another
-    # link of the body (child).
+    # Each input leads from a link with a known orientation (parent) to another link of the
+    # body (child).
     branches = find_spanning_tree(mechanism.ends, start=first_links, pairs=assembly.inputs)
     for input_pair, parent, child in branches:
         first_from_second = rotations_of_inputs[input_pair]
@@ -296,9 +295,10 @@ def place_dyad(state: AssemblyState, group: Group, sign: Floats | float) -> Floa
         slack=state.slack,
     )
     # The slack is the error of the placed axes (rad), by which later triangles may miss
-    # closing. It begins with `REACH_SLACK`, the rounding error of the axes. It grows by the
-    # reciprocal of the sine, which is zero at a dead centre. There an error e of the axes
-    # causes an error of about sqrt(e). The slack is limited to the root of `REACH_SLACK`.
+    # closing. The slack grows by the reciprocal of the sine, which is zero at a dead
+    # centre. At a dead centre, an error e of the axes causes an error of about sqrt(e). The
+    # slack is therefore limited to the root of `REACH_SLACK`, the rounding error of the
+    # axes.
     max_slack = np.sqrt(REACH_SLACK)
     grown_slack = state.slack / np.maximum(closure.sine, max_slack)
     state.slack = np.minimum(grown_slack, max_slack)
@@ -415,8 +415,8 @@ def place_train_bodies(
     """Return the orientations of the bodies of a train of wheels.
 
     A body is a set of links whose relative orientations are known. The angles of some R
-    pairs follow from the inputs by gear ratios. These pairs connect all bodies, so they
-    place them without the rolling contacts.
+    pairs follow from the inputs by gear ratios. These pairs connect all bodies, so the
+    rolling contacts are not needed.
 
     Parameters
     ----------
@@ -424,11 +424,10 @@ def place_train_bodies(
         The train: bodies that R pairs and rolling contacts join.
     body_from_link
         Rotations (..., 3, 3) from the axes of each link to those of its body. The index or
-        key is the index of the link. Some callers also need solutions of the loop equations
-        with complex angles. The rotations are then complex matrices.
+        key is the index of the link. The rotations are complex at complex solutions of the
+        loop equations.
     ends
-        Indices of the two links of each pair of the mechanism. (In `group.ends` they are
-        positions of bodies instead.)
+        Indices of the two links of each pair of the mechanism.
     joints
         The joint of each pair of the mechanism.
     angles

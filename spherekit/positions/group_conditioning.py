@@ -23,9 +23,9 @@ def group_reciprocal_condition(jacobians: Floats) -> Floats:
     is the reciprocal condition number of their Jacobian.
 
     If all axes of a group are close together, the vectors in the Jacobian have nearly one
-    direction. The group would then seem singular, although it is only small. So the vectors
-    are scaled first: the components across their common direction become as large as those
-    along it.
+    direction. Such a group would seem singular, although it is only small. The vectors are
+    therefore scaled first: the components across their common direction become as large as
+    those along it.
 
     Parameters
     ----------
@@ -52,9 +52,9 @@ def _equalise_directions(jacobians: Floats) -> Floats:
 
     Each column of a Jacobian consists of vectors in space, one for each loop. If the axes
     of the pairs are close together, all these vectors have nearly one direction. The
-    Jacobian is then ill-conditioned although the mechanism is only small. Therefore the
-    components of the vectors along their common direction are divided by their size in this
-    direction, and the components across it by their size there. The rank does not change.
+    Jacobian is then ill-conditioned. Therefore the components of the vectors along their
+    common direction are divided by their size in this direction, and the components across
+    it by their size there. The rank does not change.
     """
     # Axes of `loops`: sample, loop, component of the vector, variable.
     n, rows, variable_count = jacobians.shape

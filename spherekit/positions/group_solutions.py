@@ -75,8 +75,7 @@ def find_group_configurations(
 
     A group is a set of bodies that are placed together by closing their loops, at one
     choice of the inputs (sample). All configurations are found if elimination applies and
-    its checks succeed. Otherwise random starts are tried, and configurations may be
-    missing.
+    its checks succeed. If not, random starts are tried, and configurations may be missing.
 
     Parameters
     ----------
@@ -96,10 +95,8 @@ def find_group_configurations(
     method
         How they were found, with a number that says how likely one is missing.
     """
-    # Elimination solves polynomials, whose roots are all configurations of the group,
-    # complex ones included. `problem` is the check that failed, so that a real
-    # configuration may be missing. `problem` is empty if all checks succeeded. `distinct`
-    # stores the different configurations that were found.
+    # `distinct` stores the different configurations that were found. `problem` says which
+    # check of the elimination failed, and is empty if all checks succeeded.
     if not has_elimination(group):
         distinct = DistinctConfigurations(closure)
         description = RANDOM_SEARCH.description
@@ -119,16 +116,16 @@ def find_group_configurations(
             configurations = sorted(distinct.values, key=mode_sort_key)
             return configurations, SolutionMethod(description, doubt)
         description = f"{RANDOM_SEARCH.description} ({problem})"
-    # No elimination, or a doubtful one: the search adds to what elimination has given.
+    # Without a sound elimination, a search adds to the configurations of the elimination,
+    # if any.
     statistics = search_group(closure, distinct, start_values)
     description = f"{description}: {statistics.describe('modes')}"
     # The search ends when `MAX_MODES` configurations are stored, even if none was left out.
     if distinct.is_truncated or len(distinct.values) >= MAX_MODES:
         description += f"; the first {len(distinct.values)} are kept, and there may be more"
     configurations = sorted(distinct.values, key=mode_sort_key)
-    # A configuration is easily missed if few of the random starts lead to it. The doubt is
-    # a share of all starts. A configuration to which a larger share leads was almost
-    # certainly found.
+    # The doubt is a share of all starts. A configuration to which a larger share of starts
+    # leads was almost certainly found.
     return configurations, SolutionMethod(description, statistics.missed_share)
 
 
@@ -140,11 +137,8 @@ def find_distinct_by_elimination(
     A group is a set of links that are placed together by closing their loops. If a link has
     two pairs, the arc between their axes is known. This gives the equations of the group.
     Elimination computes all their complex solutions (roots). Newton's method then closes
-    the loops, with starts at roots whose imaginary parts are small:
-
-    - If they are very small, the root is real for certain.
-    - Otherwise the root may be complex. It may also be real and multiple, with an imaginary
-      part that rounding has caused.
+    the loops, with starts at roots whose imaginary parts are small. A root whose imaginary
+    part is only rounding is real, and must lead to a closed configuration.
 
     Parameters
     ----------
@@ -173,7 +167,7 @@ def find_distinct_by_elimination(
     problem = result.problem
     if np.any(result.is_real & ~is_confirmed):
         problem = problem or "a real root led to no closed configuration"
-    # All closed configurations are real, even those that are not next to their root.
+    # All closed configurations are stored, even those that are not next to their root.
     distinct.add(closed.values[is_closed])
     return distinct, problem
 

@@ -14,8 +14,7 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.wording import counted, listing
 
 MAX_SAMPLES = 2**40
-"""Largest number of samples. NumPy has no arrays of many more. Fewer samples can already
-exceed the memory, which is reported when it happens."""
+"""Largest number of samples. NumPy has no arrays of many more."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +96,8 @@ def make_input_grid(
     wants_grid
         Whether to sample all combinations of the inputs.
     path
-        (n, inputs) samples (rad) that the user states; they are returned instead.
+        (n, inputs) samples (rad) that the user states. If given, only these samples are
+        returned.
 
     Raises
     ------

@@ -121,7 +121,7 @@ def nodes_at(
     slope[:, passive] = -np.einsum("nij,nj->ni", inverse, opening_rate)
     bend[:, passive] = -np.einsum("nij,nj->ni", inverse, linearisation.bias(slope))
     # The sign of the determinant tells later whether a step has passed a singular
-    # configuration. A matrix that is not square gets the sign 1.
+    # configuration.
     return InputPathNodes(
         direction=direction,
         values=linearisation.values,
@@ -233,8 +233,8 @@ def _try_steps(
     prediction[:, driven] = np.where(
         is_last[:, None], q, inputs + lengths * nodes.direction
     )
-    # A slope is infinite at a dead centre. Newton's method cannot start from such a
-    # prediction. It starts from the node instead, and the step is not verified.
+    # At a dead centre a slope is infinite, and so is the prediction. Newton's method then
+    # starts from the node, and the step is not verified.
     is_finite = all_finite(prediction, 1)
     prediction[~is_finite] = nodes.values[~is_finite]
     linearisation, newton_steps = closure.solve_and_report_steps(
@@ -244,8 +244,8 @@ def _try_steps(
     # and converged.
     is_verified = is_finite & (linearisation.closure_residual < CLOSURE_TOLERANCE)
     predicted_move = max_abs(prediction - nodes.values, axis=1)
-    # The correction may be a part of the move, of a long move only of a limited length.
-    # After a larger correction the step may have come onto another path.
+    # After a correction that is large compared with the move, the step may be on another
+    # path. Long moves count only up to a limited length.
     limited_move = np.minimum(LARGEST_PREDICTED_MOVE_RAD, predicted_move)
     is_verified &= INPUT_STEP_TESTS.accepts_correction(newton_steps, limited_move)
     # The determinant of the closure Jacobian with locked inputs keeps its sign.
@@ -295,7 +295,7 @@ def _explain_end(closure: Closure, driven: Sequence[int], values: Floats) -> Sta
     """
     linearisation = closure.linearise(values)
     states = linearisation.states
-    # The limits of the contacts, without further ranges of variables (`stops`).
+    # The limits of the contacts.
     limits = CurveLimits.of_mechanism(closure, stops={})
     margins, _ = limits.margins(values, states.curvatures, states.curvature_rates)
     # A margin is the distance from a limit: a difference of curvatures, or an arc length
@@ -369,7 +369,7 @@ def follow_inputs(
     direction = displacement / np.maximum(length, 1e-300)[:, None]
     nodes = nodes_at(closure.linearise(values.copy()), driven, direction)
     status = np.full(len(q), Status.OK, dtype=np.int8)
-    # The first steps are limited only by what `_limit_steps` allows.
+    # The first steps have the length that `_limit_steps` allows.
     steps = np.full(len(q), np.inf)
     tried_steps = np.zeros(len(q), dtype=np.intp)
     # Indices of the paths that have not ended. In each round, one step is tried on each

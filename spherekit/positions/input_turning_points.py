@@ -93,7 +93,7 @@ class InputTurningPoints(NamedTuple):
         """Return the width (rad) of the widest interval in which modes may be missed.
 
         Modes appear or vanish at turning inputs. In a doubtful interval, such inputs may
-        have been missed. A mode between two of them is then found only if a probe (an input
+        have been missed. A mode between two such inputs is found only if a probe (an input
         at which modes are computed) is between them. The result is the greatest distance of
         neighbouring probes (``probes(step)``) in doubtful intervals. The width is zero
         without doubtful intervals.
@@ -133,7 +133,7 @@ class InputTurningPoints(NamedTuple):
             if is_doubtful:
                 count = ceil(width / step) if width > POINTLIKE_INTERVAL_RAD else 0
             probes += [start + (k + 0.5) / count * width for k in range(count)]
-        # If the range is one short doubtful interval, there is nothing beside it.
+        # A range that is one short doubtful interval gets its middle as the only probe.
         return np.array(probes or [0.5 * (self.low + self.high)])
 
     def claim(self, step: float) -> Completeness:
@@ -191,7 +191,7 @@ class InputTurningPoints(NamedTuple):
     def _describe_known_meetings(self) -> str:
         """Return words that are added to the report on a range with doubtful intervals.
 
-        They say that modes were computed between each two neighbouring known inputs at
+        The words say that modes were computed between each two neighbouring known inputs at
         which modes meet. The text is empty if no such input is known.
         """
         if not self._meeting_count:
@@ -289,9 +289,9 @@ def _with_crossings(
 
     Assembly modes are curves of configurations over the input. The turning points were
     found from functions of the input that are zero where two modes meet. At a turning point
-    both modes end, and such a function changes its sign. At a crossing both continue, and
-    the function only touches zero. With rounding errors this looks like two zeros or none.
-    An interval in which this happens is called doubtful. Here its crossings are computed.
+    both modes end, and such a function changes its sign. At a crossing both modes continue,
+    and the function only touches zero, which looks like two zeros or none. An interval in
+    which this happens is doubtful. The crossings in doubtful intervals are computed.
 
     Parameters
     ----------
@@ -311,8 +311,7 @@ def _with_crossings(
         crossings += crossings_in_interval
         if not crossings_in_interval:
             still_doubtful.append([start, stop])
-    # The inputs of all crossings. Several crossings can have the same input, which is
-    # listed once.
+    # The inputs of all crossings. An input with several crossings is listed once.
     inputs = np.sort([crossing.values[solver.input_variable] for crossing in crossings])
     is_new = np.diff(inputs, prepend=-np.inf) > SAME_CROSSING_INPUT_RAD
     return turning_points._replace(

@@ -54,8 +54,8 @@ def left_inverse(matrices: Floats) -> Floats:
         return nans((n, columns, rows))
     is_finite = all_finite(matrices, (1, 2))[:, None, None]
     # Pseudoinverse by the singular value decomposition A = U S V^T: B = V S^-1 U^T. NumPy's
-    # decomposition fails for NaN, so such matrices are replaced by zero matrices. Their
-    # rank is zero, so their inverses become NaN in the last line.
+    # decomposition fails for NaN. Matrices with NaN are replaced by zero matrices, whose
+    # inverses become NaN in the last line.
     left_vectors, singular_values, right_vectors = np.linalg.svd(
         np.where(is_finite, matrices, 0.0), full_matrices=False
     )
@@ -83,8 +83,7 @@ def solve_least_norm(matrices: Floats, right_sides: Floats) -> Floats:
 
     Returns
     -------
-    (n, columns) solutions x. The solutions are very large if a matrix is nearly singular,
-    so a caller that takes x as a step has to limit the step.
+    (n, columns) solutions x. The solutions are very large if a matrix is nearly singular.
     """
     # `solve` is fastest, but fails if the matrices are not square or one of the n is
     # singular. Then the pseudoinverse is used for all n.

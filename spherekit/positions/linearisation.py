@@ -52,7 +52,8 @@ class Linearisation:
     known_rotations
         (n, bodies, 3, 3) the `rotations`, if they are known already.
     locks
-        Indices of locked variables, and their values. Each adds one equation.
+        Indices of locked variables, and their values. Each locked variable adds one
+        equation.
     """
 
     tree: LoopTree
@@ -69,8 +70,8 @@ class Linearisation:
     def states(self) -> PairStates:
         """Frames of the pairs in their bodies, and the geometry of contacts.
 
-        For contacts, the states also have the curvatures of both profiles. They tell
-        whether the contact point is on both profiles, not beyond their ends.
+        For contacts, the states have the curvatures of both profiles, and tell whether the
+        contact point is on both profiles.
         """
         states = evaluate_pair_states(self.joints, self.values)
         if self.body_from_links is None:
@@ -214,21 +215,21 @@ class Linearisation:
         A pair (joint) joins two bodies. Each of its variables has a velocity vector: the
         angular velocity of the second body relative to the first at unit rate of the
         variable. For a revolute pair it is the unit vector of the axis. The formula for the
-        derivative depends on the kind of pair. All vectors are in the axes of body 0, the
-        body from which the others are placed.
+        derivative depends on the kind of pair. All vectors and rates are relative to body
+        0, in the axes of body 0.
 
         Parameters
         ----------
         first_w, second_w
             (n, pairs, 3) angular velocities of the first and of the second body of each
-            pair.
+            pair, relative to body 0.
         """
         # (n, pairs, 3, 3) frames of the pairs, in the axes of body 0.
         frames = self.frames
-        # More data of the pairs. Contact pairs need the curvatures of their profiles, and
-        # the rates of the curvatures.
+        # The curvatures of the profiles of contact pairs, and their rates.
         states = self.states
-        # The function is called for each kind of pair, with the indices of its pairs.
+        # The lambda is called for each kind of pair, with the indices of the pairs of this
+        # kind.
         return self._collect_vectors(
             lambda kind, pairs: kind.vector_rates(
                 frames[:, pairs],

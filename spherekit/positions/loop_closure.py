@@ -195,8 +195,7 @@ class Closure:
         Returns
         -------
         The loops linearised at the last values: their closure errors, and the derivatives
-        with respect to the variables. The loops can still be open, so the caller checks the
-        errors.
+        with respect to the variables. The loops may still be open.
         """
         linearisation, _ = self.solve_and_report_steps(
             values, fixed, max_steps=max_steps, longest_step=longest_step
@@ -241,7 +240,7 @@ class Closure:
         def compute_steps(passive_values: Floats, rows: Indices) -> Floats:
             """Return Newton steps (k, passive variables) of the samples `rows`.
 
-            They solve J step = -F with the closure errors F and their derivatives J.
+            The steps solve J step = -F with the closure errors F and their derivatives J.
             Samples that are closed up to rounding have zero steps, so that they end at
             once.
             """

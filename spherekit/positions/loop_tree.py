@@ -192,7 +192,6 @@ def rank_mobility(
     """Return the mobility (degrees of freedom) of n configurations, as an array (n,).
 
     The mobility is the number of pair variables less the rank of the velocity equations.
-    The rank also counts correctly if constraints are redundant.
 
     Parameters
     ----------
@@ -236,7 +235,7 @@ def redundancy(tree: LoopTree, vectors: Floats) -> tuple[int, tuple[int, ...]]:
     if tree.loop_count == 0:
         return 0, ()
     # The matrix of the velocity equations: three rows for each loop, one column for each
-    # variable. The function takes several configurations; here it gets one.
+    # variable.
     (jacobian,) = tree.jacobian(vectors[None])
     equation_count = len(jacobian)
     left_vectors, singular_values, _ = np.linalg.svd(jacobian)

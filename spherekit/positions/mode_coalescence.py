@@ -51,8 +51,7 @@ def make_mode_coalescence(
     """Return the functions of the input that change their signs where assembly modes meet.
 
     An assembly mode is one way to assemble the mechanism at an input: a solution of its
-    closure equations. Two modes meet at an input where their configurations coincide. A
-    search for sign changes finds these inputs.
+    closure equations. Two modes meet at an input where their configurations coincide.
 
     Each group (links that are placed together) has one function: the product of the
     determinants of its equations in all real and complex modes. Before two modes meet, both
@@ -105,8 +104,8 @@ def find_first_orders(solver: PositionSolver) -> list[EliminationOrder] | None:
 
     Returns
     -------
-    The orders. None if a group cannot be solved by elimination. This has three reasons: it
-    has contacts, it does not have one to three loops, or it has no elimination order.
+    The orders. None if a group has contacts, does not have one to three loops, or has no
+    elimination order.
     """
     first_orders = []
     for position, group in enumerate(solver.assembly.groups):
@@ -150,9 +149,8 @@ class ModeCoalescence:
     A group is a set of bodies that are placed together. A mode is one of its solutions,
     real or complex. Where two modes meet, the determinant of the velocity equations of the
     group is zero. Each group has one function: the product of this determinant over all its
-    modes. The group may depend on earlier groups. Then the product runs over the modes of
-    these groups too. Modes of groups on which the group does not depend would only repeat
-    equal factors, so they are left out.
+    modes. If the determinant depends on earlier groups, the product runs over the modes of
+    these groups too.
 
     Parameters
     ----------
@@ -204,7 +202,7 @@ class ModeCoalescence:
         An elimination order states in which order the unknown angles of the group (bodies
         placed together) are eliminated from its equations. An order works if the
         determinants of the derivatives of the equations are finite. Where the elimination
-        fails, they are NaN. If no order works, the last one is returned.
+        fails, the determinants are NaN. If no order works, the last one is returned.
 
         Parameters
         ----------
@@ -221,8 +219,8 @@ class ModeCoalescence:
         else:
             orders = find_elimination_orders(self.groups[position])
         for order in orders:
-            # It is not known yet on which earlier groups the determinants depend. So all
-            # modes of all earlier groups are combined.
+            # All modes of all earlier groups are combined, because the groups on which the
+            # determinants depend are not known yet.
             determinants = self._compute_determinants(
                 position, order, q=test_inputs, combined_groups=frozenset(range(position))
             )
@@ -235,8 +233,8 @@ class ModeCoalescence:
 
         The function changes its sign where two modes (solutions) of the group meet. The
         group is solved once in each mode of the groups on which it depends. `COSTS_S` has
-        the time of one solution by the number of loops. Other numbers, which only trains of
-        wheels have, are charged like two loops.
+        the time of one solution by the number of loops. For other numbers, which only
+        trains of wheels have, the time of two loops is taken.
         """
         solution_count = prod(map(self._count_modes, self._dependences[position]))
         return COSTS_S.get(self.groups[position].loops, COSTS_S[2]) * solution_count
@@ -263,9 +261,9 @@ class ModeCoalescence:
         derivatives of the equations. The function is the product of the determinants of all
         modes.
 
-        Two real modes that are about to meet have determinants with opposite signs. So
-        their product is negative. Beyond the meeting both modes are complex and conjugate,
-        and their product is positive.
+        Two real modes that are about to meet have determinants with opposite signs. Their
+        product is therefore negative. Beyond the meeting both modes are complex and
+        conjugate, and their product is positive.
 
         Parameters
         ----------
@@ -339,8 +337,10 @@ class ModeCoalescence:
         solution of its equations. The determinant is formed from the derivatives of the
         equations with respect to the unknown angles. It is zero where two modes meet.
 
-        A group that is placed earlier has modes, too. The determinants are computed for
-        each combination of a mode of this group with one mode of each earlier group.
+        Groups that are placed earlier have modes, too. The groups in `combined_groups` are
+        placed in all their modes, other earlier groups in their first mode only. The
+        determinants are computed for each combination of these modes with a mode of this
+        group.
 
         Parameters
         ----------
@@ -348,26 +348,23 @@ class ModeCoalescence:
             Position of the group in solving order.
         order
             The order in which the unknown angles are eliminated. None for a train of
-            wheels. A train has one mode, which cannot meet another one, so its determinant
-            is set to 1.
+            wheels. A train has one mode, and its determinant is set to 1.
         q
             (n, inputs) values of the inputs (rad).
         combined_groups
-            Positions of the earlier groups on whose modes the determinants can depend. All
-            their modes are combined. Other earlier groups are placed in their first mode
-            only.
+            Positions of the earlier groups on whose modes the determinants can depend.
 
         Returns
         -------
-        (n, combinations) determinants. The mode of this group changes fastest along the
-        axis.
+        (n, combinations) determinants. All modes of this group come first for one
+        combination of earlier modes, then for the next one.
         """
         group = self.groups[position]
-        # Modes that could not be computed are NaN; NumPy must not warn of them.
+        # Modes that could not be computed are NaN, without a warning of NumPy.
         with np.errstate(all="ignore"):
             # For each link the rotation (n, earlier combinations, 3, 3) from its axes to
-            # those of its body. The links that were joined before form a body. An earlier
-            # combination has one mode of each earlier group.
+            # those of its body. A body is a set of links that are placed already. An
+            # earlier combination has one mode of each earlier group.
             body_from_link = self._place_links(position, q, combined_groups)
             if order is None:
                 combination_count = body_from_link[0].shape[1]
@@ -395,7 +392,7 @@ class ModeCoalescence:
         q
             (n, inputs) values of the inputs (rad).
         combined_groups
-            Positions of the groups that are placed in all their modes. The others are
+            Positions of the groups that are placed in all their modes. Other groups are
             placed in their first mode only.
 
         Returns
@@ -452,8 +449,7 @@ class ModeCoalescence:
         A pair frame is the rotation from the axes of a pair to those of a body. The frames
         depend on the inputs, and on the modes (solutions) of the groups placed before. The
         result has one axis for both. On this axis, all modes at the first value of the
-        inputs come first, then those at the second. `separate_inputs` divides results by
-        value of the inputs again.
+        inputs come first, then those at the second.
 
         Parameters
         ----------
@@ -502,7 +498,7 @@ class ModeCoalescence:
         A group is a set of bodies that are placed together. Its modes are the solutions of
         its equations. Groups that are placed earlier have modes, too. The group depends on
         an earlier one if the determinants of the group differ between the modes of the
-        earlier one. Later computations combine the modes of these groups only.
+        earlier one.
 
         Parameters
         ----------
@@ -575,9 +571,8 @@ def separate_inputs(solutions: Complexes, input_count: int) -> Complexes:
 def differs_along(products: Complexes, axis: int) -> bool:
     """Return whether products of determinants vary along an axis by more than rounding.
 
-    If not, the groups to which the axis belongs have no influence on the products. Only
-    neighbours along the axis are compared. The limit is relative to the largest number of
-    the whole array. NaN counts as a difference.
+    Only neighbours along the axis are compared. The limit is relative to the largest
+    product. NaN counts as a difference.
     """
     if products.shape[axis] == 1:
         return False

@@ -184,14 +184,12 @@ class ModeMeeting:
         input_pair
             Name of the input pair.
         passed
-            Whether the user wants modes to follow their smooth curves through crossings
-            (option "pass"). With the other option, "end", a mode keeps the signs of its
-            dyads (groups of two links). It does not follow a curve to other signs.
+            Whether modes follow their smooth curves through crossings (option "pass"). With
+            the option "end", a mode keeps the signs of its dyads (groups of two links).
         """
         # `modes` has one tuple for each configuration at which curves cross: the indices of
         # the modes that meet there. A tuple of two or more numbers becomes a text such as
-        # "0 and 1". Without any such tuple, the sentence names no modes. `dict.fromkeys`
-        # drops repeated tuples and keeps the order.
+        # "0 and 1". `dict.fromkeys` drops repeated tuples and keeps the order.
         meeting_modes = []
         for numbers in dict.fromkeys(self.modes):
             if len(numbers) > 1:
@@ -204,8 +202,7 @@ class ModeMeeting:
             return f"{event}; which of them continue each other is not known"
         if passed:
             return f"{event}; each follows its smooth curve through it"
-        # `successors` lists only curves that change their mode. If it is empty, none
-        # changes.
+        # `successors` has only modes whose smooth curve continues in another mode.
         if not self.successors:
             return f"{event}; each stays on its smooth curve"
         changes = listing(
@@ -317,8 +314,8 @@ def _compare_modes(
     numbers = {number for crossing_modes in meeting for number in crossing_modes}
     # Positions in `assembly_modes` of the modes that meet.
     rows = [k for k, mode in enumerate(assembly_modes) if mode.number in numbers]
-    # (modes, modes): rows are modes below the input, columns are modes above it. The worse
-    # of the two directions counts. fmax ignores a NaN if the other direction has a value.
+    # (modes, modes): rows are modes below the input, columns are modes above it. The larger
+    # miss of the two directions counts. fmax ignores NaN in one direction.
     forward = _measure_misses(below, 2.0 * distance, above.values)
     backward = _measure_misses(above, -2.0 * distance, below.values).T
     misses = np.fmax(forward, backward)
@@ -363,7 +360,7 @@ def _find_coincident_modes(values: Floats) -> Bools:
     """Return, for each two assembly modes, whether they have the same configuration.
 
     The result is (modes, modes). `values` (modes, variables) are the configurations (rad)
-    at one input. A mode that does not exist there (NaN) coincides only with itself.
+    at one input. A mode that does not exist at the input (NaN) coincides only with itself.
     """
     distance = max_abs(wrap(values[:, None] - values[None]), axis=2)
     return (distance < COINCIDENT_RAD) | np.eye(len(values), dtype=bool)
@@ -403,7 +400,7 @@ def follow_smooth_curves(
 
     A dyad (two links joined by a pair) can be placed in two ways, told apart by its sign.
     An assembly mode has constant signs. At a meeting, the configuration curves of two modes
-    cross. The smooth curve can pass from one mode to the other there. So a smooth curve is
+    cross. A smooth curve can pass there from one mode to the other. The curve is then
     composed of pieces of several modes, and gets the number of one of them.
 
     Parameters
@@ -421,10 +418,8 @@ def follow_smooth_curves(
     -------
     Modes with the numbers and labels of `assembly_modes`. A mode that changes has `pieces`:
     the mode to which its curve belongs between each two meetings.
-
-    Some modes have no configuration at `start`, because they begin at a meeting as the
-    continuation of another mode. Such modes are left out. Their configurations are pieces
-    of the curve of the other mode.
+    A mode that begins at a meeting as the continuation of another mode, and does not exist
+    at `start`, is left out.
     """
     mode_by_number = {mode.number: mode for mode in assembly_modes}
     # The meetings divide the range into intervals, one more than there are meetings.
@@ -482,7 +477,7 @@ def _exists_between(mode: AssemblyMode, low: float, high: float) -> bool:
 
     A mode with groups larger than dyads is a curve (`ModeCurve`), which may begin or end at
     a crossing and so cover only a part of the range. A mode of dyads (two links joined by a
-    pair) has no such curve. It never begins at a crossing, so the result is True.
+    pair) has no such curve, and never begins at a crossing.
     """
     guide = mode.guide
     if not isinstance(guide, ModeCurve):

@@ -48,9 +48,8 @@ def assign_mode_names(
     """Return the assembly modes of a mechanism with the names that its file gives them.
 
     An assembly mode is one way to assemble the mechanism. For each name the file lists a
-    configuration: values of all inputs and of some other pairs. The mode nearest to it
-    receives the name. The user can choose other inputs than the file. If the value of such
-    an input is missing in a configuration, the name is skipped without a message.
+    configuration: values of all inputs and of some other pairs. The mode nearest to this
+    configuration receives the name.
 
     Parameters
     ----------
@@ -66,6 +65,7 @@ def assign_mode_names(
         return NamedModes((), ())
     inputs = solver.mechanism.input_pairs
     for name, angles_by_pair in solver.mechanism.modes.items():
+        # The user can choose inputs for which the file states no values.
         if not set(inputs) <= angles_by_pair.keys():
             continue
         # `reason` says why the name fits no mode; it is empty if it fits mode `index`.
@@ -95,8 +95,8 @@ def _find_named_mode(
 ) -> tuple[int, str]:
     """Find the mode that a name in the mechanism file means.
 
-    The file states angles of the mode. The mode must be near to them, and clearly nearer
-    than all other modes.
+    The file states angles of the mode. The mode must be near to these angles, and clearly
+    nearer than all other modes.
 
     Parameters
     ----------

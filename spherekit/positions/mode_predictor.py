@@ -146,8 +146,8 @@ class ModeCurve:
     def predict(self, q: Floats, rows: Indices | None = None) -> ModePrediction:
         """Return predicted configurations of the mode at inputs q (n, 1) in rad.
 
-        Newton's method starts from them. `rows` is not used. It exists because
-        `ModeOverGrid.predict` needs it.
+        Newton's method starts from these configurations. `rows` is not used (see
+        `ModeOverGrid.predict`).
         """
         inputs = q[:, 0]
         status = np.full(len(q), Status.OK, dtype=np.int8)
@@ -161,9 +161,8 @@ class ModeCurve:
 class ModeOverGrid(NamedTuple):
     """Configurations of an assembly mode (one way to assemble) at n samples of inputs.
 
-    This class is used with several inputs. With one input, `ModeCurve` interpolates between
-    known configurations. Here the configurations at the samples themselves are known, and
-    no others.
+    Only the configurations at the samples are known. The class is used for mechanisms with
+    several inputs.
 
     Attributes
     ----------
@@ -179,9 +178,8 @@ class ModeOverGrid(NamedTuple):
     def predict(self, q: Floats, rows: Indices | None) -> ModePrediction:
         """Return the configurations at the samples with the indices `rows` (m,).
 
-        The configurations are stored, so nothing is interpolated. Of the inputs `q` (m,
-        inputs) only their number m is used. The parameters are as in `ModeCurve.predict`,
-        where `rows` can be None.
+        The configurations are stored, so nothing is interpolated. `q` (m, inputs) are the
+        inputs (rad) at these samples.
         """
         assert rows is not None
         return ModePrediction(
@@ -248,11 +246,10 @@ def _follow_from_dead_centre(
 ) -> ModeCurve:
     """Return the assembly mode through a dead centre.
 
-    At a dead centre the input is stationary on the curve of configurations. Derivatives
-    with respect to the input are infinite there, so the mode is followed from a point near
-    it. Several curves may leave the dead centre. From a point near it on each, the curve is
-    followed to both ends of the range of the input. The first curve that leads back to the
-    dead centre is the mode.
+    At a dead centre the input is stationary on the curve of configurations, and derivatives
+    with respect to the input are infinite. Several curves may leave the dead centre. Each
+    is followed from a point near the dead centre to both ends of the range of the input.
+    The first curve that leads back to the dead centre is the mode.
 
     Parameters
     ----------
@@ -271,14 +268,12 @@ def _follow_from_dead_centre(
     is none, the curve that was followed from the dead centre itself.
     """
     # (k, variables) points near the dead centre, one on each branch of a curve through it.
-    # There may be curves along which the input does not move. They belong to no mode and
-    # are left out.
+    # Curves along which the input does not move belong to no mode and are left out.
     points = find_outgoing_points(closure, values)
     input_changes = points[:, driven] - values[driven]
     points = points[np.abs(input_changes) > MIN_INPUT_CHANGE_RAD]
     # Points are sorted, so that rounding errors do not decide which curve is the first. The
-    # key is the rounded difference to the dead centre. Its sign puts points with larger
-    # variables first.
+    # key is the rounded difference from the dead centre.
     sorted_points = sorted(points, key=lambda point: tuple(np.round(values - point, 6)))
     # The last start is the dead centre itself. Its derivatives with respect to the input
     # are infinite or inaccurate, so its curve is the result only if no other one reaches
@@ -295,8 +290,7 @@ def _follow_from_dead_centre(
             input_difference = difference[driven]
             if input_difference and max_abs(difference) < DEAD_CENTRE_END_RAD:
                 # At the dead centre, the slope with respect to the input is infinite. The
-                # slope of the straight line from the dead centre to the node is used
-                # instead.
+                # slope of the straight line from the dead centre to the node is used.
                 slope = difference / input_difference
                 return ModeCurve(
                     inputs=np.insert(curve.inputs, insertion_index, values[driven]),
@@ -383,8 +377,8 @@ def sheets_through(
     """Spread configurations over the samples of an input grid, by verified paths.
 
     A sheet is the set of configurations that are reached from one start, at most one at
-    each sample (node of the grid). It is an assembly mode (way to assemble the links), or a
-    part of one.
+    each sample (node of the grid). A sheet is an assembly mode (way to assemble the links),
+    or a part of one.
 
     Parameters
     ----------

@@ -96,8 +96,7 @@ class ModeSearch:
     claim
         How complete the modes are.
     crossings
-        Configurations at which curves cross. They are known only if the inputs at which
-        modes meet are known.
+        Configurations at which curves cross, if the inputs at which modes meet are known.
 
     Raises
     ------
@@ -151,8 +150,9 @@ class ModeSearch:
             self._find_modes_over_samples(search, independent)
         else:
             self._find_modes_over_range(search)
-        # Without any mode, a motion is an error. Independent samples get a mode without
-        # configurations, so that a row of the results says so for each sample.
+        # If no mode was found and the samples form a motion, an error is raised.
+        # Independent samples get a mode without configurations, which gives each of them a
+        # row in the results.
         if not self.assembly_modes:
             if not independent:
                 raise SolveError(_explain_failure(solver, input_grid))
@@ -204,18 +204,17 @@ class ModeSearch:
     def _check_mobilities(self, mobilities: Sequence[int]) -> None:
         """Raise an error if the mechanism has another mobility than it has inputs.
 
-        A search follows modes only from starts at which the mobility is the number of
-        inputs. So the mobility is tested if no mode was found. It is also tested if the
-        first start has fewer degrees of freedom than there are inputs. The least mobility
-        of all starts counts, because singular configurations have more degrees of freedom
-        than the mechanism, but never fewer.
+        The mobility is tested if no mode was found, or if the first start has a lower
+        mobility than there are inputs. A higher mobility at the first start is no error,
+        because singular configurations have more degrees of freedom than the mechanism. The
+        least mobility of all starts is therefore tested.
 
         Parameters
         ----------
         mobilities
             Degrees of freedom at the starts, from the rank of the velocity equations. The
-            first start is the reference pose, if there is one. Empty without redundant
-            constraints; then the mobility follows from the numbers of links and pairs.
+            first start is the reference pose, if there is one. Empty if no constraints are
+            redundant, because the numbers of links and pairs then give the mobility.
 
         Raises
         ------
@@ -224,7 +223,8 @@ class ModeSearch:
         """
         if not mobilities:
             return
-        first_is_immobile = mobilities[0] < len(self.solver.driven)
+        input_count = len(self.solver.driven)
+        first_is_immobile = mobilities[0] < input_count
         if not self.assembly_modes or first_is_immobile:
             check_mobility(self.solver, min(mobilities))
 
@@ -262,8 +262,7 @@ class ModeSearch:
         Raises
         ------
         PlanError
-            If the mechanism has other degrees of freedom than inputs. The search tests this
-            (`_find_closing_signs`) if constraints are redundant.
+            If constraints are redundant, and the mobility is not the number of inputs.
         """
         solver = self.solver
         # The signs of all groups, for each mode that is found; a mode can occur twice.
@@ -279,7 +278,7 @@ class ModeSearch:
         # Drop repetitions, but keep the order.
         different_signs = list(dict.fromkeys(all_signs))
         if len(different_signs) > MAX_ASSEMBLY_MODES:
-            # The list of modes is not complete then.
+            # The list of modes is not complete.
             reason = f"the first {MAX_ASSEMBLY_MODES} modes are kept, and there are more"
             self.claim = Completeness(Guarantee.SAMPLED, reason)
         self.assembly_modes = [
@@ -302,15 +301,15 @@ class ModeSearch:
         Returns
         -------
         The signs of all groups in each mode. A mode that occurs in several portions is
-        listed for each. A portion lists at most one mode more than the limit
-        `MAX_ASSEMBLY_MODES`. The extra mode shows the caller that there are too many.
+        listed for each.
         """
         all_signs = []
-        # Counting links and pairs has shown the mobility (degrees of freedom), unless
-        # constraints are redundant. Then it is computed in configurations of each mode.
+        # If constraints are redundant, the mobility (degrees of freedom) is computed in
+        # configurations of each mode.
         has_redundant_group = any(group.redundant for group in self.groups)
         for first in range(0, len(q), PROBED_TOGETHER):
             inputs = q[first : first + PROBED_TOGETHER]
+            # One mode more than the limit shows the caller that there are too many.
             placements, _ = enumerate_modes(self.solver, inputs, MAX_ASSEMBLY_MODES + 1)
             for signs, state in placements:
                 all_signs.append(signs)
@@ -364,8 +363,8 @@ class ModeSearch:
             self.solver, low, high, max_cost_s=RUN_COST_S, max_time_s=RUN_TIME_S
         )
         self.crossings = turning_points.crossings
-        # Where the turning points are unknown, inputs at equal distances are examined
-        # instead. `claim` states whether a turning point can have been missed.
+        # Where the turning points are unknown, inputs at equal distances are examined.
+        # `claim` states whether a turning point can have been missed.
         step = np.ptp(grid.q) / (PROBED_RANGE_INPUTS - 1)
         return turning_points.probes(step)[:, None], turning_points.claim(step)
 
@@ -409,8 +408,8 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
         for pair, low, high in zip(inputs, lows, highs, strict=True)
     )
     # Place the first groups as long as they are dyads, at up to `PROBED_RANGE_INPUTS`
-    # samples. A dyad that closes does so in two ways, and a later one may close after one
-    # of them only. All ways in which the dyads close at some sample are therefore kept.
+    # samples. A dyad can close in two ways. All ways in which the dyads close at some
+    # sample are kept, because later dyads may close after one of them only.
     samples = spread_rows(len(input_grid), PROBED_RANGE_INPUTS)
     states = [solver.start(input_grid.q[samples])]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -441,7 +440,7 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
         q = input_grid.q[sample]
         placements, methods = enumerate_modes(solver, q[None], max_modes=1)
         if placements:
-            # All groups close. The fault is not in one of them.
+            # All groups close, so the fault is in no single group.
             position = solver.assembly.groups.index(group)
             break
         tried = [k for k, method in enumerate(methods) if method is not None]

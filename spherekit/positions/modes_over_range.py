@@ -168,9 +168,8 @@ class ModesOverRange:
         # length.
         self._components: list[int] = []
         self._curves: list[ArcCurve] = []
-        # Degrees of freedom at each start, from the rank of the velocity equations. They
-        # are computed only with redundant constraints, where counting links and pairs is
-        # wrong.
+        # Degrees of freedom at each start, from the rank of the velocity equations. Only
+        # filled with redundant constraints, where counting links and pairs is wrong.
         self._mobilities: list[int] = []
         # Number of steps along the curves of modes so far. It is limited.
         self._steps_along_modes = 0
@@ -182,11 +181,10 @@ class ModesOverRange:
         self._add_reference()
         if search or not self.assembly_modes:
             self.claim = self._search_all_modes()
-        # If no mode was found, the mobility (number of degrees of freedom) may not be 1.
-        # `check_mobility` then raises an error. If the mobility is 1, the mechanism just
-        # has no mode in the range. Singular configurations have a larger mobility than
-        # others, so the least one counts. The list is empty without redundant constraints.
-        # Counting links and pairs has given 1 then.
+        # If no mode was found, an error is raised unless the mobility (number of degrees of
+        # freedom) is 1. Singular configurations have a larger mobility than others, so the
+        # least one counts. `_mobilities` is empty if no constraints are redundant; the
+        # mobility is then 1.
         if not self.assembly_modes:
             mobility = min(self._mobilities, default=1)
             check_mobility(solver, mobility)
@@ -225,28 +223,26 @@ class ModesOverRange:
         Raises
         ------
         PlanError
-            If the pose cannot move, by the rank of its velocity equations. The error comes
-            before the long search for other modes.
+            If the pose cannot move, by the rank of its velocity equations.
         """
         solver = self.solver
         if solver.reference is None:
             return
         # The input of the pose is changed by whole periods to come into the range.
         values = solver.shift_near_samples(solver.reference, self.input_grid.q)
-        # Follow the mode while the input rises and falls, and add it if it reaches the
-        # range.
+        # Follow the mode while the input rises and falls. `curve` is None if the pose does
+        # not have exactly one degree of freedom. `_add_mode` adds nothing for None, or if
+        # the curve misses the range.
         (curve,) = self._follow_configurations(values)
         self._add_mode(curve)
-        # A mechanism with wheels may have no period, so the pose can remain outside the
-        # range. Its mode may end before the range begins, because the input turns back.
-        # Another mode continues the curve of configurations there, and may reach the range.
+        # With wheels, the pose can be outside the range, and its mode may end before the
+        # range begins. Another mode on the same curve of configurations may reach the
+        # range. `gear_phases` is None for a mechanism without wheels.
         has_wheels = solver.gear_phases is not None
         if not self.assembly_modes and has_wheels:
             self._add_modes_on_curve(values[0])
         # With redundant constraints, `_follow_configurations` has stored the degrees of
-        # freedom of the pose. Otherwise the list is empty, because counting links and pairs
-        # has given one degree of freedom. More than one is no error here, because a
-        # singular pose has more than other configurations.
+        # freedom of the pose. More than one is no error, because the pose may be singular.
         if self._mobilities:
             mobility_of_pose = self._mobilities[0]
             if mobility_of_pose < 1:
@@ -271,7 +267,7 @@ class ModesOverRange:
         solver = self.solver
         values = solver.closure.solve(values, fixed=solver.driven).values
         # Counting links and pairs gives one degree of freedom. With redundant constraints,
-        # only the rank of the velocity equations shows whether a configuration can move so.
+        # only the rank of the velocity equations shows whether a configuration has one.
         is_mobile = np.ones(len(values), dtype=bool)
         if any(group.redundant for group in self.groups):
             mobilities = [solver.compute_mobility(row) for row in values]
@@ -354,15 +350,14 @@ class ModesOverRange:
         solver = self.solver
         # `gear_phases` is None for a mechanism without wheels.
         if solver.gear_phases is not None and not self.assembly_modes:
-            # The reference pose (configuration in the file) has given no mode. With wheels,
-            # the search then begins with all configurations at the first sample.
+            # The reference pose (configuration in the file) has given no mode. The search
+            # with wheels begins with all configurations at the first sample.
             self._compute_modes_at(self.input_grid.q[:1])
         if self._has_free_wheels:
             return self._find_with_free_wheels()
         if can_find_all_modes(solver):
             completeness = self._find_by_elimination()
-            # None: at some input the polynomial was not solved completely, so modes may be
-            # missing.
+            # None if elimination may have missed modes at an input.
             if completeness is not None:
                 return completeness
         return self._find_by_random_search()
@@ -387,8 +382,8 @@ class ModesOverRange:
         # configurations, with one or more modes.
         statistics = self._search_from_random_starts()
         if not self.assembly_modes:
-            # Random starts leave out configurations near a dead centre, where two modes
-            # nearly coincide. Solving all groups at the middle sample also finds these.
+            # Random starts leave out configurations near a dead centre. Solving all groups
+            # at the middle sample can find these.
             q = self.input_grid.q
             self._compute_modes_at(q[len(q) // 2][None])
         # Two texts for users say how likely a mode was missed. `Guarantee.SAMPLED` means
@@ -398,11 +393,13 @@ class ModesOverRange:
         return Completeness(Guarantee.SAMPLED, reason, sentence=sentence)
 
     def _find_with_free_wheels(self) -> Completeness:
-        """Find some assembly modes, if the input leaves free how far wheels have rolled.
+        """Find some assembly modes of a mechanism with free wheels.
 
-        Each position in which the wheels are put together has its own curve of
-        configurations. There are infinitely many such curves. A mode is a part of a curve
-        on which the input rises or falls. These curves are followed:
+        The input does not determine how far free wheels have rolled on each other. Wheels
+        can be put together with any teeth in mesh, after any number of rolled revolutions.
+        Each way gives its own curve of configurations, so there are infinitely many curves.
+        A mode is a part of a curve on which the input rises or falls. These curves are
+        followed:
 
         - The curve of the reference pose (the configuration that the file describes), if
           `_add_reference` has added its mode to `assembly_modes`.
@@ -473,9 +470,8 @@ class ModesOverRange:
     def _compute_modes_at(self, inputs: Floats) -> None:
         """Compute all configurations at inputs (n, 1) in rad, and add their assembly modes.
 
-        The computation stops early at an input where configurations may be missing, because
-        the caller then searches from random starts. It also stops if there are enough
-        modes. The attribute `probes` counts the inputs.
+        The computation stops at an input where configurations may be missing, or if there
+        are enough modes. The attribute `probes` counts the inputs.
         """
         for q in inputs:
             if self._has_enough_modes:
@@ -536,7 +532,7 @@ class ModesOverRange:
                     # This also fills in `components` for all configurations on new modes.
                     self._add_mode_of_row(row, curve, values, components, new_component)
             waiting_rows = waiting_rows[batch_size:]
-            # Drop those that the new modes contain.
+            # Drop configurations that are on the new modes.
             waiting_rows = waiting_rows[components[waiting_rows] < 0]
         return components
 
@@ -614,8 +610,8 @@ class ModesOverRange:
         """Return whether configurations (n,) are on an assembly mode.
 
         A configuration is on the mode if all links are oriented as in the mode at the same
-        input. Computing the configurations of the mode takes long. So a quick prediction
-        first rules out most of the given ones.
+        input. A quick prediction first rules out most of the given configurations, because
+        computing those of the mode takes long.
 
         Parameters
         ----------
@@ -693,9 +689,8 @@ class ModesOverRange:
         component
             Index of the component (connected curve) of the new modes. None if it is new.
         """
-        # The input does not determine how far free wheels have rolled. With them, the
-        # configurations need not repeat, so the curve can be endless. A shorter part of it
-        # is followed.
+        # With free wheels, configurations need not repeat, so the curve can be endless. A
+        # shorter part of the curve is followed.
         longest = MAX_CURVE_LENGTH_RAD
         if self._has_free_wheels:
             longest = MAX_ROLLED_CURVE_LENGTH_RAD
@@ -719,8 +714,8 @@ class ModesOverRange:
         """Add the assembly modes to which random starts over the range lead.
 
         A component is a connected curve of configurations, with one or more modes. The
-        search ends when each known component was reached from many starts. Then a missing
-        component is unlikely.
+        search ends when each known component was reached from many starts. A missing
+        component is then unlikely.
 
         Returns
         -------
@@ -733,8 +728,8 @@ class ModesOverRange:
         # together, so at least these are made.
         variable_count = len(self.solver.mechanism.variable_owners)
         statistics = SearchStatistics(variable_count, min_rounds=RANGE_ROUNDS)
-        # First add all modes of the known components. Otherwise a start on a missing mode
-        # of one of them would count as a new component.
+        # First add all modes of the known components, so that a start on one of these modes
+        # does not count as a new component.
         self._follow_modes_beyond_their_ends()
         while statistics.needs_more_starts and not self._has_enough_modes:
             # Number of starts, and the closed configurations to which they led.

@@ -275,13 +275,9 @@ class SampledModes:
                 )
         self._graph.add(configurations.sample, configurations.values)
         # In each configuration the determinant of the velocity equations with locked inputs
-        # has a sign. The sum of the signs of all configurations at a sample is zero:
-        #
-        # - Configurations appear and vanish in pairs of opposite signs. So the sum is the
-        #   same for all inputs and for all arcs of the links.
-        # - For some arcs no configuration exists, and the sum is zero.
-        #
-        # Another sum shows that a configuration is missing.
+        # has a sign. The signs of all configurations at a sample add up to zero, because
+        # configurations appear and vanish in pairs of opposite signs. Another sum shows
+        # that a configuration is missing.
         is_unbalanced = self._graph.find_unbalanced()
         is_complete = configurations.is_complete & ~is_unbalanced
         problem = configurations.problem or "the signs of their determinants do not cancel"
@@ -294,7 +290,7 @@ class SampledModes:
                 spread_rows(len(incomplete), MAX_SEARCHED_SAMPLES)
             ]
             # The search counts how often it reaches the configurations that were computed
-            # above. If it reaches these often and nothing else, few can be missing.
+            # above. Few are missing if the search reaches these often and no others.
             self._solutions.number_nodes(np.isin(self._graph.sample, searched_samples))
             # The search adds its configurations to the graph.
             statistics = self._search(searched_samples)
@@ -347,8 +343,8 @@ class SampledModes:
         """Return the first node of the graph that is a configuration of a sheet, or None.
 
         A node is one computed configuration at one sample. A sheet is the set of
-        configurations that verified steps reach from one start. Several samples may have to
-        be tried, since the computation of nodes may have failed at some of them.
+        configurations that verified steps reach from one start. At some samples the
+        configuration may be no node.
         """
         (samples,) = np.nonzero(sheet.status == Status.OK)
         # The node of each configuration of the sheet, -1 if it is not a node.
@@ -404,7 +400,8 @@ class SampledModes:
         """Return the indices of the solutions to which configurations belong.
 
         A search from random starts counts how often it reaches each solution. A
-        configuration that belongs to no known solution is the start of a new one.
+        configuration that belongs to no known solution is followed over the samples of the
+        inputs, which gives a new solution.
 
         Parameters
         ----------
@@ -415,8 +412,8 @@ class SampledModes:
 
         Returns
         -------
-        (m,) index of the solution of each configuration. -1 if it belongs to none, and a
-        new solution could not be followed from it.
+        (m,) index of the solution of each configuration. -1 if the configuration belongs to
+        none, and following it gave no new solution.
         """
         return np.array(
             [
@@ -430,11 +427,11 @@ class SampledModes:
         """Return the index of the solution to which a configuration belongs.
 
         A solution is a set of configurations that were reached from one start, or a single
-        one that was computed before. All known configurations are nodes of a graph, and
-        each node belongs to one solution at most. If the given configuration is no node
-        yet, it becomes the start of a new solution: Steps lead to neighbouring samples of
-        the inputs, and from there to further samples. The configurations that are reached,
-        a sheet, are added as nodes. There are at most `MAX_ASSEMBLY_MODES` sheets.
+        configuration that was computed before. All known configurations are nodes of a
+        graph, and each node belongs to one solution at most. From a configuration that is
+        no node yet, a new solution is followed: verified steps lead to neighbouring samples
+        of the inputs, and from there to further samples. The configurations that are
+        reached, a sheet, are added as nodes. There are at most `MAX_ASSEMBLY_MODES` sheets.
 
         Parameters
         ----------
@@ -451,8 +448,7 @@ class SampledModes:
             sheet = self._follow_sheet(values[None])
             if sheet is not None:
                 self._add_sheet(sheet)
-                # The sheet has only configurations at the ends of steps that passed their
-                # tests. So the given one is a node now only if a step has reached it.
+                # The configuration is a node now if it is on the sheet.
                 node = self._find_node(values, sample)
         if node < 0:
             return -1
@@ -480,9 +476,8 @@ class SampledModes:
     def _search_modes(self) -> Completeness:
         """Search assembly modes from random starts, and return how complete they are.
 
-        This method is used if not all configurations can be computed. Each start that
-        closes gives a sheet: all configurations that steps reach from it, at most one at
-        each sample of the inputs. Each step is tested, so that it stays in the mode.
+        Each start that closes gives a sheet: all configurations of one mode that verified
+        steps reach from the start, at most one at each sample of the inputs.
         """
         # `gear_phases` has the lengths that wheels have rolled on each other, as functions
         # of the inputs. It is None for a mechanism without wheels.
@@ -494,16 +489,16 @@ class SampledModes:
         has_reference_mode = self._solutions.count > 0
         has_wheels = gear_phases is not None
         if has_wheels and not has_reference_mode:
-            # The reference pose has given no mode. With wheels, the search then begins with
-            # all groups of links solved at the first sample.
+            # The search with wheels begins with all groups of links solved at the first
+            # sample.
             self._search_sample(0)
         self.methods = [
             CLOSED_FORM if group.is_dyad else RANDOM_SEARCH for group in self.groups
         ]
         statistics = self._search(np.arange(len(self.input_grid)))
         if not self._solutions.count:
-            # Random starts leave out configurations near a dead centre, where two modes
-            # nearly coincide. Solving all groups at the middle sample also finds these.
+            # Random starts leave out configurations near a dead centre. Solving all groups
+            # at the middle sample can find these.
             self._search_sample(len(self.input_grid) // 2)
         reason = statistics.describe("modes")
         if self._is_sheet_limit_reached:
@@ -566,9 +561,9 @@ class SampledModes:
 
         Returns
         -------
-        How often each solution was reached. A solution is a sheet. If `_enumerate` has
-        computed configurations at the samples, each of them is a solution, too. The search
-        ends if these counts make a missing solution unlikely, or at the limit of sheets.
+        How often each solution was reached. A solution is a sheet, or a single
+        configuration that `_enumerate` has computed before. The search ends if these counts
+        make a missing solution unlikely, or at the limit of sheets.
         """
         q = self.input_grid.q
         # The range of the inputs, in which the samples are.
@@ -595,8 +590,7 @@ class SampledModes:
 
         A mode of the graph is an array with the number of its configuration (node) at each
         sample, -1 where it has none. At most `_mode_limit` modes stay, those with most
-        samples. The attribute `claim`, on the completeness of the modes, then mentions the
-        limit.
+        samples. `claim` (how complete the modes are) mentions modes that were left out.
 
         Parameters
         ----------
@@ -604,10 +598,10 @@ class SampledModes:
             A node of the mode of the reference pose, which becomes mode 0. None if there is
             no such node.
         shares_numbers
-            Whether to unite modes whose groups of links all have equal signs, if there is a
-            gap between their samples. This gives fewer modes. A dyad (two links) has the
-            sign of the determinant of its three axes, another group the sign of the
-            determinant of its velocity equations.
+            Whether modes with equal signs of all groups, in separate parts of the path of
+            samples, become one mode with one number. A dyad (two links) has the sign of the
+            determinant of its three axes, another group the sign of the determinant of its
+            velocity equations.
         """
         graph = self._graph
         # The largest modes come first.
@@ -646,8 +640,7 @@ class SampledModes:
 
         A dyad (two links) has the sign of the determinant of its three pair axes, another
         group the sign of the determinant of its velocity equations. The sign is constant in
-        a mode, but uncertain in singular configurations. So it is computed at one regular
-        configuration.
+        a mode, and is computed at one regular configuration.
 
         Parameters
         ----------
@@ -667,8 +660,8 @@ class SampledModes:
     def _unite_separate_modes(self, modes: Sequence[Indices]) -> list[Indices]:
         """Unite modes with equal signs that occur at separate samples, to have fewer modes.
 
-        The samples are a path. A mode can end on it, and another one with equal signs of
-        all groups of links can begin later. Both then get one number.
+        The samples are a path. A mode can end on the path, and another mode with equal
+        signs of all groups of links can begin later. Both modes get one number.
 
         Parameters
         ----------
@@ -686,8 +679,8 @@ class SampledModes:
             modes_by_signs.setdefault(tuple(signs), []).append(mode)
         united_modes = []
         for modes_of_signs in modes_by_signs.values():
-            # Only modes with a gap between them are united. Without a gap, the united mode
-            # would seem to be continuous, although no verified step joins its parts.
+            # Only modes with a gap between them are united, because no verified step joins
+            # them.
             united_modes += share_numbers(
                 sorted(modes_of_signs, key=self._graph.first_node)
             )
@@ -757,8 +750,8 @@ class SampledModes:
     def _collect_configurations(self, configuration_numbers: Indices) -> ModeOverGrid:
         """Return the configurations of a mode at all n samples of the inputs.
 
-        The mode is one way to assemble the mechanism. It has no configuration at some
-        samples. There the pair variables are NaN, and the status is OUT_OF_REACH.
+        The mode is one way to assemble the mechanism. At samples without a configuration,
+        the pair variables are NaN, and the status is OUT_OF_REACH.
 
         Parameters
         ----------

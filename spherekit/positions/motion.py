@@ -226,7 +226,7 @@ class Motion(ArrayRows):
         """(n,) approximate error (rad) of the variables in rows at a dead centre.
 
         At a dead centre the closure residual r changes with the square of the error x of
-        the variables, about as c x^2. So x is about sqrt(r / c).
+        the variables, about as c x^2. Therefore x is about sqrt(r / c).
         """
         return np.sqrt(self.residual_bound / self._curvature_bound)
 
@@ -234,9 +234,9 @@ class Motion(ArrayRows):
     def kantorovich_error(self) -> Floats:
         """(n,) upper bounds (rad) of the errors of the pair variables, one for each row.
 
-        A row is one computed configuration. Because of rounding it closes the loops only
-        nearly. Its variables differ from those of the exact closed configuration nearby.
-        The Newton-Kantorovich theorem bounds this difference.
+        A row is one computed configuration. Because of rounding, its variables differ from
+        those of the exact closed configuration nearby. The Newton-Kantorovich theorem
+        bounds this difference.
 
         The bound is infinite near a dead centre, where the theorem does not apply, and NaN
         in rows without a configuration.
@@ -305,8 +305,8 @@ def make_motion(solver: PositionSolver, values: Floats) -> Motion:
     solver
         The mechanism with its inputs.
     values
-        (n, variables) configurations (rad) in any order. Also singular ones get the status
-        OK.
+        (n, variables) configurations (rad) in any order. Singular configurations get the
+        status OK, too.
     """
     linearisation = solver.closure.linearise(values)
     configurations = ModeConfigurations(

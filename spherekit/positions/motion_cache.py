@@ -49,8 +49,8 @@ def position_analysis_of(
 def kinematics_only(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism without masses, loads and joint limits.
 
-    Its configurations do not depend on them. So mechanisms that differ only in them can
-    share one position analysis.
+    Mechanisms that differ only in masses, loads and joint limits have the same
+    configurations, and can share one position analysis.
     """
     return replace(mechanism, masses=(), loads=(), joint_limits=())
 
@@ -74,8 +74,8 @@ def assembly_by_count_or_rank(mechanism: Mechanism) -> Assembly:
     try:
         return plan_assembly(mechanism)
     except CountError:  # counting gives another number of degrees of freedom than inputs
-        # Without names of inputs, `driven_at` returns the mechanism itself. It raises an
-        # error if a pair that the mechanism names as input cannot be driven.
+        # `driven_at` returns the same mechanism, or raises an error if one of its inputs
+        # cannot be driven.
         checked_mechanism = driven_at(mechanism)
         # The position analysis searches configurations, and counts by rank.
         position_analysis = position_analysis_of(checked_mechanism)
@@ -99,8 +99,8 @@ def is_mobile_by_rank_only(mechanism: Mechanism) -> bool:
     try:
         plan_assembly(mechanism)
     except CountError:  # counting gives another number of degrees of freedom than inputs
-        # Without names of inputs, `driven_at` returns the mechanism itself. It raises an
-        # error if a pair that the mechanism names as input cannot be driven.
+        # `driven_at` returns the same mechanism, or raises an error if one of its inputs
+        # cannot be driven.
         checked_mechanism = driven_at(mechanism)
         # `by_rank` says whether the degrees of freedom follow from the rank.
         return position_analysis_of(checked_mechanism).by_rank

@@ -86,8 +86,8 @@ def iterate_contact_profiles(
     """Yield the index of each contact pair, and the profiles of its two links.
 
     A contact pair joins two links by rolling or sliding profiles. Revolute pairs are left
-    out. `ContactProfile.variable` counts the variables of one joint; in the result it is
-    the index among the variables of all joints.
+    out. In the result, `ContactProfile.variable` is the index among the variables of all
+    joints.
     """
     for pair, first_variable, joint in enumerate_joints(joints):
         profiles = joint.contact_profiles
@@ -215,10 +215,9 @@ def has_penetration(joints: Sequence[Joint], states: PairStates) -> Bools:
     its profile, the second body on the right of its own. The curvature of a profile is
     positive if the profile turns to the left.
 
-    Suppose the second profile turns more to the left. Then it lies on the left of the first
-    profile, and the strip between the profiles belongs to both bodies. They enter each
-    other. Equal curvatures (up to `EQUAL_CURVATURE`) also give True, because such profiles
-    do not determine the motion.
+    If the second profile turns more to the left, the strip between the profiles belongs to
+    both bodies, so the bodies enter each other. Equal curvatures (up to `EQUAL_CURVATURE`)
+    also give True, because such profiles do not determine the motion.
 
     Parameters
     ----------

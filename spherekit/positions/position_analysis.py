@@ -70,8 +70,8 @@ class PositionAnalysis:
     path
         (n, inputs) values of the inputs (rad), instead of their ranges.
     follow
-        Whether configurations are computed. If not, there is no assembly mode, not even the
-        mode of a reference pose, and every motion is empty.
+        Whether configurations are computed. If not, there are no assembly modes, and every
+        motion is empty.
     crossings
         What an assembly mode does where configuration curves cross. With "end" it keeps
         the signs of its dyads. With "pass" it follows its smooth curve through the
@@ -79,9 +79,8 @@ class PositionAnalysis:
     independent
         Whether the samples of a path are unrelated to each other, and are no motion. With
         several inputs, modes with equal signs then count as one mode if no verified steps
-        connect them and a sample without a configuration is between them. Otherwise samples
-        far apart would give many modes. If no sample can be reached, there is one mode of
-        failed rows instead of an error.
+        connect them and a sample without a configuration is between them. If no sample can
+        be reached, the result is one mode of failed rows, not an error.
 
     Attributes
     ----------
@@ -142,8 +141,8 @@ class PositionAnalysis:
         self._follow = follow
         self._independent = independent
         self.crossings = crossings
-        # The input at which modes that pass crossings get their numbers. Other modes need
-        # none, so it is NaN unless `_pass_crossings` sets it.
+        # The input at which modes that pass crossings get their numbers. NaN unless
+        # `_pass_crossings` sets this input.
         self.numbering_input = np.nan
         self.mechanism = driven_at(mechanism, input_pair)
         self.input_grid = make_input_grid(
@@ -161,7 +160,7 @@ class PositionAnalysis:
             try:
                 self.assembly_modes = self._search_modes(search)
             except SpherekitError:
-                # The user sees the error of the count, which names links and pairs.
+                # The error of the count is raised, because it names links and pairs.
                 raise count_error from None
         # A group is a smallest part of the mechanism that can be placed by itself, such as
         # two links. Its sign tells the two ways to do so apart, and the signs of all groups
@@ -198,7 +197,8 @@ class PositionAnalysis:
             if has_number or has_name:
                 return index
         titles = listing(f"{mode.number} ({mode.title})" for mode in self.assembly_modes)
-        # Names in the file that no mode has may explain the error; each has a sentence.
+        # The message lists names in the file that no mode has, since these may explain the
+        # error.
         raise SolveError(
             f"{self.mechanism.name}: there is no assembly mode {assembly_mode}; the "
             f"assembly modes found are {titles}"
@@ -239,8 +239,8 @@ class PositionAnalysis:
         self.claim = mode_search.claim
         self._probe_count = mode_search.probes
         self._crossings = mode_search.crossings
-        # Crossings are singular, so the solver would compute them with half the digits. It
-        # returns these exact configurations instead.
+        # The solver would compute crossings, which are singular, with half the digits.
+        # These exact configurations replace its results.
         self.solver.exact_configurations += [
             crossing.values for crossing in mode_search.crossings
         ]
@@ -281,8 +281,8 @@ class PositionAnalysis:
                 )
         # The numbering input is the input of the reference pose (anchor), if the anchor is
         # in the range and not at a meeting. At a meeting modes coincide, so their numbers
-        # would be ambiguous. Otherwise an input just above the low end of the range is
-        # used, since there can be a meeting at the low end itself.
+        # would be ambiguous. The default is an input just above the low end of the range,
+        # since there can be a meeting at the low end.
         low, high = self.input_grid.range
         self.numbering_input = low + MIN_CROSSING_DISTANCE_RAD
         anchor = float(self.solver.anchor_inputs[0])
@@ -382,12 +382,11 @@ class PositionAnalysis:
         ------
         SolveError
             If there are several inputs, and groups of links without a closed form. Their
-            configurations are known at the samples of the analysis only. A new analysis
-            with the inputs q as its path solves the problem.
+            configurations are known at the samples of the analysis only.
         """
         # Groups without a closed form are solved by Newton's method, from a start that the
-        # `guide` of the mode predicts. With one input the guide is a curve, which predicts
-        # at any input. With several inputs (`ModeOverGrid`) it only knows the samples.
+        # `guide` of the mode predicts. A `ModeOverGrid`, the guide for several inputs, has
+        # only the configurations at the samples.
         if any(isinstance(mode.guide, ModeOverGrid) for mode in self.assembly_modes):
             raise SolveError(
                 f"{self.mechanism.name}: for a mechanism with several inputs and "
@@ -412,16 +411,14 @@ class PositionAnalysis:
             (k, inputs) inputs (rad).
         rows
             (k,) indices of the samples with these inputs. None if the inputs are not
-            samples. Some modes are known only at the samples, if there are several inputs.
-            They have no configurations at other inputs.
+            samples.
 
         Returns
         -------
         The motion: all inputs in the first mode, then all in the next mode, and so on.
         """
         if not self.assembly_modes:
-            # No mode: a motion without rows. It still says at how many inputs it was
-            # computed (`samples`).
+            # Without modes, the motion has no rows. `samples` is the number of inputs.
             no_values = np.empty((0, len(self.mechanism.variable_owners)))
             return replace(make_motion(self.solver, no_values), samples=len(q))
         configurations = ModeConfigurations.concatenate(
@@ -440,7 +437,7 @@ class PositionAnalysis:
             configurations=configurations,
             is_path=self.input_grid.is_path,
         )
-        # The motion also stores a text that says how the modes were searched.
+        # Add a text that says how the modes were searched.
         return replace(motion, search=self.search)
 
     def sparse(self, most: int) -> Motion:

@@ -110,9 +110,8 @@ class PositionSolver:
     driven
         Indices of the variables that are inputs.
     anchor_inputs
-        (inputs,) inputs (rad) of the reference pose, or zero. At these inputs passive
-        angles are in (-pi, pi]. At other inputs they include the full revolutions that the
-        pairs make on the way from there.
+        (inputs,) inputs (rad) of the reference pose, or zero. Full revolutions of passive
+        angles are counted from these inputs.
     exact_configurations
         Configurations (variables,) that are known up to rounding: the reference pose, and
         those at which curves cross. A closed form would give only half the digits at them.
@@ -139,12 +138,12 @@ class PositionSolver:
             driven += mechanism.variables_of(pair)
         self.driven = tuple(driven)
         # The angles of a motion may exceed a revolution. Whole revolutions are counted from
-        # the configuration at the anchor inputs. There all angles that are not inputs are
-        # in (-pi, pi].
+        # the configuration at the anchor inputs. At the anchor inputs all passive angles
+        # are in (-pi, pi].
         self.anchor_inputs = np.zeros(len(self.driven))
         # Configurations that are known up to rounding: the reference pose, and crossings of
-        # curves, which callers add. Near a singular configuration, a computed result has
-        # only half the digits. So it is replaced by one of these.
+        # curves, which callers add. Near singular configurations these replace computed
+        # results, which have only half the digits.
         self.exact_configurations: list[Floats] = []
         if self.reference is not None:
             self.anchor_inputs = self.reference[list(self.driven)]
@@ -175,9 +174,10 @@ class PositionSolver:
     def periods(self) -> Floats:
         """(inputs,) growth (rad) of each input after which the configurations repeat.
 
-        Without rolling contacts it is one revolution. With them it may be several, because
-        wheels must be back in their positions too. The growth is infinite if configurations
-        never repeat, and NaN if no gear ratios lead from the inputs to the wheels.
+        Without rolling contacts the growth is one revolution. With rolling contacts it may
+        be several, because wheels must be back in their positions. The growth is infinite
+        if configurations never repeat, and NaN if no gear ratios lead from the inputs to
+        the wheels.
         """
         if self.gear_phases is None:
             return np.full(len(self.driven), TURN)
@@ -224,7 +224,8 @@ class PositionSolver:
 
         After a period of an input all orientations repeat. An input inside the range of the
         samples stays. Any other input is moved as near to the middle of the range as
-        possible. It remains outside if no multiple of the period leads into the range.
+        possible. The input remains outside if no multiple of the period leads into the
+        range.
 
         Parameters
         ----------
@@ -253,8 +254,7 @@ class PositionSolver:
         A group is a set of bodies that are placed together. It is a train of wheels if two
         conditions are met:
 
-        - Gear ratios give the angles of enough revolute pairs to place all bodies. So no
-          equations have to be solved.
+        - Gear ratios give the angles of enough revolute pairs to place all bodies.
         - It has contacts, and all of them are rolling contacts of the gear train.
         """
         gear_train = self._gear_train
@@ -312,8 +312,8 @@ class PositionSolver:
         Returns
         -------
         Linearisation
-            The loop equations of the train at the result. The caller tests their residual,
-            to see whether the train is closed.
+            The loop equations of the train at the result. Their residual shows whether the
+            train is closed.
         """
         group = self.assembly.groups[position]
         # For each body of the train the rotation from its axes to those of the first body.
@@ -368,7 +368,7 @@ class PositionSolver:
         trial_state.merge(group, rotations)
         trial_state.read_values(group)
         # Rolling contacts: orientations do not show the number of revolutions that wheels
-        # have rolled. The rolled lengths follow from the inputs instead.
+        # have rolled. The rolled lengths follow from the inputs.
         gear_phases = self.gear_phases
         assert gear_phases is not None  # since a train has rolling contacts
         rolled_lengths = gear_phases.rolled_lengths(q)
@@ -408,8 +408,7 @@ class PositionSolver:
             (n, inputs) inputs (rad).
         rows
             (n,) indices of the samples that have these inputs. The indices are needed only
-            for modes of several inputs with groups that are placed by Newton's method,
-            whose verified configurations are at the samples of the input grid.
+            with several inputs, if groups are placed by Newton's method.
 
         Returns
         -------
@@ -435,8 +434,8 @@ class PositionSolver:
             is_exact = self._restore_exact(q, state.values, status)
             is_past_node = self._move_to_last_node(assembly_mode, q, state, status)
             singular = ((status == Status.AT_SINGULARITY) & ~is_exact) | is_past_node
-            # Several dyads that are nearly in line lose as many digits as one that is, and
-            # so does a dyad between axes that nearly coincide.
+            # Digits are lost if several dyads are nearly in line, or if a dyad is between
+            # axes that nearly coincide.
             loses_digits = state.slack > REACH_SLACK / SINGULAR_DYAD_SINE
             loses_digits |= state.side_ratio < SINGULAR_DYAD_SINE
             singular |= (status == Status.OK) & loses_digits
@@ -495,8 +494,8 @@ class PositionSolver:
         """Place a group that is not a dyad, and set the status of samples that fail.
 
         A group is a set of bodies that are placed together. A dyad consists of two bodies
-        joined by a pair. Here the group is a train of wheels, which gear ratios place, or a
-        larger group. Newton's method closes that from a prediction of the assembly mode.
+        joined by a pair. A train of wheels is placed by gear ratios. A larger group is
+        closed by Newton's method, which starts from a prediction of the assembly mode.
 
         Parameters
         ----------
@@ -507,9 +506,8 @@ class PositionSolver:
         q
             (n, inputs) inputs (rad).
         rows
-            (n,) indices of the samples that have these inputs. With several inputs, the
-            verified configurations of a mode are those at samples of the input grid, so the
-            numbers are needed. With one input they form a curve, and this can be None.
+            (n,) indices of the samples that have these inputs. With one input the indices
+            are not needed and can be None.
         state
             The bodies placed so far; changed in place.
         status
@@ -611,9 +609,8 @@ class PositionSolver:
 
         With one input, a mode is a curve of verified configurations, its nodes. It ends at
         a dead centre, where the input reverses. The last node is a little before the dead
-        centre, at most `LAST_NODE_DISTANCE_RAD`. A sample between the two is not out of
-        reach. It gets the configuration of the node, from which the caller computes a
-        better one.
+        centre, at most `LAST_NODE_DISTANCE_RAD`. A sample between the last node and the
+        dead centre is not out of reach, and gets the configuration of the node.
 
         Parameters
         ----------
@@ -690,7 +687,7 @@ class PositionSolver:
             error = np.full(len(rows), np.inf)
             new_status = status[rows]
             in_float64 = np.arange(len(rows))
-        # The others in float64: `in_float64` are positions in `rows`.
+        # Place the other samples in float64. `in_float64` has their positions in `rows`.
         if len(in_float64):
             float64_rows = rows[in_float64]
             fold = place_at_folds(
@@ -715,8 +712,8 @@ class PositionSolver:
 def _set_status(status: SmallIntegers, where: Bools, code: Status) -> None:
     """Set the status of the samples `where`, except for those that failed before.
 
-    So a sample shows its first failure. AT_SINGULARITY is no failure, so a failure
-    overwrites it.
+    A sample therefore shows its first failure. AT_SINGULARITY is no failure, so a failure
+    overwrites this status.
     """
     can_change = status == Status.OK
     if code != Status.AT_SINGULARITY:

@@ -59,7 +59,8 @@ class PairFrames(NamedTuple):
 
     The z axis of both is the axis of the pair. The first frame, rotated about z by the
     angle of the pair, coincides with the second frame in space. This relation gives the
-    relative orientation of the bodies.
+    relative orientation of the bodies. The frames are at n samples of the inputs, because a
+    body can consist of links that an input moves relative to each other.
 
     Attributes
     ----------
@@ -133,11 +134,12 @@ class GroupFold:
         """Estimate the configuration that belongs to an assembly mode near a fold.
 
         A group is a set of bodies that are placed together. At a fold two of its
-        configurations meet, so Newton's method works badly near it. If the variables move
-        from the fold by x (rad) along the unit vector `direction`, one component of the
-        loop equations is f(x) = e + h x^2 / 2 (rad). Here e is `residual` and h is
-        `curvature`. The roots x = +- sqrt(-2 e / h) belong to two modes (ways to assemble).
-        The determinants of their Jacobians have opposite signs.
+        configurations meet, so Newton's method works badly near it. At the fold, all
+        components of the loop equations are zero, except one. If the variables move from
+        the fold by x (rad) along the unit vector `direction`, this component is f(x) = e +
+        h x^2 / 2 (rad). Here e is `residual` and h is `curvature`. The roots x = +- sqrt(-2
+        e / h) belong to two modes (ways to assemble). The determinants of their Jacobians
+        have opposite signs.
 
         There are n configurations (rows). Rows without a fold (`is_known` is false) may be
         NaN.
@@ -306,17 +308,17 @@ class GroupLoops:
     def close(self, values: Array) -> tuple[Array, Floats]:
         """Close the loops of a group by Newton's method from variables (n, pairs), in rad.
 
-        The residual (closure errors of the loops) is computed in quad precision. So the
-        solution has quad precision. The derivatives of the residual are inverted in float64
-        only. This is enough, since errors of a step are corrected by the next step.
+        The residual (closure errors of the loops) is computed in quad precision, and so is
+        the solution. The derivatives of the residual are inverted in float64 only, because
+        errors of a step are corrected by the next step.
 
         Returns
         -------
         values
             (n, pairs) variables (rad) in quad precision.
         step_size
-            (n,) last Newton step (rad), the largest of any variable. The caller compares it
-            with `CONVERGED_QUAD_STEP_RAD`.
+            (n,) last Newton step (rad), the largest of any variable. Newton's method has
+            converged if the step is smaller than `CONVERGED_QUAD_STEP_RAD`.
         """
         n = len(values)
         values = values.copy()
@@ -363,8 +365,7 @@ class GroupLoops:
             # The vectors v and u of the smallest singular value.
             direction = right_vectors[:, -1]
             residual_direction = left_vectors[:, :, -1]
-            # The derivative of the Jacobian along v, by a central difference. A larger step
-            # has a larger truncation error, a smaller one a larger rounding error.
+            # The derivative of the Jacobian along v, by a central difference.
             probe_step = (FOLD_PROBE_RAD * direction).astype(quad())
             jacobian_ahead = self.evaluate(values + probe_step).jacobian
             probe_step = (-FOLD_PROBE_RAD * direction).astype(quad())

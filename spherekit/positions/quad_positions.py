@@ -65,9 +65,9 @@ class QuadConfigurations(NamedTuple):
     """Configurations of a mechanism at n values of its inputs, in quad precision.
 
     Quad precision means 33 digits. The links are placed group by group. A group is a set of
-    bodies that become one rigid body when the pairs between them are closed. An input is a
-    float64 number. The user may mean a decimal number of degrees, of which the input is the
-    rounded value. The status allows for this rounding error.
+    bodies that become one rigid body when their loops are closed. Inputs are float64
+    numbers, and may be rounded from decimal numbers of degrees. `status` accounts for this
+    rounding error.
 
     Attributes
     ----------
@@ -100,8 +100,8 @@ class _Bodies:
     """The bodies of a mechanism at n values of the inputs, while its groups are placed.
 
     A body is a set of links whose relative orientations are known already. A group is a set
-    of bodies that become one rigid body when the pairs between them are closed. Each group
-    unites its bodies, until one body is left.
+    of bodies that become one rigid body when their loops are closed. Each group unites its
+    bodies, until one body is left.
 
     Attributes
     ----------
@@ -111,8 +111,8 @@ class _Bodies:
     values
         (n, variables) pair variables (rad) in quad precision, NaN while they are unknown.
     error
-        (n,) bound of the error (rad) of the rotations, for exact inputs. At a dead centre
-        it also covers the rounding of the inputs.
+        (n,) bound of the error (rad) of the rotations. Inputs count as exact, except at a
+        dead centre, where their rounding has a large effect.
     rounding
         (n,) bound (rad) of the rounding errors of the inputs. A user may mean decimal
         numbers, and the inputs are these numbers rounded to float64.
@@ -120,9 +120,9 @@ class _Bodies:
         (n,) whether a group cannot be closed, even if the inputs are changed by their
         rounding errors.
     is_at_dead_centre
-        (n,) whether a group is at its dead centre (where two of its solutions meet), or
-        may be if the inputs are changed by their rounding errors. Also True if Newton's
-        method gave no reliable configuration to decide this.
+        (n,) whether a group is at its dead centre (where two of its solutions meet), or may
+        be if the inputs are changed by their rounding errors. True if Newton's method gave
+        no reliable configuration.
     """
 
     body_from_link: dict[int, Array]
@@ -149,8 +149,8 @@ class _Bodies:
 class QuadAssembly:
     """Places the groups (bodies placed together) of a mechanism of R pairs.
 
-    It computes in quad precision (33 digits). In float64, angles would lose half their
-    digits at a dead centre.
+    All numbers have quad precision (33 digits), because float64 angles would lose half
+    their digits at a dead centre.
 
     Parameters
     ----------
@@ -267,8 +267,8 @@ class QuadAssembly:
             # Error bound (rad) of the rotations for exact inputs.
             error=np.full(n, ROUNDING_RAD),
             # Bound (rad) of the difference between an input, a float64 number, and the
-            # number that the user means. Near a dead centre it decides whether the loops
-            # close.
+            # number that the user means. Near a dead centre this difference decides whether
+            # the loops close.
             rounding=INPUT_ROUNDING * np.maximum(1.0, np.max(np.abs(q), axis=1)),
             is_out_of_reach=np.zeros(n, dtype=bool),
             is_at_dead_centre=np.zeros(n, dtype=bool),
@@ -293,8 +293,7 @@ class QuadAssembly:
         """
         mechanism = self.mechanism
         identity = np.broadcast_to(np.eye(3).astype(quad()), (len(values), 3, 3))
-        # Each body has the axes of one of its links, and the index of this link. This link
-        # keeps the identity.
+        # Each body has the axes of one of its links, which keeps the identity.
         body_from_link = dict.fromkeys(range(len(mechanism.links)), identity)
         # The body of each link. As indices of links, these are the links with body axes.
         links_with_body_axes = self.assembly.body_of_link
@@ -516,7 +515,7 @@ def _cosine_difference(
     """Return cos(arc) - a . c for two unit vectors a and c, the outer axes of a dyad.
 
     Near an arc of 0 or 180 deg, a cosine has few digits of its small distance from 1 or -1.
-    So these distances are computed and subtracted instead of the cosines.
+    The small distances are therefore computed and subtracted.
 
     Parameters
     ----------
@@ -586,7 +585,6 @@ def _flat_angle_error(error: Floats, smallest_sine: Floats) -> Floats:
     smallest sine of its arcs. Arcs with an error e thus allow x up to sqrt(2 e) / s.
 
     The formula is valid for small x only. Larger bounds are therefore replaced by infinity.
-    This happens if two axes nearly coincide (s is nearly 0).
     """
     bound = np.where(smallest_sine > 0.0, np.sqrt(2.0 * error) / smallest_sine, np.inf)
     return np.where(bound < LARGEST_FLAT_DYAD_ERROR_RAD, bound, np.inf)

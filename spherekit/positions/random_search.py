@@ -116,8 +116,8 @@ class SearchStatistics:
             (k,) index of the solution to which each start led. Starts without a solution
             are -1, or are left out.
         total
-            Number of solutions that are known so far. Some may be known from elsewhere, and
-            count 0.
+            Number of solutions that are known so far, including those that no start has
+            reached.
         """
         self.starts += starts
         # `update` adds to the counts. Adding 0 also creates counts for solutions that no
@@ -160,8 +160,8 @@ class SearchStatistics:
         Parameters
         ----------
         mode_count
-            Number of assembly modes found. These statistics count only how many starts led
-            to each curve of configurations. One curve can have several modes.
+            Number of assembly modes found. The statistics count curves of configurations,
+            each of which can have several modes.
         """
         starts = counted(self.starts, "random start")
         # No start has led to a closed configuration.
@@ -215,7 +215,7 @@ class SearchStatistics:
             else:
                 # Good's estimate of the probability that the next closing start finds a new
                 # solution: the number of solutions reached once, divided by the number of
-                # closed starts. Solutions known from elsewhere (count 0) do not enter.
+                # closed starts.
                 never_count = counts.count(0)
                 once_count = counts.count(1)
                 new_probability = once_count / self.closed_starts
@@ -240,8 +240,8 @@ def descend_to_closure(
     """Minimise the sum of squared closure errors, independently from many starts.
 
     This brings random starts near to closed loops, where Newton's method can take over. The
-    closure errors are angles (rad) by which the loops of links are open. Minima with open
-    loops also occur.
+    closure errors are angles (rad) by which the loops of links are open. A descent can end
+    with open loops.
 
     Parameters
     ----------
@@ -319,7 +319,8 @@ class WheelRepetition:
 class RolledLength:
     """The variable that measures how far two wheels have rolled on each other.
 
-    It serves to recognise configurations that differ only by whole revolutions of wheels.
+    The variable serves to recognise configurations that differ only by whole revolutions of
+    wheels.
 
     Attributes
     ----------
@@ -370,8 +371,7 @@ class RolledLength:
 def _is_whole_circumference(profile: ContactProfile, length: float) -> bool:
     """Return whether a rolled length (rad) is a whole number of turns of a closed profile.
 
-    If so, the contact is in the same state again. An open profile cannot turn like this, so
-    the result is False.
+    If so, the contact is in the same state again. False for an open profile.
     """
     if not profile.curve.closed:
         return False
@@ -464,8 +464,8 @@ class DistinctConfigurations:
         - `is_singular`: whether the group may be movable although the inputs are locked.
           The number of such configurations is limited.
 
-        Configurations that differ by whole revolutions of wheels also count as one. The one
-        with the least rolling is added first, and represents the others.
+        Configurations that differ by whole revolutions of wheels count as one. The
+        configuration with the least rolling is added first, and represents the others.
 
         Parameters
         ----------
@@ -526,8 +526,8 @@ class DistinctConfigurations:
         """Return whether one more configuration may be stored.
 
         A group that can move with locked inputs has infinitely many singular
-        configurations. They have a lower limit of their own, so that they leave room for
-        regular ones.
+        configurations. Singular configurations have a lower limit, so that they leave room
+        for regular ones.
         """
         if len(self._configurations) >= MAX_MODES:
             return False
@@ -538,8 +538,7 @@ class DistinctConfigurations:
         """Return the index of the first stored configuration that is the same, or None.
 
         Two configurations are the same if all bodies are oriented alike, or if wheels have
-        rolled on by whole revolutions. When one wheel has made a whole revolution, another
-        wheel that touches it can be oriented otherwise.
+        rolled on by whole revolutions.
         """
         if not self._configurations:
             return None
@@ -703,8 +702,8 @@ def search_group(
     while statistics.needs_more_starts and len(distinct.values) < MAX_MODES:
         starts = random.uniform(low, high, (STARTS_PER_ROUND, len(low)))
         # Newton's method fails from most random starts. The Levenberg-Marquardt method
-        # comes first. It leads near a closed configuration, or to a minimum with open
-        # loops.
+        # comes first. This method leads near a closed configuration, or to a minimum with
+        # open loops.
         values, is_near_closed = descend_to_closure(closure, starts)
         # Index of the configuration to which each start has led. -1 if `distinct` leaves it
         # out, for example because profiles enter each other.

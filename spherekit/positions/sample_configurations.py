@@ -229,8 +229,7 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
 
     A group is a set of links that are placed together, such as a dyad (two links). Groups
     are placed one after the other. Each partial configuration is continued in all ways to
-    place the next group. The errors of the groups add up. The caller reduces them by a
-    further step of Newton's method.
+    place the next group.
     """
     # (n,) whether all configurations of a sample were found, and why not (the first
     # reason).
@@ -285,7 +284,7 @@ def _place_both_modes(state: AssemblyState, group: Group) -> GroupPlacement:
         sine = place_dyad(placed, group, sign)
         # `is_open` marks the rows at which the dyad does not close.
         closes = ~placed.is_open
-        # In a flat dyad both signs give the same configuration; it is counted for sign 1
+        # In a flat dyad both signs give the same configuration, which is counted for sign 1
         # only.
         is_flat = sine < SINGULAR_DYAD_SINE
         if sign < 0:
@@ -307,7 +306,8 @@ def _place_wheel_train(
 ) -> GroupPlacement:
     """Place a train of wheels, which has a single configuration at given inputs.
 
-    Gear ratios determine it. A row is one configuration of the earlier groups of links.
+    Gear ratios determine the configuration. A row is one configuration of the earlier
+    groups of links.
 
     Parameters
     ----------
@@ -379,7 +379,8 @@ def _eliminate_distinct_rows(
 
     A row is one configuration of the groups that are placed before, so a sample of the
     inputs can have several rows. If this group does not depend on the earlier groups, its
-    equations are equal in all rows of a sample. Then they are solved once for each sample.
+    equations are equal in all rows of a sample. Equal equations are solved once for each
+    sample.
 
     Parameters
     ----------
@@ -602,9 +603,8 @@ def _solve_real_roots(
 ) -> tuple[Floats, Bools]:
     """Return the real solutions of the equations of a group, by real roots only.
 
-    This is faster than computing all complex roots. A group is a set of bodies that are
-    placed together. Its pairs (joints) form t closed loops, where t is 2 or 3. The
-    equations are formed in three steps:
+    A group is a set of bodies that are placed together. Its pairs (joints) form t closed
+    loops, where t is 2 or 3. The equations are formed in three steps:
 
     1. Remove t bodies that have two pairs each. The other bodies form a tree without loops.
     2. The angles of the t pairs of the tree are the unknowns.
@@ -671,9 +671,8 @@ def _examine_rows(
 ) -> Iterator[tuple[int, Floats, str]]:
     """Compute the configurations of a group of links at some rows, one by one.
 
-    A row is one configuration of the groups placed before. This is slower than solving all
-    rows together. But for each row it checks whether solutions were lost, and whether
-    nearly equal solutions are different.
+    A row is one configuration of the groups placed before. For each row the elimination
+    checks whether solutions were lost, and whether nearly equal solutions are different.
 
     Parameters
     ----------

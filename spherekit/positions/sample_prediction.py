@@ -62,8 +62,8 @@ def make_sample_predictor(
     """Return a function that predicts configurations at samples of a path of inputs.
 
     If samples are close together, the position analysis solves only some of them (nodes).
-    Splines through the nodes predict the configurations at the samples between. The caller
-    corrects them then. The result is None if samples are too far apart to save time.
+    Splines through the nodes predict the configurations at the samples between. The result
+    is None if samples are too far apart to save time.
 
     The function has the arguments start, stop and out. It writes the variables of the
     samples from start up to, but without, stop into out (variables, modes, samples), in
@@ -75,8 +75,8 @@ def make_sample_predictor(
         return None
     # Between two nodes no input changes by more than `NODE_DISTANCE_RAD`. The largest
     # change from sample to sample therefore determines the number of samples for each node.
-    # If the inputs hardly change, this number is limited. There also have to be more nodes
-    # than the degree of the spline.
+    # If the inputs hardly change, `MAX_SAMPLES_PER_NODE` limits this number. There must be
+    # more nodes than the degree of the spline.
     smallest_step = NODE_DISTANCE_RAD / MAX_SAMPLES_PER_NODE
     largest_step = max(smallest_step, max_abs(np.diff(q, axis=0)))
     samples_per_node = min(
@@ -113,7 +113,7 @@ def make_sample_predictor(
             high = min(stop, spline.last + 1)
             if low < high:
                 values = spline.evaluate(np.arange(low, high, dtype=float)).T
-                # Reduce angles to (-pi, pi]. Only the few outside are computed, which saves
+                # Reduce angles to (-pi, pi]. Only angles outside are computed, which saves
                 # time.
                 angles = values[is_angle]
                 is_outside = ~(np.abs(angles) < np.pi)
@@ -133,8 +133,8 @@ def _fit_splines(
     """Solve some samples, and yield splines that predict the samples between them.
 
     A solved sample is called a node. An assembly mode (one way to assemble) can have gaps,
-    where it has no configuration. So each run of successive nodes with the status OK has
-    its own spline. Runs with too few nodes for a spline are left out.
+    where it has no configuration. Each run of successive nodes with the status OK therefore
+    has its own spline. Runs with too few nodes for a spline are left out.
 
     Parameters
     ----------

@@ -72,7 +72,7 @@ def input_extents(inputs: Floats, timing: Timing | None = None) -> list[Floats]:
     inputs
         (n, inputs) values of the inputs (rad).
     timing
-        Has the rates. Without it the result for the rates is NaN.
+        The rates. If None, the result for the rates is NaN.
 
     Returns
     -------
