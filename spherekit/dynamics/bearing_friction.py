@@ -105,12 +105,12 @@ def diagnose_indeterminate_forces(
     """Return what a file must still state, so that the forces in all pairs are determined.
 
     The result has centres of mass, distances of contacts, and pairs (joints) that would
-    have to float: to let their links slide along the axis. The function chooses these
-    pairs.
+    have to float. A floating pair lets its links slide along the axis, so it transmits no
+    axial force.
 
-    Reactions that balance each other without loads are not determined by equilibrium. They
-    form a linear space. A floating pair has no axial force, which removes one dimension of
-    this space. The pairs are chosen one after another, each with the largest axial force in
+    Equilibrium does not determine reactions that balance each other without loads. Such
+    reactions form a linear space. Each floating pair removes one dimension of this space.
+    The floating pairs are chosen one after another, each with the largest axial force in
     the remaining space.
 
     Parameters
@@ -174,10 +174,8 @@ def diagnose_indeterminate_forces(
 class CarriedLoads:
     """The loads that pairs (joints) with friction carry, at n rows (samples of a motion).
 
-    Friction depends on the carried loads and changes them, so it is computed by iteration.
-    In each iteration the errors of the friction torques are at most a matrix B times the
-    errors before this iteration. The largest eigenvalue of B is called the feedback. If it
-    is below 1, the iteration converges to the only solution.
+    Friction depends on the carried loads and changes these loads, so the loads are computed
+    by iteration.
 
     Attributes
     ----------
@@ -186,8 +184,8 @@ class CarriedLoads:
         sizes of the forces (N) on its bearings. The load of a contact is the moment (N m)
         of the normal force about the centre of the sphere. NaN in rows without a motion.
     is_unknown
-        (n,) whether the friction is not known: the feedback is not below 1, so that
-        bearings may lock, or the iteration has not converged.
+        (n,) whether the friction is not known: the iteration has not converged, or there
+        may be no single solution, so that bearings may lock.
     iterations
         Number of iterations.
     """
@@ -276,12 +274,14 @@ def solve_bearing_friction(
     without_friction = compute_carried(balance.equilibrium.reaction_wrenches)
 
     # The generalised force of a friction torque of 1 N m is the velocity of its pair, per
-    # unit rate of each coordinate: (n, k, m). It changes the accelerations. If they are
-    # given, the torques at the inputs balance it instead.
+    # unit rate of each coordinate: (n, k, m).
     velocities = np.swapaxes(loads.velocities(motion)[..., loads.friction_components], 1, 2)
-    acceleration_changes = 0.0 * velocities
-    input_torque_changes = -velocities
-    if inverse_inertia is not None:
+    if inverse_inertia is None:
+        # The accelerations are given, so the torques at the inputs balance the friction.
+        acceleration_changes = 0.0 * velocities
+        input_torque_changes = -velocities
+    else:
+        # The torques at the inputs are given, so friction changes the accelerations.
         acceleration_changes = velocities @ inverse_inertia[is_finite]
         input_torque_changes = 0.0 * velocities
     input_pairs = [mechanism.pair_number[item.pair] for item in mechanism.inputs]
@@ -313,8 +313,8 @@ def _check_determined(
 ) -> None:
     """Raise `SolveError` if a reaction that causes friction is not determined.
 
-    Friction is computed from the moments, and in some cases the forces, in its pair
-    (joint). Redundant constraints can leave these undetermined.
+    Friction is computed from the reaction in its pair (joint). Redundant constraints can
+    leave this reaction undetermined.
 
     Parameters
     ----------
@@ -363,9 +363,8 @@ def _check_forces_determined(
     A pair (joint) transmits a couple, and a force through the centre O of the sphere. The
     force loads the bearings and so causes friction.
 
-    There are two cases in which the force is not determined. Either the equations have
-    several solutions for the force. Or no pair holds some link at O, so that the link could
-    slide away from O. The forces in all pairs then count as not determined.
+    The force is not determined if the equations have several solutions for this force. If
+    no pair holds some link at O, the forces in all pairs count as not determined.
 
     Parameters
     ----------
@@ -386,7 +385,6 @@ def _check_forces_determined(
     lacking_information = diagnose_indeterminate_forces(mechanism, frames).wanted
     advice = ""
     if lacking_information:
-        # "both": the force and the friction.
         advice = f"; to determine both, state in the file: {listing(lacking_information)}"
     raise SolveError(
         f"{mechanism.name}: loads.{friction.name}: the force through the centre in "
@@ -398,21 +396,23 @@ def _check_forces_determined(
 
 @dataclass(frozen=True)
 class FrictionEquation:
-    """The equation that the friction torques f of k pairs satisfy, at n rows of a motion.
+    """The equation that the friction torques f of pairs satisfy, at n rows of a motion.
 
-    Place j of pair k is a bearing or a contact. It carries the load a_kj + sum_l b_kjl f_l,
-    since friction in pair l changes the reactions in pair k. Friction is proportional to
-    the carried load: f_k = r_k sum_j |a_kj + sum_l b_kjl f_l|.
+    Pair k is a revolute pair or a contact. A revolute pair carries a force (N) on each of
+    one or two bearings. A contact carries one moment (N m). Each of these loads j is
+    a_kj + sum_l b_kjl f_l, since friction in pair l changes the reactions in pair k.
+    Friction is proportional to the loads: f_k = r_k sum_j |a_kj + sum_l b_kjl f_l|.
 
     Attributes
     ----------
     without_friction
-        (n, k, 2, 3) vectors a of the loads at up to two places without friction, N or N m.
+        (n, pairs, 2, 3) vectors a_kj of the loads without friction. The third axis is j. A
+        missing second load is 0.
     per_friction
-        (n, k, 2, 3, k) vectors b, the changes of these loads by 1 N m of friction at each
-        pair. The last axis is the pair l at which this friction acts.
+        (n, pairs, 2, 3, pairs) vectors b_kjl, the changes of the loads by 1 N m of
+        friction. The last axis is the pair l at which this friction acts.
     factors
-        (n, k) factors r: friction torque per unit of the carried load. The sign is
+        (n, pairs) factors r_k: friction torque per unit of the carried load. The sign is
         opposite to the motion of the pair, and the size is smaller near zero speed.
     """
 
@@ -421,14 +421,14 @@ class FrictionEquation:
     factors: Floats
 
     def compute_loads(self, friction: Floats) -> Floats:
-        """Return the load vectors (n, k, 2, 3) for friction torques f (n, k)."""
+        """Return the load vectors (n, pairs, 2, 3) for friction torques f (n, pairs)."""
         # The letters are: n rows, k and l pairs, j places, a components.
         return self.without_friction + np.einsum(
             "nkjal,nl->nkja", self.per_friction, friction
         )
 
     def sum_loads(self, friction: Floats) -> Floats:
-        """Return the sums (n, k) of the sizes of the loads of each pair."""
+        """Return the sums (n, pairs) of the sizes of the loads of each pair."""
         return np.sum(np.linalg.norm(self.compute_loads(friction), axis=3), axis=2)
 
     def find_contracting_rows(self) -> Bools:
@@ -443,10 +443,11 @@ class FrictionEquation:
         return max_abs(eigenvalues, axis=1) < 1.0
 
     def right_side_slope(self, friction: Floats) -> Floats:
-        """Return the derivatives (n, k, l) of the right sides with respect to each f_l.
+        """Return the derivatives (n, pairs, pairs) of the right sides with respect to f.
 
-        The right side of equation k is r_k sum_j |load_kj|. The derivative of |load| is the
-        unit vector of the load times the derivative of the load.
+        The right side of equation k is r_k sum_j |load_kj|. The result has at [:, k, l] the
+        derivative with respect to f_l. The derivative of |load| is the unit vector of the
+        load times the derivative of the load.
         """
         load_vectors = self.compute_loads(friction)
         lengths = np.linalg.norm(load_vectors, axis=3, keepdims=True)
@@ -465,7 +466,7 @@ def _solve_friction(equation: FrictionEquation) -> CarriedLoads:
     (fixed-point iteration), and a Newton step. In each row (sample of the motion) the value
     with the smaller residual is used.
 
-    A row contracts if the right side changes less than f does. It then has exactly one
+    A row contracts if the right side changes less than f does. Such a row has exactly one
     solution. Other rows may have none or several.
 
     Returns
@@ -506,8 +507,8 @@ def _step_by_newton(
     """Return the friction torques (n, k) after one step of Newton's method.
 
     The step is computed only in rows that contract (in which the right side of the equation
-    changes less than the friction torques do). The equations of other rows may be singular.
-    Their friction is reported as unknown anyway, so they get the value `right_side`.
+    changes less than the friction torques do). Other rows get the value `right_side`,
+    because their equations may be singular.
 
     Parameters
     ----------

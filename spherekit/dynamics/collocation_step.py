@@ -87,9 +87,8 @@ class ClosureDeterminantRecord:
     ) -> "ClosureDeterminantRecord":
         """Return the record of the closure determinant up to the end of a step.
 
-        The record has the largest absolute value and the sign of the determinant. The sign
-        only changes where curves of configurations cross. Without a crossing, the sign
-        before the step is kept, since a small determinant can have a wrong sign by
+        The sign only changes where curves of configurations cross. Without a crossing, the
+        sign before the step is kept, since a small determinant can have a wrong sign by
         rounding.
 
         Parameters
@@ -124,10 +123,10 @@ class CollocationStep:
         (N, states) Legendre coefficients of the rate of the state over the step.
     rate_weights
         (k, m, variables) weights of the rates of the pair variables in the rates of the m
-        coordinates, at k times of the step in rising order. Each momentum belongs to one of
-        these coordinates. With one degree of freedom, k = N, and the weights are the unit
-        tangent of the configuration curve at each node (time of the method). With several,
-        k = 1, since the weights are constant in the step.
+        coordinates, at k times of the step in rising order. With one degree of freedom,
+        k = N, and the weights are the unit tangent of the configuration curve at each node
+        (time of the method). With several, k = 1, since the weights are constant in the
+        step.
     """
 
     start: float
@@ -228,10 +227,7 @@ class CollocationStep:
     ) -> float | None:
         """Return the time (s) at which a variable first moves beyond a limit in this step.
 
-        This is the first time at which the variable crosses the limit outwards. A variable
-        that is beyond the limit at the end of the step without such a crossing was already
-        beyond it at the start; the result is then the start of the step. Otherwise the
-        result is None.
+        The result is None if the variable does not exceed the limit.
 
         Parameters
         ----------
@@ -249,6 +245,8 @@ class CollocationStep:
         outward_times = crossing_times[outward_sense * slopes > 0.0]
         if len(outward_times):
             return float(outward_times[0])
+        # Without an outward crossing, a variable that is beyond the limit at the end has
+        # been beyond since the start of the step.
         end_time = self.times[-1:]
         (end_difference,), _ = difference(end_time)
         is_beyond_at_end = outward_sense * end_difference > 0.0
@@ -292,9 +290,8 @@ class CollocationStep:
     ) -> float | None:
         """Return the time at which curves of configurations cross in the step, or None.
 
-        At such a crossing the loads do not decide how the mechanism continues. Curves cross
-        where the closure determinant is zero or changes its sign. It counts as zero below
-        `CROSSING_RATIO` times its largest size.
+        Curves cross where the closure determinant is zero or changes its sign. Below
+        `CROSSING_RATIO` times its largest size, the determinant counts as zero.
 
         Parameters
         ----------

@@ -199,9 +199,9 @@ def _integrate(
     """Integrate the compiled equation of motion in one or more runs.
 
     With several degrees of freedom, some pair variables are the coordinates of the compiled
-    equation. Where they cease to determine the motion well, a new run begins with other
-    coordinates. A run with a coarse tolerance also ends near a crossing of curves or
-    surfaces of configurations. A new run with a finer tolerance begins there.
+    equation. Where these coordinates cease to determine the motion well, a new run begins
+    with other coordinates. Near a crossing of curves or surfaces of configurations, a new
+    run begins with a finer tolerance.
 
     Parameters
     ----------
@@ -245,7 +245,8 @@ def _integrate(
         rate_weights = np.eye(equation.variable_count)[coordinate_variables]
         if equation.freedoms == 1:
             momentum_unit = float(np.sqrt(inertia_matrix(mechanism, motion)[0, 0, 0]))
-            # The homogeneous rates may run against the tangent of the problem.
+            # The momentum is positive in the direction of the homogeneous rates, which may
+            # be opposite to the tangent of the problem.
             homogeneous_rates = compiled_equation.homogeneous_rates(problem.values[None])
             sense = float(
                 np.copysign(1.0, homogeneous_rates[0, 0] @ problem.rate_weights[0])
@@ -309,14 +310,13 @@ def coordinates_at(problem: Problem, values: Floats) -> Names:
     """Return names of the R pairs (revolute joints) that become coordinates of a run.
 
     A run is an integration with one choice of coordinates. Coordinates determine the motion
-    well if no other joint angle moves much faster than they do. The measure is the sum of
-    the squares of all rates per unit rates of the coordinates. A run ends when this sum
-    exceeds `MAX_RATE_SQUARES`. At its start the sum must be below `MAX_START_RATE_RATIO`
+    well if no other joint angle moves much faster. The measure is the sum of the squares of
+    all rates per unit rates of the coordinates. A run ends when this sum exceeds
+    `MAX_RATE_SQUARES`. At the start of a run the sum must be below `MAX_START_RATE_RATIO`
     times this limit, so that the run lasts for some time.
 
-    The inputs are chosen if they satisfy this, otherwise the R pairs with the smallest
-    sum. With one degree of freedom the result is empty, because the coordinate is the arc
-    length of the curve of configurations.
+    The inputs are chosen if their sum is below this limit, otherwise the R pairs with the
+    smallest sum.
 
     Parameters
     ----------
@@ -332,6 +332,7 @@ def coordinates_at(problem: Problem, values: Floats) -> Names:
     """
     equation = problem.equation
     if equation.freedoms == 1:
+        # The coordinate is the arc length of the curve of configurations, not a pair.
         return ()
     pair_of_variable = {v: pair for pair, v in equation.mechanism.angles.items()}
     jacobian = equation.closure.linearise(values[None]).jacobian[0]
@@ -347,7 +348,7 @@ def coordinates_at(problem: Problem, values: Floats) -> Names:
 
     variables = problem.driven  # the variables of the inputs
     if not are_suitable(variables):
-        # Those with the smallest sum among all combinations of R pairs.
+        # The variables with the smallest sum among all combinations of R pairs.
         variables = min(
             combinations(sorted(pair_of_variable), equation.freedoms),
             key=lambda choice: _sum_rate_squares(velocity_basis, choice),
@@ -396,14 +397,10 @@ def _check_first_step(problem: Problem, run: TaylorRun) -> None:
 def _check_crossing(problem: Problem, run: TaylorRun) -> None:
     """Raise `EngineError` if a run ended at a configuration that is no crossing.
 
-    A run (integration) ends where its compiled closure equations become dependent. At a
-    crossing of curves of configurations this is right: the loads do not decide which curve
-    the mechanism follows.
-
-    If constraints are redundant, the engine compiles as many equations as are independent,
-    and leaves out the others. The compiled equations can become dependent at a
-    configuration where all equations together still determine the motion. The error then
-    advises the NumPy engine, which uses all equations.
+    A run (integration) ends where its compiled closure equations become dependent, as at a
+    crossing of curves of configurations. If constraints are redundant, some equations are
+    not compiled. The compiled equations can then become dependent at a configuration where
+    all equations together still determine the motion.
 
     Parameters
     ----------
@@ -414,8 +411,7 @@ def _check_crossing(problem: Problem, run: TaylorRun) -> None:
     """
     equation = problem.equation
     values = run.last_state[: equation.variable_count]
-    # All closure equations are tested here, also those that are not compiled. Their
-    # reciprocal condition number is 0 at a crossing.
+    # The reciprocal condition number of all closure equations is 0 at a crossing.
     reciprocal = reciprocal_condition(equation.closure, values, equation.freedoms)
     if reciprocal > MAX_RECIPROCAL_CONDITION_AT_CROSSING:
         raise EngineError(
@@ -456,8 +452,7 @@ def _collect_events(
             # then.
             if t > 0.0 or kind in ("switch", "joint_limit"):
                 events.append((t, kind, variable))
-    # A run has its own events "switch" where the motion makes a load change, such as dry
-    # friction. Changes at times known before the simulation are not among these.
+    # The events of runs do not include changes of loads at times known before.
     for t in problem.switches:
         if t < runs[-1].end_time:
             events.append((t, "switch", -1))

@@ -63,8 +63,7 @@ class EquationArguments(NamedTuple):
     """The arguments of `compile_equation`, from which an equation can be compiled again.
 
     Machine code cannot be pickled (written as bytes for another process). An equation is
-    therefore pickled as these arguments. Loading it compiles it again, or uses the equation
-    that the process has compiled before. The fields are the parameters of
+    therefore pickled as these arguments. The fields are the parameters of
     `compile_equation`.
     """
 
@@ -90,7 +89,7 @@ class CompiledEquation:
         Layout of the state and of the parameters.
     integrator
         The Taylor integrator. It stores the state of a run, so `lock` is acquired for a
-        run. The functions may be called by several threads at once.
+        run.
     rates_function
         A function that computes from the variables the homogeneous rates of all variables
         with respect to each coordinate, then the measure of independence of the
@@ -172,9 +171,8 @@ def compile_equation(
     Parameters
     ----------
     mechanism
-        The mechanism, with all loads that act. With one degree of freedom its first input
-        is the input. Values of torque tables and joint limits are set for each run.
-        Mechanisms that differ only in such values share one equation.
+        The mechanism, with all loads that act. Mechanisms that differ only in the values of
+        torque tables and joint limits share one equation.
     tolerance
         Error of each step relative to the largest element of the state. At most
         `MAX_STEP_TOLERANCE`, with several degrees of freedom `MAX_COARSE_STEP_TOLERANCE`,
@@ -206,8 +204,8 @@ def compile_equation(
     # tables and joint limits have fixed numbers, so that runs with other numbers share it.
     common_mechanism = _remove_run_data(mechanism, coordinates)
     step_tolerance = _limit_tolerance(tolerance, coordinates)
-    # Everything else on which the equation depends. An equation that was compiled with
-    # other `values` is used again.
+    # Everything else on which the equation depends. `values` only help to derive it, so an
+    # equation that was compiled with other `values` is used again.
     key = _cache_key(mechanism, step_tolerance, compact)
     was_cached = True
 
@@ -232,19 +230,17 @@ def _derive_equation(
     Parameters
     ----------
     arguments
-        The arguments of `compile_equation`: among them the mechanism of the user. With
-        several degrees of freedom they have the `values` of the joint angles in one
-        configuration.
+        The arguments of `compile_equation`, with the mechanism of the user. `values` are
+        the joint angles of a configuration, in which independent loop-closure equations are
+        chosen. None with one degree of freedom.
     common_mechanism
         The mechanism of the user with two changes. Its inputs are the coordinates of the
         equation. The values in torque tables and joint limits are placeholders, because
         they are set before each simulation.
     """
-    # The values are given only with several degrees of freedom.
     if arguments.values is None:
         return derive_single_dof_equation(common_mechanism)
     # The integrator reports where the inputs of the user no longer determine the motion.
-    # These inputs may be other pairs than the coordinates.
     mechanism = arguments.mechanism
     input_variables = [mechanism.angles[pair] for pair in mechanism.input_pairs]
     return derive_multi_dof_equation(common_mechanism, arguments.values, input_variables)
@@ -263,8 +259,7 @@ def estimate_compile_seconds(
 
     The estimate helps to decide whether compiling pays. It was fitted to the shipped
     mechanisms with up to ten loads, on one core. Actual times are between half and twice
-    the estimate. Machine code that heyoka (the Taylor integrator) has stored on disk takes
-    less time; the estimate does not take this into account.
+    the estimate.
 
     Parameters
     ----------
@@ -272,7 +267,6 @@ def estimate_compile_seconds(
         The mechanism with its loads.
     tolerance
         Error of each step of the integration, relative to the largest element of the state.
-        An equation that was compiled with another tolerance can't be used again.
     compact
         Whether to use heyoka's compact mode, which compiles faster and runs slower.
     coordinates
@@ -289,9 +283,7 @@ def estimate_compile_seconds(
     pair_rotations(mechanism)
     if not available():
         heyoka()  # raises an error that says how to install it
-    # Look for the equation in the cache. The values in torque tables and joint limits are
-    # parameters of an equation. Mechanisms that differ only in them share an equation. The
-    # key has the inputs of the user, whose singularities the equation reports.
+    # Look for the equation in the cache.
     step_tolerance = _limit_tolerance(tolerance, coordinates)
     common_mechanism = _remove_run_data(mechanism, coordinates)
     if FUNCTION_CACHE.has(common_mechanism, _cache_key(mechanism, step_tolerance, compact)):
@@ -397,8 +389,8 @@ def _compile_expressions(
     )
     # The keys of a dictionary have each argument once, in order.
     probed_arguments = dict.fromkeys(arguments_of_loads)
-    # Events at which a run stops. One whose expression does not contain the motion cannot
-    # occur.
+    # Events at which a run stops. An event whose expression does not contain the motion
+    # cannot occur.
     moving_symbols = {*layout.variables, *layout.momenta}
     events = [
         event
@@ -412,8 +404,8 @@ def _compile_expressions(
     ]
     inputs = [*layout.state, TIME_SYMBOL, *parameters]
 
-    # At a zero of a switch condition a load changes abruptly. There, the parameter with the
-    # sign of the condition is reversed, unless it would be reversed back at once.
+    # At a zero of a switch condition a load changes abruptly: the integrator reverses the
+    # parameter with the sign of the condition.
     switch_function = None
     if conditions:
         condition_rates = differentiate(conditions, dict(equations) | {TIME_SYMBOL: 1.0})
@@ -430,7 +422,7 @@ def _compile_expressions(
             events.append(switch_event)
 
     probe_function = None
-    # With this function, steps are compared with the equation between their ends.
+    # This function tests whether a step follows the equation between its ends.
     if probed_arguments:
         momentum_rates = expressions.state_rates[layout.momentum_slice]
         probe_function = compile_function(

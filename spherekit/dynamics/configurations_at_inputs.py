@@ -34,10 +34,8 @@ def shift_into_range(position_analysis: PositionAnalysis, q: Floats) -> Floats:
     """Return input angles shifted by whole periods into the range of the input.
 
     Configurations are computed in this range only. A period is the growth of the input
-    after which all links are in the same position again. It is one turn, or several turns
-    with gear wheels of different sizes. It is infinite if the position never repeats;
-    angles are then not changed. If the range is shorter than a period, angles are shifted
-    as close to the range as possible.
+    after which all links are in the same position again. If the range is shorter than a
+    period, angles are shifted as close to the range as possible.
 
     Parameters
     ----------
@@ -48,6 +46,7 @@ def shift_into_range(position_analysis: PositionAnalysis, q: Floats) -> Floats:
     """
     low, high = position_analysis.range
     (period,) = position_analysis.solver.periods
+    # With an infinite period the position never repeats, so angles cannot be shifted.
     if not np.isfinite(period):
         return q
     # Reduce the angles to -period / 2 ... period / 2. Division by `scale` makes a period
@@ -115,9 +114,7 @@ def compute_modes_at_inputs(
     """Return the configurations of one or all assembly modes at the inputs q.
 
     An assembly mode is one of the ways to assemble the mechanism at the same inputs. With
-    one input, modes are computed by a position analysis over the range of the input. Angles
-    outside of this range are shifted into it by whole turns. Gear wheels can make the
-    configuration depend on the number of turns. The range is then extended if necessary.
+    one input, modes are computed by a position analysis over the range of the input.
 
     Parameters
     ----------
@@ -126,11 +123,11 @@ def compute_modes_at_inputs(
     q
         (n, inputs) angles of the inputs with any number of whole turns, rad.
     assembly_mode
-        The assembly mode to compute, or None for all of them. If a position analysis with a
-        sufficient range is passed, its modes are used instead.
+        The assembly mode to compute, or None for all of them. A position analysis that is
+        passed, and has a sufficient range, keeps its own modes.
     search
-        Whether modes other than the mode of the reference pose are searched for. Like
-        `assembly_mode`, it has no effect if a sufficient position analysis is passed.
+        Whether modes other than the mode of the reference pose are searched for, if a
+        position analysis has to be made.
 
     Returns
     -------
@@ -157,6 +154,7 @@ def compute_modes_at_inputs(
         )
     else:
         position_analysis = mechanism_or_analysis
+    # The range is extended if configurations depend on the number of turns of the input.
     position_analysis = analysis_covering(position_analysis, q[:, 0], assembly_mode, search)
     # Configurations are computed at shifted inputs, but returned with the inputs q.
     motion = position_analysis.at(shift_into_range(position_analysis, q))

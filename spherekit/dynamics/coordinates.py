@@ -107,9 +107,9 @@ def motion_by_arc_length(
     """
     linearisation = closure.linearise(values)
     null_motion = solve_null_motion(closure.tree, linearisation.vectors)
-    # The tangent is found from the velocity equations, and a last equation that sets its
-    # length. The inverse of their matrix has a column for each equation. The last column is
-    # not needed, because the length does not change along the curve.
+    # The inverse has a column for each velocity equation, and a last column for the
+    # equation that sets the length of the tangent. This length is constant along the curve,
+    # so the last column is not needed.
     closing_inverse = null_motion.inverse[:, :, :-1]
     return _complete_motion(
         linearisation, null_motion.rates[:, None], closing_inverse, order
@@ -163,8 +163,7 @@ def _refine_last_columns(inverse: Floats, matrix: Floats, count: int) -> Floats:
 
     This is one step of iterative refinement. With the matrix A, a column x of its inverse
     and the column e of the unit matrix, the residual is e - A x. The inverse times this
-    residual is added to x. For an exact left inverse (inverse times A is the unit matrix),
-    the sum does not differ from x.
+    residual is added to x.
 
     Parameters
     ----------
@@ -344,9 +343,7 @@ def determinacy(rates: Floats) -> Floats:
     """Return how well some pair variables determine the motion as coordinates.
 
     The measure is 1 / N with the 2-norm N of the matrix of rates. N is the largest length
-    of the vector of all rates, if the vector of the coordinates' rates has length 1. With
-    one degree of freedom, 1 / N is also the size of the derivative of the coordinate with
-    respect to the arc length of the curve of configurations.
+    of the vector of all rates, if the vector of the coordinates' rates has length 1.
 
     Parameters
     ----------

@@ -153,9 +153,8 @@ class StateDynamics:
     ----------
     motion
         Configurations and their derivatives with respect to the m coordinates. Angles
-        include whole turns, on which loads may depend. Second derivatives are computed if
-        there are several coordinates or friction in bearings, or on request. The status is
-        NOT_CONVERGED where bearings lock.
+        include whole turns, on which loads may depend. Second derivatives that were not
+        needed are NaN. The status is NOT_CONVERGED where bearings may lock.
     masses
         Inertia with its derivatives; None if `motion` has no second derivatives.
     roots
@@ -394,8 +393,7 @@ class EquationOfMotion:
         states
             (n, states) in each row the pair variables (rad), the m momenta p = R u, and the
             works of the loads (J). u are the rates of m coordinates. R is the symmetric
-            square root of the inertia matrix M = R R. With one degree of freedom, p is
-            constant if no load acts, while u is not.
+            square root of the inertia matrix M = R R.
         rate_weights
             (m, variables) or (n, m, variables) weights of the rates of the pair variables
             in the rate of each coordinate. With one degree of freedom and the shape
@@ -405,8 +403,6 @@ class EquationOfMotion:
             loads such as springs may depend.
         needs_second_order
             Whether the caller needs `StateDynamics.masses`, the inertia with derivatives.
-            Second-order derivatives take more time. Several degrees of freedom and friction
-            of bearings always need them.
         """
         has_friction = bool(self.loads.friction_components)
         has_second_order = needs_second_order or self.freedoms > 1 or has_friction
@@ -421,9 +417,8 @@ class EquationOfMotion:
         if masses is not None:
             coriolis_forces = coriolis(masses.dM, speed)
         else:
-            # There is one degree of freedom and no friction of bearings. The Coriolis force
-            # is then not needed: in dp/dt it cancels with (dR/dt) u, and dp/dt = R^-1 Q.
-            # Zeros stand for it.
+            # With one degree of freedom the Coriolis force is not needed: in dp/dt the
+            # force cancels with (dR/dt) u, and dp/dt = R^-1 Q.
             coriolis_forces = np.zeros_like(momenta)
         # Only loads, such as springs, depend on whole turns.
         motion = replace(motion, values=motion.values + whole_turns)
@@ -501,8 +496,8 @@ def _project_step(linearisation: Linearisation) -> Floats:
 def _orthonormalise_symmetrically(basis: Floats) -> Floats:
     """Return the orthonormal basis of the same space that is nearest to a given one.
 
-    It is (B B^T)^(-1/2) B for a basis B (m, k) whose rows are the vectors: the symmetric
-    orthogonalisation of Löwdin. The root is computed with the eigenvalues of B B^T.
+    The result is (B B^T)^(-1/2) B for a basis B (m, k) whose rows are the vectors: the
+    symmetric orthogonalisation of Löwdin.
     """
     eigenvalues, eigenvectors = np.linalg.eigh(basis @ basis.T)
     return (eigenvectors / np.sqrt(eigenvalues)) @ eigenvectors.T @ basis

@@ -340,15 +340,15 @@ def _simulate_by_choice(
             reason = "NumPy does not reach the tolerance"
         if not has_smooth_loads(mechanism):
             reason = "NumPy does not find the kinks of the loads"
-        # Otherwise NumPy takes one step after the other, as long as it is expected to
-        # finish first. The reported forecast is the first one if NumPy finishes, and the
-        # last one if it is replaced.
+        # Without such a reason, NumPy takes one step after the other, as long as NumPy is
+        # expected to finish first.
         while not reason and collocation.advance():
             numpy_seconds = collocation.remaining_seconds
             if numpy_seconds is None:
                 continue
             compiled_seconds = compile_seconds + numpy_seconds / COMPILED_SPEEDUP
             present_forecast = {"numpy": numpy_seconds, "compiled": compiled_seconds}
+            # The first forecast is reported if NumPy finishes.
             forecast = forecast or present_forecast
             if compiled_seconds < numpy_seconds:
                 reason = FORECAST_REASON.format(**present_forecast)

@@ -255,7 +255,7 @@ def _inertia_by_rounding(mechanism: Mechanism, motion: CoordinateMotion) -> floa
     errors, these links may have small computed speeds, up to a speed w. The result is the
     inertia if all of them moved at this speed: the sum of I w^2, with the largest moment of
     inertia I of each link. The speed w is `MIN_RELATIVE_SPEED` times that of the fastest
-    link. Both are per unit rate of a coordinate.
+    link. All speeds are per unit rate of a coordinate.
 
     Parameters
     ----------

@@ -77,8 +77,7 @@ def judged(
     - Loads are known if the rates and the friction are.
     - Torques are known if all loads of the row are known.
 
-    A number that overflows is not known either. If one load overflows, the other loads of
-    the row remain known, but the torques do not.
+    A number that overflows is not known either.
 
     Parameters
     ----------
@@ -390,8 +389,7 @@ def _driven(
     """Return a mechanism that is driven at the pairs with a time law, and these laws.
 
     Laws by name can drive pairs (joints) other than the inputs that the mechanism declares.
-    There have to be at least as many laws as declared inputs. The position analysis checks
-    later whether these pairs determine the motion.
+    There have to be at least as many laws as declared inputs.
 
     Parameters
     ----------
@@ -486,14 +484,13 @@ def needed_torques(motion: Motion) -> InverseSolution:
     for name in mechanism.names_of(motion.assembly.inputs):
         pole_request = request(mechanism, name, (), by_rank=True)
         field = evaluate_unsigned(motion.rows(has_configuration), pole_request)
-        # `is_decimal` marks rows so near a singularity that the evaluation needs the sizes
-        # in all decimals of the file. The float64 sizes do not determine their rates.
-        # Inertia is computed in float64, so these rows count as singular.
+        # `is_decimal` marks rows so near a singularity that float64 numbers do not
+        # determine the rates. Inertia is computed in float64, so such rows are singular.
         is_singular[has_configuration] |= (field.status != Status.OK) | field.is_decimal
     status = motion.status.copy()
     status[(status == Status.OK) & is_singular] = Status.AT_SINGULARITY
 
-    # First without friction of bearings. The tuple identifies the rows.
+    # First without friction of bearings.
     rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
     solution = balancing(mechanism, rows, timing, coordinates, status)
     loads = Loads(mechanism)
@@ -559,7 +556,7 @@ def balancing(
         forces = Loads(mechanism).evaluate_forces(coordinates, timing.dq, timing.t, carried)
         total_forces = np.sum(forces, axis=2)
         torques = driving_torques(masses.M, masses.dM, total_forces, timing.dq, timing.ddq)
-    # This also replaces unknown entries of the arrays by NaN.
+    # `judged` replaces unknown entries of the arrays by NaN.
     status = judged(
         rate_status,
         masses=masses,

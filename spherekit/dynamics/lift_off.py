@@ -51,9 +51,9 @@ class ContactPushes:
 def end_at_lift_off(simulation: Simulation) -> Simulation:
     """Return a simulation up to the time at which a one-sided contact would have to pull.
 
-    At this time the links would lift off. Without one-sided contacts, or if these contacts
-    press all the time, the simulation is returned unchanged. Pushes are computed at some
-    times of each step, so short pulls between these times can be missed.
+    At this time the links would lift off. If no one-sided contact would have to pull, the
+    simulation is returned unchanged. Pushes are computed at some times of each step, so
+    short pulls between these times can be missed.
 
     Raises
     ------
@@ -85,8 +85,7 @@ def end_at_lift_off(simulation: Simulation) -> Simulation:
     ]
     pushes = np.concatenate([block.pushes for block in blocks])
     reactions = np.concatenate([block.largest_reaction for block in blocks])
-    # Pulls are compared with the largest reaction up to their time, but at least with that
-    # of the first steps.
+    # A pull is compared with the largest reaction so far, including the first steps.
     scale = np.fmax.accumulate(reactions)
     scale = np.maximum(scale, scale[: FIRST_LIFT_OFF_STEPS * PROBES_PER_STEP][-1])
     is_pulling = np.any(pushes < -MAX_SIMULATED_PULL * scale[:, None], axis=1)

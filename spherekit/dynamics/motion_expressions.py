@@ -34,12 +34,10 @@ class EquationLayout:
 
     The state is `variables`, `momenta`, `works`. The parameters are, in this order:
 
-    - the whole turns that are taken off each variable. A spring, for example, needs the
-      full angle,
-    - the unit of momentum, which depends on the start of the motion, and its reciprocal.
-      The equation multiplies by the reciprocal instead of dividing,
-    - the limit of the measure of independence of the loop-closure equations. This measure
-      vanishes where curves of configurations cross. An integration ends below the limit,
+    - the number of whole turns that is taken off each variable,
+    - the unit of momentum, and its reciprocal,
+    - the limit of the measure of independence of the loop-closure equations, below which an
+      integration ends,
     - the lower and the upper value of each joint limit,
     - the time at which the current interval of the torque tables begins,
     - value and slope of each torque table in this interval,
@@ -172,11 +170,10 @@ class EquationLayout:
             Time derivatives of the pair variables (joint angles).
         """
         # The variables in the equation are reduced by whole turns. Loads such as springs
-        # need the whole angles, so they also get symbols for the numbers of these turns.
+        # need the whole angles, so `revolutions` has symbols for the numbers of turns.
         #
-        # The last two arguments are functions that loads call. A sign in a load becomes a
-        # symbol, since it is constant until the integrator changes it. `TorqueTable` is a
-        # load that gives a torque by a table over time.
+        # The last two arguments are functions that loads call for a sign, and for a torque
+        # given by a table over time.
         return LoadState(
             mechanism=coordinate_rates.mechanism,
             placed=coordinate_rates.placed,

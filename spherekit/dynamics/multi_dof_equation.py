@@ -58,8 +58,6 @@ def derive_multi_dof_equation(
 ) -> EquationExpressions:
     """Return the equations of motion of a mechanism as symbolic expressions.
 
-    The inputs of `mechanism` are the coordinates of the equations.
-
     Parameters
     ----------
     mechanism
@@ -68,8 +66,9 @@ def derive_multi_dof_equation(
         (variables,) a closed configuration, rad. If closure equations are redundant, those
         that are independent in this configuration are used.
     input_variables
-        Indices of the variables of the user's inputs, which may be other pairs. The event
-        "type_2" occurs where these inputs do not determine the motion.
+        Indices of the variables of the user's inputs, which may differ from the
+        coordinates. The event "type_2" occurs where these inputs do not determine the
+        motion.
     """
     layout = EquationLayout(mechanism)
     structure = KinematicStructure.from_mechanism(
@@ -133,10 +132,10 @@ def _derive_independence(
     """Return a measure of the independence of the loop-closure equations as an expression.
 
     The measure is zero where these equations depend on each other, so that a simulation can
-    end there. It is 1 at the configuration `values`, because the determinant of the
-    equations is divided by its value at this configuration. A measure far above 1 would
-    make steps less accurate: the integrator heyoka compares errors with the largest of the
-    state and of all event functions.
+    end there. The measure is the determinant of the equations, divided by its value at the
+    configuration `values`. A measure far above 1 would make steps less accurate: the
+    integrator heyoka compares errors with the largest of the state and of all event
+    functions.
 
     Parameters
     ----------
@@ -150,9 +149,10 @@ def _derive_independence(
 
     Returns
     -------
-    The measure; the determinant itself if that is constant.
+    The measure.
     """
     closure_determinant = _derive_closure_determinant(coordinate_rates, layout.freedoms)
+    # A constant determinant has no zeros, so its size does not matter.
     if not has_variables(closure_determinant):
         return closure_determinant
     evaluate = array_function([closure_determinant], layout.variables)
@@ -255,11 +255,9 @@ def _derive_events(
             # inputs, so this factor is removed once for each input.
             for _ in input_variables:
                 input_rates = input_rates / coordinate_rates.scale
-            # The size of the function must be comparable with 1. A determinant is at most
-            # the product of the lengths of its rows (Hadamard). The squares of all rates
-            # sum to at most MAX_RATE_SQUARES = 400. The product is largest if all m rows
-            # have the same length, and is then (400 / m)^(m / 2). This is 200 for two
-            # inputs and 1540 for three. Divided by 400, it is below 1 and below 4.
+            # The size of the function must be comparable with 1. The squares of all rates
+            # sum to at most MAX_RATE_SQUARES = 400. The determinant is then at most 200 for
+            # two inputs and 1540 for three (Hadamard's bound).
             event = EventFunction(input_rates * (1.0 / MAX_RATE_SQUARES), "type_2")
             events.insert(0, event)
     return events

@@ -425,8 +425,8 @@ class Collocation:
                 error = attempt.error
                 rates = attempt.dynamics.motion.rates
                 if error <= 1.0:
-                    # (N,) determinants at the nodes, whose sign changes where curves of
-                    # configurations cross.
+                    # (N,) a determinant at each node. The determinant changes its sign
+                    # where curves of configurations cross.
                     determinants = step.closure_determinants(equation.closure, rates)
                     if not self._stays_on_set(step, determinants):
                         error = np.inf
@@ -584,8 +584,7 @@ class Collocation:
         t = start + 0.5 * length * (GAUSS_NODES + 1.0)
         scale = np.maximum(self.scales, np.abs(state))
         # Loads that change abruptly make the momentum stiff: Picard iteration diverges
-        # unless steps are tiny. Newton's method, which is implemented for a single
-        # momentum, corrects the momentum instead.
+        # unless steps are tiny. Newton's method then corrects a single momentum.
         is_stiff = equation.freedoms == 1 and equation.loads.needs_step_probes
         # Position of the momentum in the state.
         momentum = equation.variable_count
@@ -717,7 +716,7 @@ class Collocation:
             Tolerance of the step, rad.
         """
         equation = self.equation
-        # Only some loads can change so abruptly, such as tanh(1000 x) near x = 0.
+        # Only some loads can change abruptly, such as tanh(1000 x) near x = 0.
         if not equation.loads.needs_step_probes:
             return True
         allowed_rate_error = _allowed_momentum_rate_error(
@@ -733,7 +732,7 @@ class Collocation:
 
             The first result (n,) is the error as a multiple of the allowed error. The
             second result (n, k) has the arguments of steep functions, such as x in
-            tanh(1000 x). Near their zeros a load changes fast, so these are probed, too.
+            tanh(1000 x). Near their zeros a load changes fast.
             """
             rate_errors, steep_arguments = self._probe_step(step, fractions)
             return np.max(rate_errors, axis=1) / allowed_rate_error, steep_arguments
@@ -769,14 +768,12 @@ class Collocation:
         """
         equation = self.equation
         t = step.start + fractions * step.length
-        dynamics = equation.evaluate(
-            t,
-            step.evaluate_state(t),
-            # These weights of the rates of the pair variables define the coordinates.
-            self._find_rate_weights(step, fractions),
-            # The whole turns (rad) that the states leave out.
-            self.problem.turn_angles,
-        )
+        states = step.evaluate_state(t)
+        # The weights define the coordinates to which the momenta in the states belong.
+        rate_weights = self._find_rate_weights(step, fractions)
+        # Angles in states are without whole turns (rad), on which loads may depend.
+        whole_turns = self.problem.turn_angles
+        dynamics = equation.evaluate(t, states, rate_weights, whole_turns)
         fitted_rates = step.evaluate_rate(t)[:, equation.momenta]
         rate_errors = np.abs(dynamics.momentum_rates - fitted_rates)
         steep_arguments = equation.loads.evaluate_laws(
@@ -792,8 +789,8 @@ class Collocation:
         in the whole step.
 
         With one degree of freedom, the coordinate is the arc length of the curve of
-        configurations, and the weights are the tangent of the curve. The tangents at the
-        nearest nodes are used: only their sense matters.
+        configurations. The weights only show in which direction along the curve this arc
+        length increases. For this, tangents at the nearest nodes are accurate enough.
 
         Parameters
         ----------
@@ -876,14 +873,13 @@ class Collocation:
     def _may_end_at_crossing(self, determinants: Floats) -> bool:
         """Return whether a crossing at which the simulation would end may be in a step.
 
-        Such a step is then computed more accurately. The answer is False if the simulation
-        passes crossings; `_stays_on_set` then tests the step.
+        Such a step is then computed more accurately. False if the simulation passes
+        crossings.
 
-        The determinants are zero at a crossing, but by its error the computed path can pass
-        beside the crossing. With the tolerance e, the path passes the crossing at a
-        distance of about sqrt(e), as the curve x y = e passes the origin. The determinants
-        can then be small without a zero. The limit is sqrt(e) times the largest determinant
-        so far.
+        The determinants are zero at a crossing. By its error, the computed path can pass
+        beside the crossing, where the determinants are small but not zero. With the
+        tolerance e, the distance from the crossing is about sqrt(e). The limit for small
+        determinants is therefore sqrt(e) times the largest determinant so far.
 
         Parameters
         ----------
@@ -910,11 +906,11 @@ class Collocation:
         step
             A step whose error is small enough.
         rates
-            (N, m, variables) derivatives of the pair variables (joint angles) with respect
-            to the m coordinates, at the N nodes of the step.
+            (N, m, variables) rates of the pair variables (joint angles) per unit rate of
+            each of m coordinates, at the N nodes of the step.
         determinants
-            (N,) determinants at the nodes whose sign changes where curves of configurations
-            cross; see `CollocationStep.closure_determinants`.
+            (N,) a determinant at each node of the step. The determinant changes its sign
+            where curves of configurations cross.
         """
         self.steps.append(step)
         step_events = list(self._find_step_events(step, rates, determinants))
@@ -922,8 +918,8 @@ class Collocation:
         # passes is a "crossing".
         kinds = {event.kind for event in step_events}
         has_crossing = "singularity" in kinds or "crossing" in kinds
-        # The record has the sign of the determinant after this step and its largest size so
-        # far. In the next step, another sign or a value near 0 shows a crossing.
+        # In the next step, a determinant with another sign, or one that is small compared
+        # with the largest so far, shows a crossing.
         self.determinant_record = self.determinant_record.after_step(
             determinants, has_crossing=has_crossing
         )
@@ -956,19 +952,19 @@ class Collocation:
         step
             The step.
         rates
-            (N, m, variables) derivatives of the pair variables (joint angles) with respect
-            to the m coordinates, at the N nodes of the step.
+            (N, m, variables) rates of the pair variables (joint angles) per unit rate of
+            each of m coordinates (m degrees of freedom), at the N nodes of the step.
         determinants
-            (N,) closure determinants at the nodes, whose sign changes where curves of
-            configurations cross.
+            (N,) a determinant at each node of the step. The determinant changes its sign
+            where curves of configurations cross.
         """
         mechanism = self.equation.mechanism
-        # Joint limits are limits of the whole angles. So the whole turns (rad) that the
-        # states leave out are passed, too.
+        # The states have angles without whole turns. Joint limits are limits of the whole
+        # angles, so the turns (rad) are passed.
         for t, pair in step.find_exceeded_limits(mechanism, self.problem.turn_angles):
             yield StepEvent(t, "joint_limit", pair)
-        # The sign of the determinant before the step, and its largest absolute value up to
-        # the end of the step.
+        # The sign of the determinant before the step, and its largest size up to the end of
+        # the step. By comparison with these, `find_crossing` recognises a crossing.
         record = self.determinant_record.include_sizes(determinants)
         crossing_time = step.find_crossing(determinants, record)
         if crossing_time is not None:
@@ -977,8 +973,8 @@ class Collocation:
             else:
                 yield StepEvent(crossing_time, "singularity")
         yield from self._find_indeterminate_inputs(step, rates)
-        # With one input there is a single momentum. The mechanism rests where it changes
-        # its sign. A state has the pair variables first, then the momentum.
+        # With one input there is a single momentum. The mechanism rests where the momentum
+        # changes its sign. A state has the pair variables first, then the momentum.
         if len(self.problem.driven) == 1:
             momentum_position = self.equation.variable_count
             momentum_series = step.state_series(momentum_position)
@@ -1052,8 +1048,7 @@ class Collocation:
         values = step.state[: equation.variable_count]
         # The reciprocal condition number of the closure equations is 0 at a crossing.
         condition = reciprocal_condition(equation.closure, values, equation.freedoms)
-        # `is_near_crossing` was set if the closure determinant became small. At a crossing
-        # this determinant is zero, too.
+        # `is_near_crossing` was set if the closure determinant became small.
         if self.is_near_crossing or condition < MIN_CROSSING_CONDITION:
             return SimulationEnd("singularity", t, CROSSING_MESSAGE)
         message = f"no step is short enough (iteration error {error:.2g}); {JUMP_MESSAGE}"

@@ -65,7 +65,6 @@ def output_stiffness(
     ----------
     solution
         Configurations with the motion of the links, from `inverse_dynamics` for example.
-        Only the angular velocities of the links per unit rate of each input are used.
     link
         Name of the link.
     relative_to
@@ -102,9 +101,8 @@ def output_stiffness(
     )
     principal_compliances[is_rigid] = 0.0
     axes[principal_compliances == 0.0] = np.nan
-    # The sense of an axis is arbitrary. It is chosen on the side of the weighted sum of the
-    # angular velocities per unit rate of each input. The weights differ, so that opposite
-    # velocities do not cancel.
+    # Of the two senses of an axis, the one on the side of a weighted sum of the angular
+    # velocities is chosen. The weights differ, so that opposite velocities do not cancel.
     weights = 1.0 + np.arange(w.shape[1])
     side = np.sum(w / weights[:, None], axis=1)
     axes *= np.where(axes @ side[..., None] < 0.0, -1.0, 1.0)

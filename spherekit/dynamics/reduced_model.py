@@ -136,8 +136,8 @@ class StoredModel:
         Raises
         ------
         SolveError
-            At a point outside the domain. If many points are given over a box, the torques
-            at points outside are NaN instead.
+            At a point outside the domain. Torques at many points over a box are NaN at
+            points outside the domain.
         """
         if self._is_single(x):
             # Computing with numbers takes less time than with arrays. The stored functions
@@ -165,10 +165,10 @@ class StoredModel:
         For each load an array with the shape of `x`. In a model over a box of several
         inputs, the last axis is the coordinate to which a force belongs.
         """
-        # Forces and torques are functions of the same arguments, which include
-        # accelerations. Forces do not depend on them, so any array of this shape will do:
-        # `dx` once more.
-        points = self._flatten_points(x, dx, dx, t=t)
+        # The arguments include accelerations, on which forces do not depend. Any array of
+        # this shape will do.
+        any_accelerations = dx
+        points = self._flatten_points(x, dx, any_accelerations, t=t)
         # The heading describes the model, with its loads and its coordinates (`by`).
         loads = self.heading.loads
         force_rows = self._force_function(self._arguments(points))
@@ -310,7 +310,7 @@ class StoredModel:
         x
             Coordinate of a point of the curve (rad), or coordinates (...) of many points.
         """
-        # A pole is stored for one order of its links, perhaps the other one.
+        # A pole is stored for one order of its links.
         stored_name, _ = self.heading.pole(name)
         names = [f"pole {stored_name} {axis}" for axis in "xyz"]
         if self._is_single(x):
@@ -433,6 +433,9 @@ class StoredModel:
     def with_torque(self, torque: str | Mapping[str, str]) -> "StoredModel":
         """Return a copy of the model with further loads: torques (N m) at inputs.
 
+        The model consists of a heading, with the names of inputs, loads and functions, and
+        of series for the functions. A new load is an entry in the heading.
+
         Parameters
         ----------
         torque
@@ -456,7 +459,8 @@ class StoredModel:
                     f'{heading.mechanism}: torque: "{pair}" is not an input'
                     f"{choices(pair, heading.inputs, 'Inputs')}"
                 )
-            # A model along a curve has one input, so the name of the load need not name it.
+            # With one input the model is along a curve of configurations. The name of the
+            # load then need not name the input.
             name = DRIVE_LOAD_NAME if heading.is_curve else f"{DRIVE_LOAD_NAME}_{pair}"
             if any(load.name == name for load in loads):
                 raise ModelError(
@@ -469,7 +473,7 @@ class StoredModel:
             except ModelError as error:
                 raise ModelError(f"{heading.mechanism}: torque: {error}") from None
             loads.append(StoredLoad(name, (f"theta_{pair}",), (text,)))
-        # The series of the stored functions, `self.groups`, stay the same.
+        # `self.groups` are the series of the functions, which stay the same.
         return StoredModel(replace(heading, loads=tuple(loads)), self.groups)
 
     def save(self, path: AnyPath) -> None:
@@ -552,9 +556,6 @@ class StoredModel:
         self, configuration_values: list[float], x: Any, dx: Any, ddx: Any, t: Any
     ) -> Any:
         """Return the torques (N m) at one point from values of the stored functions there.
-
-        `torque` computes these values itself. A simulation needs them for other purposes,
-        too. It computes them once and then calls this method.
 
         Parameters
         ----------
@@ -686,8 +687,8 @@ class StoredModel:
         """Return torques or forces in the shape in which the caller passed the points.
 
         A point has m coordinates, and a value for each of them, such as the torque at an
-        input. A model along a curve has a single coordinate. The caller's array (...) then
-        has no axis for coordinates. The axis m = 1 was added later, and is removed here.
+        input. Along a curve there is a single coordinate, and the caller's array (...) has
+        no axis for coordinates.
 
         Parameters
         ----------
@@ -747,8 +748,8 @@ class StoredModel:
 
         Functions of several inputs are stored as series in the cells of a box of input
         ranges. Functions of one coordinate are stored as series along a curve of
-        configurations. If the curve is closed, each further lap repeats the first one. Pair
-        variables then grow by a constant in each lap, such as one revolution.
+        configurations. On a closed curve, pair variables grow by a constant in each lap,
+        such as one revolution. All other functions are the same in each lap.
 
         Parameters
         ----------
@@ -783,9 +784,8 @@ class StoredModel:
         scales = largest_values @ np.abs(factors)
         combined = PiecewiseChebyshev(series.edges, series.coefficients @ factors)
         evaluate_in_range = make_local_polynomials(combined, scales)
-        # The pair variables are the first functions of group 0. They grow in each lap by
-        # `rise`, and sums of them do too. All other functions repeat. `growing` has the
-        # index and the growth of each sum that grows.
+        # The pair variables are the first functions of group 0, and grow in each lap by
+        # `rise`. `growing` has the index and the growth of each sum that grows.
         rise = heading.rise if group == 0 else ()
         growths = (np.array(rise) @ factors[: len(rise)]).tolist()
         growing = [(k, growth) for k, growth in enumerate(growths) if growth]

@@ -27,8 +27,8 @@ class FunctionKind(Enum):
 
     A reduced model has functions of the configuration of a mechanism, stored as series. The
     error of a function is judged relative to its scale: its largest absolute value, or a
-    fraction of the largest scale of its kind if that is larger. Otherwise the series of a
-    function that is nearly zero would have to follow rounding errors.
+    fraction of the largest scale of its kind if that is larger. So the series of a function
+    that is nearly zero need not follow rounding errors.
 
     The coordinates of the model are the arc length of the configuration curve, or the
     inputs. "Derivative" means a derivative with respect to a coordinate, and "velocity"
@@ -81,11 +81,11 @@ class FunctionLabel:
     name, unit
         Name and unit in the description of the model.
     kind
-        Kind of the function, such as an angle or an inertia. Functions of one kind are
-        compared in size to judge their errors, see `function_scales`.
+        Kind of the function, such as an angle or an inertia. The error of a small function
+        is judged relative to a fraction of the largest function of the same kind.
     vector
-        Name that the components of one vector share; their errors are judged relative to
-        the largest component. Empty if the function is not a component of a vector.
+        Name of the vector of which the function is a component, or empty. Errors of all
+        components are judged relative to the largest component.
     derivative_of
         Name of the function whose derivative with respect to a coordinate this is, or
         empty.

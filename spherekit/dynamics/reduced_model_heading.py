@@ -220,25 +220,23 @@ class StoredHeading:
         the rates x_a' of the coordinates and the Christoffel symbols c_i,ab of the inertia
         matrix. Since c_i,ab = c_i,ba, only symbols with b <= a are stored. For b < a the
         term therefore gets the factor 2.
-
-        Along a curve there is one coordinate x, and the only symbol is 1/2 dB/dx with the
-        inertia B. The derivative dB/dx is stored, so its factor is 0.5.
         """
         if self.is_curve:
+            # There is one coordinate x, and the only symbol is 1/2 dB/dx with the inertia
+            # B. The derivative dB/dx is stored.
             return [[VelocityTerm(self.derivative("B"), 0.5, 0, 0)]]
-        return [
-            [
-                VelocityTerm(
-                    function=f"c {coordinate} {self.by[a]} {self.by[b]}",
-                    factor=1.0 if a == b else 2.0,
-                    first=a,
-                    second=b,
-                )
-                for a in range(len(self.by))
-                for b in range(a + 1)
-            ]
-            for coordinate in self.by
-        ]
+        names = self.by  # of the coordinates
+        terms_by_coordinate = []
+        for name in names:
+            terms = []
+            for a in range(len(names)):
+                for b in range(a + 1):
+                    # The name under which the symbol is stored.
+                    symbol = f"c {name} {names[a]} {names[b]}"
+                    factor = 1.0 if a == b else 2.0
+                    terms.append(VelocityTerm(symbol, factor, first=a, second=b))
+            terms_by_coordinate.append(terms)
+        return terms_by_coordinate
 
     def derivative(self, name: str) -> str:
         """Return the name of a function's derivative with respect to the coordinate."""

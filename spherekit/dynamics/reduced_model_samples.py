@@ -239,11 +239,10 @@ class Sampler:
     def label_motion_functions(self, heading: StoredHeading) -> list[FunctionLabel]:
         """Return labels (name, unit, kind) of the stored functions of the motion.
 
-        They are the pair variables (joint angles), their derivatives with respect to the
-        coordinates of the model, the inertia, its derivatives, and velocities of loads. The
-        power of a load is its size times its velocity. The labels are in the order of
-        `evaluate_motion`. Variables and coordinates are in rad, so derivatives of variables
-        have no unit.
+        The functions are the pair variables (joint angles), their derivatives with respect
+        to the coordinates of the model, the inertia, its derivatives, and velocities of
+        loads. The power of a load is its size times its velocity. The labels are in the
+        order of `evaluate_motion`.
 
         Parameters
         ----------
@@ -289,9 +288,8 @@ class Sampler:
         for component, velocity_name in self.load_velocities.items():
             load = self.loads.load_of_component[component]
             unit = self.mechanism.loads[load].velocity_unit
-            # The error of a function is judged relative to its largest value. Functions
-            # with the same name `vector` are judged relative to the largest of all. With
-            # several coordinates, each function is judged alone.
+            # Errors of functions with the same name `vector` are judged relative to the
+            # largest value of all. With several coordinates, each function is judged alone.
             if heading.is_curve:
                 vector = f"load {self.loads.names[load]}"
             else:
@@ -309,9 +307,7 @@ class Sampler:
         """Return the labels of the inertia matrix and of its Christoffel symbols.
 
         A label has the name, unit and kind of a stored function. With one coordinate x (a
-        curve) these are only the inertia B and its derivative dB/dx. All coordinates are in
-        rad. The unit of dB/dx is written as kg m2/rad, that of Christoffel symbols as kg
-        m2. The two units are the same, since the radian has no dimension.
+        curve) the functions are the inertia B and its derivative dB/dx.
         """
         labels = [
             FunctionLabel(name, "kg m2", FunctionKind.INERTIA) for name in heading.inertia
@@ -340,9 +336,10 @@ class Sampler:
     ) -> Floats:
         """Return the functions (n, F) of `label_motion_functions` at n configurations.
 
-        They are the pair variables (joint angles) and their derivatives, then the inertia
-        matrix, its Christoffel symbols, and velocities of load components per unit rate of
-        each coordinate. The power of a component is its size times its velocity.
+        The functions are the pair variables (joint angles) and their derivatives, then the
+        inertia matrix, its Christoffel symbols, and velocities of load components per unit
+        rate of each coordinate. A load component is a moment or a force in one direction.
+        The size of a component times its velocity is its power.
 
         Parameters
         ----------
@@ -364,8 +361,8 @@ class Sampler:
             functions.append(_lower_triangles(symbols).reshape(len(symbols), -1))
         if self.load_velocities:
             velocities = self.loads.velocities(motion)  # (n, m, load components)
-            # Indices of components. The velocities of other components are rates of pair
-            # variables, which are stored already.
+            # Indices of the components that act on links. The velocity of a component at a
+            # pair is the rate of the pair variable, which is stored above.
             stored_components = list(self.load_velocities)
             functions.append(_flatten_by_coordinate(velocities[..., stored_components]))
         return np.concatenate(functions, axis=1)
@@ -538,16 +535,16 @@ class CurveSampler(Sampler):
         """Return the values of the functions that a reduced model stores.
 
         All are functions of the model's only coordinate x, which determines the
-        configuration. The equation of motion is B x'' + 1/2 dB/dx x'^2 = Q + tau, with the
-        inertia B, the generalised force Q of the loads and the driving torque tau.
+        configuration.
 
         Parameters
         ----------
         groups
             Groups of functions that are computed. Group 0 has the functions of the motion:
-            the pair variables v (joint angles), dv/dx, B, dB/dx, and the velocities of
-            loads: the power of a load is its size times such a velocity. Group k + 1 has
-            the five functions of pole number k (axis of relative rotation of two links).
+            the pair variables v (joint angles), dv/dx, the inertia B, dB/dx, and the
+            velocities by which sizes of loads are multiplied to give their powers. Group
+            k + 1 has the five functions of pole number k (axis of relative rotation of two
+            links).
         x
             (n,) values of the coordinate (rad): the input variable q, or the arc length s
             of the curve of configurations.
@@ -587,18 +584,20 @@ class CurveSampler(Sampler):
 
         The configurations form a closed curve. The nodes (known configurations from which
         Newton's method starts) cover one lap only. Whole laps are therefore subtracted from
-        q first. The growth of all pair variables over these laps is added afterwards.
+        q first. In each lap, joint angles grow by whole revolutions, which are added
+        afterwards.
         """
         (input_variable,) = self.driven
         start_input = self.nodes.values[0, input_variable]
-        # The change of q in one lap along the curve. `input_sense` is -1 if q falls.
+        # The change of q in one lap along the curve: `lap_length` is its size (rad), and
+        # `input_sense` is -1 if q falls.
         input_change = self.input_sense * self.lap_length
         laps = np.floor((q - start_input) / input_change)
         input_within_lap = q - laps * input_change
         closed = self.close_loops(input_within_lap[:, None])
         # `rise` (variables,) is the growth of the variables over one lap along the curve.
         values = closed.linearisation.values + np.outer(laps, self.curve.rise)
-        # The sum of the laps has rounding errors, so the input is set to q exactly.
+        # Subtraction and addition of laps have rounding errors, so the input is set to q.
         values[:, input_variable] = q
         return motion_by_variables(self.closure, values, self.driven)
 
@@ -726,8 +725,7 @@ class CurveSampler(Sampler):
         """Return a vector (3,) that decides the sense of an axis at the first sample.
 
         An axis has two opposite senses. The one on the side of this vector is taken. The
-        vector is the sum of the axes of all pairs (joints). Any other vector would serve as
-        well.
+        vector is the sum of the axes of all pairs (joints).
         """
         # Columns of a frame: x, y, and z along the axis of the pair.
         frames = self._convert_motion(motion).frames
@@ -878,8 +876,7 @@ class BoxSampler(Sampler):
         inputs
             (n, m) values of the m inputs, in rad.
         function_count
-            Number of the labels, which is the width of the result. It can't be derived from
-            the values if no row has a valid configuration.
+            Number of the labels, which is the width of the result.
 
         Returns
         -------

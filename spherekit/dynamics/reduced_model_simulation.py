@@ -155,8 +155,7 @@ def simulate_reduced(
         sqrt(B), Q / sqrt(B) and Q dx/dt.
 
         The integrator also tries coordinates beyond the ends `low` and `high` of an open
-        curve of configurations. The rates beyond an end are the rates at this end. A closed
-        curve is continued periodically.
+        curve of configurations. The rates beyond an end are the rates at this end.
         """
         coordinate, momentum, _ = state.tolist()
         if not heading.periodic:

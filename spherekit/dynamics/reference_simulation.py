@@ -91,8 +91,8 @@ def refined(
         A simulation in float64 with the smallest tolerance, from which the iteration in
         many digits starts.
     start
-        Angle (rad) and rate (rad/s) of the input at the start of this simulation. They
-        count as exact numbers.
+        Angle (rad) and rate (rad/s) of the input at the start of this simulation, taken as
+        exact numbers.
     until
         Time (s) at which the reference ends.
     arithmetic

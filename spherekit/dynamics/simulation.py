@@ -138,9 +138,9 @@ class Checks:
         Largest difference between the rate of the kinetic energy and the power of the
         loads, W.
     momentum
-        Largest error of the momenta that a step adds, relative to the largest momentum. The
-        error that a step adds is the length of the step times the error of dp/dt (the
-        difference between the computed path and the equation of motion).
+        Largest error of the momenta that a step adds, relative to the largest momentum.
+        This error is the length of the step times the error of dp/dt: the rate in the
+        computed path minus the rate by the equation of motion.
     closure
         Largest closure residual (opening of a loop), rad. Residuals that were removed by
         corrections during the integration are included.
@@ -442,8 +442,7 @@ class Simulation:
         t
             (n,) times, s.
         second
-            Whether to compute second derivatives, from which accelerations follow. They
-            take more time.
+            Whether to compute second derivatives, from which accelerations follow.
 
         Returns
         -------
@@ -465,8 +464,7 @@ class Simulation:
             )
         t = np.clip(t, low, high)
         path_states = self.path.evaluate(t)
-        # States are stored without whole turns, so that they lose no digits. Loads may
-        # depend on the turns, so the equation gets them, too (rad).
+        # States are stored without whole turns. Loads may depend on these turns (rad).
         turn_angles = TURN * path_states.turns
         return path_states, self.equation.evaluate(
             t,

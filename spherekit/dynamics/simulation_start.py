@@ -27,6 +27,7 @@ from spherekit.number_text import degree_range_text, degrees_text
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.loop_tree import rank_mobility
+from spherekit.positions.motion import Motion
 from spherekit.positions.motion_cache import kinematics_only, position_analysis_of
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import STATUS_MEANING, Status
@@ -177,9 +178,8 @@ def prepare(
 ) -> Problem:
     """Return the problem that the arguments of `simulate` describe.
 
-    The parameters are those of `spherekit.dynamics.forward_dynamics.simulate`, except for
-    `passes`. It says whether the motion continues straight on at a crossing of curves of
-    configurations.
+    The parameters are those of `spherekit.dynamics.forward_dynamics.simulate`. `passes`
+    says whether the motion continues straight on at a crossing of curves of configurations.
 
     Raises
     ------
@@ -394,8 +394,9 @@ def _close_start(
     closure, mechanism
         The loop-closure equations of the mechanism, and the mechanism.
     values
-        (variables,) pair variables (joint angles, rad) in which the loops nearly close.
-        Angles may contain any number of whole revolutions.
+        (variables,) pair variables (rad) in which the loops nearly close: angles of R
+        pairs (revolute joints) and arc lengths at contacts. Angles may contain any number
+        of whole revolutions.
 
     Returns
     -------
@@ -411,11 +412,11 @@ def _close_start(
             "variable"
         )
     _check_angle_sizes(name, start_values)
-    # Only angles have revolutions. The arc lengths of contacts stay as they are.
-    angles = [*mechanism.angles.values()]
+    # Indices of the pair variables that are angles. Arc lengths have no revolutions.
+    angle_variables = [*mechanism.angles.values()]
     turns = np.zeros(count)
-    turns[angles] = count_whole_turns(start_values[angles])
-    start_values[angles] = wrap_to_pi(start_values[angles])
+    turns[angle_variables] = count_whole_turns(start_values[angle_variables])
+    start_values[angle_variables] = wrap_to_pi(start_values[angle_variables])
     solution = closure.solve(start_values[None])
     distance = float(max_abs(solution.values[0] - start_values))
     is_closed = solution.closure_residual[0] < START_CLOSURE_TOLERANCE_RAD
@@ -502,25 +503,36 @@ def _compute_configuration(
     (variables,) the pair variables (joint angles, rad) reduced by whole turns, and
     (variables,) how many turns were subtracted from each.
     """
-    if len(q) == 1:
-        # With one input, modes are numbered along the range of the input, so an analysis of
-        # the whole range is needed. The input may be outside of the range by whole turns.
-        analysis_of_range = position_analysis_of(mechanism)
-        position_analysis, motion = compute_modes_at_inputs(analysis_of_range, q[None])
-    else:
-        # With several inputs, modes are computed at these inputs alone, so the function
-        # gets the mechanism. Whole turns of an input change the configuration only if there
-        # are contacts, because rolling wheels turn on. Otherwise the turns are removed.
-        inputs = q if mechanism.has_contacts else wrap_to_pi(q)
-        position_analysis, motion = compute_modes_at_inputs(mechanism, inputs[None])
+    position_analysis, motion = _compute_modes(mechanism, q)
     # The motion has one row for each mode, because there is only one sample.
     row = position_analysis.find_mode_index(assembly_mode)
     _check_mode_exists(mechanism, Status(int(motion.status[row])), q, assembly_mode)
     values = motion.values[row].copy()
-    mode_number = motion.assembly_modes[row].number
-    turns = _count_turns(position_analysis, mode_number, values, q)
-    values[list(position_analysis.solver.driven)] = wrap_to_pi(q)
+    mode = motion.assembly_modes[row]
+    turns = _count_turns(position_analysis, mode.number, values, q)
+    # The configuration was computed up to whole turns of the inputs.
+    input_variables = list(position_analysis.solver.driven)
+    values[input_variables] = wrap_to_pi(q)
     return values, turns
+
+
+def _compute_modes(mechanism: Mechanism, q: Floats) -> tuple[PositionAnalysis, Motion]:
+    """Return the configurations of all assembly modes at the inputs q (m,), rad.
+
+    An assembly mode is one of the ways to assemble the links at the same inputs.
+
+    Returns
+    -------
+    The position analysis, and a motion with one row for each mode.
+    """
+    if len(q) == 1:
+        # With one input, modes are numbered along the range of the input, so an analysis of
+        # the whole range is needed.
+        return compute_modes_at_inputs(position_analysis_of(mechanism), q[None])
+    # With several inputs, modes are computed at these inputs alone. Whole turns of an input
+    # change the configuration only if there are contacts, such as of rolling wheels.
+    inputs = q if mechanism.has_contacts else wrap_to_pi(q)
+    return compute_modes_at_inputs(mechanism, inputs[None])
 
 
 def _check_mode_exists(

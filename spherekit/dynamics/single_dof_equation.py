@@ -31,20 +31,21 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
 
     This is Eksergian's equation as a system of first order (Di Gregorio 2024, eq. (9)):
 
-        dv/dt = tau u,   dp/dt = Q / sqrt(B),   dW/dt = Q u,   u = p / sqrt(B).
+        dv/dt = tau u,   dp/dt = sum_k Q_k / sqrt(B),   dW_k/dt = Q_k u,
+        u = p / sqrt(B).
 
     - v are the pair variables (joint angles), and tau = dv/dx their derivatives with
       respect to the coordinate x.
-    - x is a parameter of the curve of configurations, with the rate u = dx/dt. The input q
-      would not do, because derivatives with respect to q are infinite at its dead centres.
-      x is chosen so that dq/dx = D, the determinant of the velocity equations for the
-      rates of all variables but q. Then tau needs no division.
+    - x is a parameter of the curve of configurations, with the rate u = dx/dt. The
+      derivative of the input q is dq/dx = D, the determinant of the velocity equations for
+      the rates of all variables but q. With this choice, tau is finite at dead centres of
+      q, and contains no division.
     - B is the generalised inertia: the kinetic energy is B u^2 / 2.
     - p = sqrt(B) u is the momentum: the kinetic energy is p^2 / 2.
-    - Q is the generalised force of all loads at x. W is the work of each load.
+    - Q_k is the generalised force of load k at x, and W_k its work.
 
-    The state has p / P and W / P^2 instead of p and W. Each run sets the unit P of momentum
-    as a parameter, so that these numbers are near 1.
+    The state has p / P and W_k / P^2 in place of p and W_k. Each run sets the unit P of
+    momentum as a parameter, so that these numbers are near 1.
     """
     layout = EquationLayout(mechanism)
     structure = KinematicStructure.from_mechanism(mechanism, mechanism.inputs[0].pair)
@@ -64,7 +65,7 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
     load_state = layout.make_load_state(coordinate_rates, variable_rates)
     # For each load its part in d(p / P)/dt.
     momentum_rates = _derive_momentum_rates(layout, load_state, inverse_root_inertia)
-    # d(W / P^2)/dt = Q u / P^2, which is d(p / P)/dt (p / P).
+    # d(W_k / P^2)/dt = Q_k u / P^2 is the part of load k in d(p / P)/dt, times p / P.
     work_rates = [rate * scaled_momentum for rate in momentum_rates]
     # tau is zero where the velocity equations depend on each other, so the square of tau
     # measures their independence.
@@ -74,7 +75,7 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
     return EquationExpressions(
         layout=layout,
         state_rates=[*variable_rates, sum(momentum_rates, 0.0), *work_rates],
-        homogeneous_rates=coordinate_rates.tau,  # rates without a division by D
+        homogeneous_rates=coordinate_rates.tau,  # dv/dx
         independence=tau_square,
         # Rest, a dead centre of the input (input rate 0) and a singularity.
         events=_derive_events(layout, input_rate, input_variable, tau_square),
@@ -87,10 +88,10 @@ def _derive_momentum_rates(
 ) -> list[Expr]:
     """Return, for each load, its part in the rate of the scaled momentum p / P.
 
-    The coordinate x has the generalised inertia B, and its momentum is p = sqrt(B) dx/dt.
-    P is a unit of momentum. The equation of motion is dp/dt = Q / sqrt(B), with the sum Q
-    of the generalised forces of all loads. So the part of a load in the rate of p / P is
-    Q / (P sqrt(B)), with the force Q of this load alone.
+    The coordinate x has the generalised inertia B. The momentum is defined as
+    p = sqrt(B) dx/dt, so the kinetic energy is p^2 / 2. The rate p dp/dt of this energy is
+    the power of all loads, and a load with the generalised force Q has the power Q dx/dt.
+    So the part of a load in dp/dt is Q / sqrt(B). P is a unit of momentum.
 
     Parameters
     ----------

@@ -193,10 +193,8 @@ def _find_zeros(
     between them is computed. A value that is exactly zero has no sign: with the values
     -2, 0, 3 the change of sign is between the first and the third one.
 
-    The function also finds the extrema of a quantity, which are the zeros of its slope.
-    `evaluate` is then a central difference of the quantity, and `values` are its
-    differences between neighbouring places. Two successive differences belong to three
-    places. If they differ in sign, the extremum is between the first and the third place.
+    To find extrema of a quantity, `evaluate` is a central difference of the quantity, and
+    `values` are differences between neighbouring places.
 
     Parameters
     ----------
@@ -237,8 +235,7 @@ def _find_zeros(
         return rows[np.arange(len(places)), functions[changes]]
 
     # For extrema, the values are differences between places and not those of `evaluate` at
-    # the ends of the bracket. This does no harm: the signs say in which half the zero is,
-    # and the sizes only affect how fast the bracket becomes narrow.
+    # the ends of the bracket. Their sizes only affect how fast the bracket becomes narrow.
     zeros, _ = find_bracketed_zeros(
         evaluate_changing,
         low=low[before],

@@ -144,9 +144,8 @@ class Segment:
     turns
         (variables,) how many whole turns were subtracted from each variable.
     momentum_unit
-        Unit (square root of J) of the momenta in the series. The kinetic energy is half the
-        square of the momentum. The unit of the works in the series is therefore the square
-        of this unit.
+        Unit (square root of J) by which momenta in the series are divided. A momentum is
+        the root of an inertia times a rate. Works are divided by the square of this unit.
     work
         (loads,) work of each load before the segment, J.
     """
@@ -168,8 +167,8 @@ class Segment:
         """
         step = np.searchsorted(self.starts[1:], t, side="right")
         states, rates = _evaluate_series(self.series[step], t - self.starts[step])
-        # In the series, momenta are divided by a unit. The kinetic energy is half the
-        # square of the momentum, so works are divided by the square of this unit.
+        # Momenta (root of an inertia times a rate, root of J) are divided by a unit in the
+        # series. Works (J) are divided by the square of this unit.
         work_unit = self.momentum_unit**2
         for array in (states, rates):
             array[:, self.layout.momentum_slice] *= self.momentum_unit
@@ -201,7 +200,7 @@ class TaylorRun:
     max_independence
         Largest measure of independence of the loop-closure equations in the run. The
         measure is zero where sets of configurations cross. Small values are judged relative
-        to this largest value, also in a run that continues this run.
+        to this largest value.
     """
 
     equation: CompiledEquation
@@ -358,18 +357,17 @@ class RunStart:
     momenta
         (m,) momenta, in the unit square root of joule. With one degree of freedom the
         momentum is sqrt(B) u, with the inertia B and the rate u along the curve of
-        configurations. It is positive in the direction of the tangent that the compiled
-        equation computes (`homogeneous_rates`).
+        configurations. The momentum is positive in the direction of the tangent that the
+        compiled equation computes (`homogeneous_rates`).
 
-        With several degrees of freedom, m of the pair variables are the coordinates, and
-        the momenta are simpler. Each is the rate of a coordinate times the constant
-        sqrt(J), which gives it the same unit. J is the sum of the largest moments of
-        inertia of all links.
+        With several degrees of freedom, m of the pair variables are the coordinates. Each
+        momentum is the rate of a coordinate times the constant sqrt(J). J is the sum of the
+        largest moments of inertia of all links.
     momentum_unit
         A typical size of the momenta, not zero, in the same unit. The integrator's state
-        has the momenta divided by this size, or by their norm if the norm is larger. The
-        divided momenta are then at most about 1, like the angles. This matters because the
-        errors of a step are relative to the largest number in the state.
+        has the momenta divided by this size, or by their norm if the norm is larger. So the
+        divided momenta are at most about 1, like the angles. The errors of a step are
+        relative to the largest number in the state.
     previous_run
         The run that is continued, with other coordinates or a smaller tolerance, if any.
     closure_residual
@@ -474,8 +472,7 @@ class TaylorIntegration:
         """Integrate the equation of motion up to the last target, and return the result.
 
         The integration ends earlier at an event, such as a singularity, if a step fails, or
-        after `MAX_TAYLOR_STEPS` steps. Several threads can use one equation; they wait for
-        each other.
+        after `MAX_TAYLOR_STEPS` steps.
 
         Parameters
         ----------
@@ -485,7 +482,7 @@ class TaylorIntegration:
         """
         integrator = self.equation.integrator
         progress = ProgressReporter("simulating")
-        # The integrator has only one state, so a second run has to wait.
+        # The integrator has only one state, so a run in another thread has to wait.
         with self.equation.lock:
             # Some loads change abruptly where a number changes its sign, such as dry
             # friction where the sliding rate does. Find the signs at the start.
@@ -770,7 +767,7 @@ class TaylorIntegration:
         """
         turns = np.round(values / TURN) * self.is_angle
         values -= turns * TURN
-        # The digits of 2 pi beyond float64. Otherwise errors grow with the revolutions.
+        # The digits of 2 pi beyond float64, without which errors grow with revolutions.
         values -= turns * TURN_ROUNDING
         self.turns = self.turns + turns
 
@@ -792,8 +789,7 @@ class TaylorIntegration:
         Errors of a step are relative to the largest number in the state, so momenta must
         not exceed 1, the size of angles in rad. If their norm exceeds 1, the unit is
         multiplied by this norm, and the momenta are changed in place. The unit never
-        shrinks. Near rest a shrinking unit would become tiny, and works in multiples of its
-        square would be by far the largest numbers.
+        shrinks, since works in multiples of the square of a tiny unit would be large.
         """
         size = float(np.linalg.norm(momenta))
         if size > 1.0:
@@ -904,10 +900,9 @@ def _linear_piece(table: TorqueTable, start: float, end: float) -> tuple[float, 
 def _choose_sign(condition: float, condition_rate: float) -> float:
     """Return the sign (1 or -1) of a switch condition at the start of a motion.
 
-    If the condition is zero, its sign right after the start is the sign of its rate. The
-    sign is positive if the rate is zero too.
-
-    A load jumps where its switch condition changes its sign.
+    A load jumps where its switch condition changes its sign. If the condition is zero, its
+    sign right after the start is the sign of its rate. The sign is positive if the rate is
+    zero too.
     """
     if condition != 0.0:
         return float(np.sign(condition))

@@ -241,7 +241,7 @@ class NewtonEuler:
         tooth_sides
             (n, pairs) +1 or -1: on which of their two sides gear teeth with a pressure
             angle press. The value is the sign of the moment about y that the teeth
-            transmit. It has no effect for other pairs. By default all values are +1.
+            transmit. By default all values are +1.
         """
         self.mechanism = mechanism
         self.frames = frames
@@ -288,8 +288,9 @@ class NewtonEuler:
         A column has the moments and forces on the links by one reaction of size 1.
         `column_pairs` has the index of the pair of each reaction.
         """
-        # Equations of forces are multiplied by a length, the mean distance of contacts from
-        # O, so that all are in N m.
+        # `unit_wrenches` (n, columns, 6) are the moment and force of each reaction of size
+        # 1. Forces are multiplied by a length, the mean distance of contacts from O, so
+        # that all equations are in N m.
         scaled_wrenches = self.unit_wrenches * np.repeat([1.0, self.length], 3)
         ground_wrenches = _rotate_to_ground(self.frames[:, column_pairs], scaled_wrenches)
         # (links, columns) 1 for the second link of the pair of a reaction, -1 for the first
@@ -297,7 +298,8 @@ class NewtonEuler:
         signs = self._pair_to_link[column_pairs].T
         # (n, links, 6, columns) the wrench on each link by a unit of each reaction.
         matrix = signs[:, None] * np.swapaxes(ground_wrenches, 1, 2)[:, None]
-        # The ground has no equations, for example.
+        # The mask `_has_equation` (links, 6) leaves out the ground, and the forces on links
+        # whose centre of mass is not known.
         return matrix[:, self._has_equation]
 
     def _divide_equations(self, is_coupled: bool) -> list[ReactionEquations]:
@@ -450,8 +452,9 @@ class NewtonEuler:
         """Return the reactions (n, columns) and the residual (n,) of the equations, N m.
 
         A reaction is an unknown moment or force component of a pair, and a column of the
-        matrix. `reaction_wrenches` (n, links, 6) are the moments about O and forces that
-        the reactions have to exert on the links, in ground axes.
+        matrix. `reaction_wrenches` (n, links, 6) are the moments and forces that the
+        reactions have to exert on the links, in ground axes. Moments are about the centre O
+        of the sphere.
         """
         # Forces are multiplied by a length, as in the matrix, so that all rows are in N m.
         scaled_wrenches = reaction_wrenches * np.repeat([1.0, self.length], 3)
@@ -881,8 +884,7 @@ def _find_contradicted_sides(
     equilibrium
         The solution of these equations.
     sides
-        (n, pairs) assumed sides of teeth with a pressure angle, 1 or -1. The values have no
-        effect for other pairs.
+        (n, pairs) assumed sides of teeth with a pressure angle, 1 or -1.
     """
     pairs = equations.mechanism.pairs
     has_sides = np.array([pair.pressure_angle is not None for pair in pairs])
@@ -994,11 +996,18 @@ def sum_applied_loads(driven: DrivenState) -> AppliedLoads:
     about its axis. Other components act on links, with a moment about the centre O and a
     force in proportion to the magnitude. A wrench has the moment (N m) in its components 0
     to 2 and the force (N) in 3 to 5.
+
+    Parameters
+    ----------
+    driven
+        n rows (samples) of a moving mechanism, with its loads and the driving torques of
+        the inputs.
     """
     mechanism = driven.mechanism
     motion = driven.motion
     timing = driven.timing
     loads = Loads(mechanism)
+    # Loads depend on the motion, the rates `timing.dq` of its coordinates, and the time.
     # `carried` are the forces on bearings and moments at contacts that cause friction.
     magnitudes = loads.evaluate_magnitudes(motion, timing.dq, timing.t, driven.carried)
     link_wrenches = np.zeros((len(timing.t), len(mechanism.links), 6))
@@ -1010,5 +1019,6 @@ def sum_applied_loads(driven: DrivenState) -> AppliedLoads:
             link_wrenches[:, wrench.link, :3] += magnitude[:, None] * wrench.moment
             link_wrenches[:, wrench.link, 3:] += magnitude[:, None] * wrench.force
     input_pairs = [mechanism.pair_number[item.pair] for item in mechanism.inputs]
-    torques[:, input_pairs] += driven.torques
+    driving_torques = driven.torques
+    torques[:, input_pairs] += driving_torques
     return AppliedLoads(link_wrenches, torques)
