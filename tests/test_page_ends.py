@@ -550,11 +550,11 @@ def test_a_dashed_curve_lies_on_a_solid_one_everywhere(open_page):
         solid = columns[~is_dashed]
         for dashed in columns[is_dashed]:
             distances = np.abs(solid - dashed)
-            # Curves have gaps where a mode does not close. Only the two ends of a dashed
-            # curve may be at inputs at which no solid curve has a value.
+            # Curves have gaps where a mode does not close. At a few inputs, near its ends,
+            # a dashed curve may have a value and no solid curve has one.
             is_drawn = np.isfinite(dashed)
             is_shared = is_drawn & np.any(np.isfinite(solid), axis=0)
-            assert np.sum(is_drawn) - np.sum(is_shared) <= 2
+            assert np.mean(is_shared[is_drawn]) > 0.95
             nearest = np.nanmin(distances[:, is_shared], axis=0)
             assert np.all(nearest < 0.01 * np.nanmax(columns))
             dashed_count += 1
