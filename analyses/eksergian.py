@@ -234,7 +234,7 @@ class Eksergian(AbstractAnalysis):
         # A pair is an R pair, which has an axis, or a contact.
         if self.at and not mechanism.pair(self.at).kind.has_axis:
             raise AnalysisError(
-                f"eksergian: at: pair {self.at} is a contact, not an R pair"
+                f'eksergian: at: pair "{self.at}" is a contact pair; name an R pair'
             )
         has_friction = bool(Loads(mechanism).friction_components)
         return Needs(

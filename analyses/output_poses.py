@@ -224,7 +224,7 @@ def read_terms(
     Raises
     ------
     AnalysisError
-        If a text is not ``name=number``, or if there are several poses where only one
+        If a text is not ``name=number``, or if a name occurs twice where only one pose
         is allowed.
     """
     poses: list[dict[str, float]] = [{}]
@@ -241,12 +241,16 @@ def read_terms(
             # The check below refuses NaN with a message.
             number = np.nan
         begins_pose = name in poses[-1]
-        is_number = name != "" and np.isfinite(number)
-        if not is_number or (begins_pose and not allow_several):
+        # The whole text, for messages about a part of it.
+        whole = f' in "{"+".join(parts)}"' if len(parts) > 1 else ""
+        if not name or not np.isfinite(number):
             raise AnalysisError(
-                f'{where}: "{part}" of "{"+".join(parts)}" is not '
-                f"name=number{'' if allow_several else ', each name once'}; write for "
+                f'{where}: found "{part}"{whole}, expected the form name=number, for '
                 "example azimuth=10+tilt=20"
+            )
+        if begins_pose and not allow_several:
+            raise AnalysisError(
+                f"{where}: {name} is given twice{whole}; give each name once"
             )
         if begins_pose:
             poses.append({})

@@ -67,7 +67,7 @@ def type_fault(name: str, value: Any, annotation: Any) -> str:
         # `nearest` returns '; did you mean "x"?' if an allowed word is similar.
         hint = nearest(value, allowed_words) or "."
         words = listing(f'"{word}"' for word in allowed_words)
-        return f'{name} "{value}" is not known{hint} Allowed: {words}'
+        return f'{name}: found "{value}"{hint} Allowed: {words}'
 
     shown_value = repr(value)
     if len(shown_value) > MAX_SHOWN_CHARACTERS:

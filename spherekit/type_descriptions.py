@@ -116,7 +116,7 @@ def describe_type(annotation: Any, wording: TypeWording = PYTHON_WORDING) -> str
         return describe_type(get_args(annotation)[0], wording)
     arguments = get_args(annotation)
     if annotation is ArrayLike or origin is np.ndarray:
-        return f"an array of {'strings' if is_text_array(annotation) else 'numbers'}"
+        return f"an array of {'strings' if is_text_array(annotation) else 'real numbers'}"
     if annotation in wording.simple_types:
         return wording.simple_types[annotation]
     if origin is Literal:

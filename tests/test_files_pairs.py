@@ -252,7 +252,10 @@ REPEATED_RING = [[40 * k, 65] for k in range(10)]
 @pytest.mark.parametrize(
     ("points", "words"),
     [
-        (FIGURE_EIGHT, "the closed curve meets itself: between points 8 and 9 and"),
+        (
+            FIGURE_EIGHT,
+            "the closed curve meets itself: the part between points 8 and 9 meets",
+        ),
         (REPEATED_RING, "the last point, 10, repeats the first; leave it out"),
     ],
 )

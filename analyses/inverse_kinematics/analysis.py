@@ -107,8 +107,8 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         self.pair_numbers(mechanism)
         if self.nearest < 0:
             raise AnalysisError(
-                f"{self.name}: nearest: found {self.nearest}, expected a number of rows of "
-                "at least 0"
+                f"{self.name}: nearest: found {self.nearest}, expected a number of rows, "
+                "0 or more"
             )
         return Needs()
 
@@ -154,8 +154,8 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
             if name not in number_of_pair:
                 raise AnalysisError(
                     f"{self.name}: pairs: no pair is named "
-                    f'"{name}"{nearest(name, number_of_pair) or ";"} Pairs: '
-                    f"{listing(number_of_pair)}; or write all for every pair"
+                    f'"{name}"{nearest(name, number_of_pair) or "."} Pairs: '
+                    f"{listing(number_of_pair)}. To choose all pairs, write pairs=all"
                 )
         return [number_of_pair[name] for name in self.pairs]
 

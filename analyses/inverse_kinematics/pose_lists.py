@@ -135,15 +135,16 @@ def read_poses(
         first_form = _forms_of_output(solver)[0]
         example = "+".join(f"{name}={10 * k}" for k, name in enumerate(first_form, 1))
         raise AnalysisError(
-            f"{where}: found {' and '.join(given_sources) or 'no poses'}; give one of "
-            f"these: a list poses={example}, a file file=NAME.csv, or a grid "
-            "window=NAME:FROM:TO:COUNT (joined by + for each coordinate)"
+            f"{where}: found {' and '.join(given_sources) or 'no poses'}; give exactly "
+            f"one of these: a list as {parameter}={example}, a file as file=NAME.csv, or a "
+            "grid as window=NAME:FROM:TO:COUNT (for several coordinates, join such parts "
+            "by +)"
         )
     if columns and not file:
         raise AnalysisError(
-            f"{where}: columns: {listing(columns)} can be chosen only with file=NAME.csv; "
-            "leave columns out, since poses and window contain the names, such as "
-            "poses=azimuth=10+tilt=20"
+            f"{where}: columns: found {listing(columns)}, but columns can be chosen only "
+            "with file=NAME.csv; leave columns out, and state the names in poses or "
+            "window, such as poses=azimuth=10+tilt=20"
         )
     where = f"{where}: {file or given_sources[0]}"
     angle_unit = unit or solver.mechanism.angle_unit
@@ -268,11 +269,16 @@ def _read_file(
             for form in complete
             if not any(set(form) < set(larger) for larger in complete)
         ]
-    if len(forms_of_file) != 1:
+    if not forms_of_file:
         raise AnalysisError(
-            f"{where}: the columns {listing(header)} contain {len(forms_of_file)} of the "
-            f"forms of a pose {_list_forms(forms_of_file or forms)}, expected exactly one; "
-            "if there are more, choose one with columns=.."
+            f"{where}: the columns {listing(header)} do not give a pose; a pose needs "
+            f"the columns of one of these forms: {_list_forms(forms)}"
+        )
+    if len(forms_of_file) > 1:
+        raise AnalysisError(
+            f"{where}: the columns {listing(header)} give a pose in "
+            f"{len(forms_of_file)} forms: {_list_forms(forms_of_file)}; choose one of "
+            f"them, such as columns={_list_forms(forms_of_file[:1])}"
         )
     (form,) = forms_of_file
     numbers = read_numbers(path, [column_of_term[term] for term in form])

@@ -24,6 +24,7 @@ from spherekit.geometry.rotation import from_quaternion
 from spherekit.geometry.tilt_torsion import from_tilt_torsion, pointing
 from spherekit.mechanism.sizes import to_radians
 from spherekit.quantity import ANGLE, AngleUnit, QuantityError, read_quantity
+from spherekit.wording import counted
 
 DEFAULT_SAMPLES_OF_DESIGN = 181
 """Number of samples along the input at which each design is evaluated."""
@@ -212,7 +213,8 @@ def _precision_point_deviations(
         if len(inputs) != len(values):
             raise document.fault(
                 path,
-                f"has {len(values)} values for {len(inputs)} inputs; give one for each",
+                f"has {counted(len(values), 'value')} for {counted(len(inputs), 'input')}; "
+                "give one value for each input",
             )
         point_count += len(inputs)
         for input_values, value in zip(inputs, values, strict=True):

@@ -211,9 +211,10 @@ def export(
     for name in stated_names:
         if kind not in KINDS_OF_ARGUMENT[name]:
             raise OutputError(
-                f"export: {name} does not apply to an export of the kind {kind}, only to "
-                f"{'the kinds' if len(KINDS_OF_ARGUMENT[name]) > 1 else 'the kind'} "
-                f"{listing(KINDS_OF_ARGUMENT[name])}; leave {name} out"
+                f'export: the option "{name}" does not apply to an export of the kind '
+                f"{kind}, only to the "
+                f"kind{'s' if len(KINDS_OF_ARGUMENT[name]) > 1 else ''} "
+                f'{listing(KINDS_OF_ARGUMENT[name])}; leave "{name}" out'
             )
     if kind in SOURCES:
         return _export_source(mechanism, target, kind, input_pair, assembly_mode, options)

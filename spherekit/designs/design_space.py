@@ -194,7 +194,7 @@ class DesignSpace:
             scheme = "grid" if count is None else "sobol"
         if scheme not in SCHEMES:
             raise DesignError(
-                f'scheme "{scheme}" is not known{choices(scheme, SCHEMES, "Allowed")}'
+                f'scheme: found "{scheme}"{choices(scheme, SCHEMES, "Allowed")}'
             )
         if scheme == "grid":
             if count is not None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.errors import DesignError
-from spherekit.wording import counted, listing
+from spherekit.wording import choices, listing
 
 Distribution = Literal["normal", "uniform"]
 
@@ -59,20 +59,22 @@ class SizeDeviations:
         """
         if self.distribution not in DISTRIBUTIONS:
             raise DesignError(
-                f'distribution "{self.distribution}" is not known; it is normal or uniform'
+                f'distribution: found "{self.distribution}"'
+                f"{choices(self.distribution, DISTRIBUTIONS, 'Allowed')}"
             )
         # `size` says how large the deviations are: one number, or one for each size.
         deviations = np.atleast_1d(self.size)
-        is_valid = np.all(np.isfinite(deviations) & (deviations >= 0.0))
-        has_deviation = np.any(deviations > 0.0)
-        if not is_valid or not has_deviation or self.count < 0:
-            numbers = listing(f"{deviation:.6g}" for deviation in deviations)
+        is_valid = np.isfinite(deviations) & (deviations >= 0.0)
+        if not np.all(is_valid):
+            invalid = dict.fromkeys(f"{x:.6g}" for x in deviations[~is_valid])
             raise DesignError(
-                f"deviations: found {numbers} (rad or SI units) "
-                f"and {counted(self.count, 'draw')}; each deviation must be a finite "
-                "positive number or 0, at least one must be above 0, and the number of "
-                "draws must be at least 0"
+                f"deviations: found {listing(invalid)} (in rad or SI units); a deviation "
+                "has to be 0 or a finite positive number"
             )
+        if not np.any(deviations > 0.0):
+            raise DesignError("deviations: all are 0; at least one has to be above 0")
+        if self.count < 0:
+            raise DesignError(f"draws: found {self.count}, expected 0 or more")
 
     @property
     def spread(self) -> Any:

@@ -298,10 +298,9 @@ def _require_gradients(specification: Specification) -> DesignEvaluator:
         )
     if evaluator.has_unsigned_modes and len(specification.minimise) > 1:
         raise DesignError(
-            f"{sweep.mechanism.name}: a Pareto front of several objectives needs assembly "
-            "modes that are named by signs, that is, groups that are all dyads, and "
-            "profiles that are circles; minimise one objective, and bound the others by "
-            "conditions"
+            f"{sweep.mechanism.name}: a Pareto front of several objectives is possible "
+            "only if all groups are dyads and all profiles are circles; minimise one "
+            "objective, and bound the others by conditions"
         )
     return evaluator
 

@@ -181,7 +181,7 @@ def check_engine_and_tolerance(mechanism: Mechanism, engine: str, tolerance: flo
     """
     if engine not in ENGINE_CHOICES:
         raise SolveError(
-            f'{mechanism.name}: engine "{engine}" is not known. Allowed: '
+            f'{mechanism.name}: engine: found "{engine}". Allowed: '
             f"{listing(ENGINE_CHOICES)}"
         )
     smallest = MIN_TOLERANCE_BY_ENGINE["numpy" if engine == "numpy" else "compiled"]

@@ -317,7 +317,7 @@ def _check_request(
         )
     # The `ModelError` has the message "its friction depends on the reaction of pair 41,
     # which a stored model has not".
-    check_no_reaction_friction(mechanism, "a stored model has not")
+    check_no_reaction_friction(mechanism, "a stored model")
     return mechanism
 
 

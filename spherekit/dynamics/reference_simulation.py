@@ -117,9 +117,7 @@ def refined(
             f"{mechanism.name}: a reference in extended precision needs a mechanism with "
             f"one input, not {len(mechanism.inputs)}"
         )
-    check_no_reaction_friction(
-        mechanism, "a reference in extended precision does not solve for"
-    )
+    check_no_reaction_friction(mechanism, "a reference in extended precision")
     (q,), (dq,) = start.each(mechanism.input_pairs)
 
     def approximate_motion(t: Floats) -> tuple[Floats, Floats]:

@@ -377,7 +377,9 @@ def variable_of(mechanism: Mechanism, pair: str) -> int:
     `SpherekitError` is raised if the name `pair` is not that of an R pair.
     """
     if not mechanism.pair(pair).kind.has_axis:
-        raise SolveError(f"{mechanism.name}: pair {pair} is a contact; name an R pair")
+        raise SolveError(
+            f'{mechanism.name}: pair "{pair}" is a contact pair; name an R pair'
+        )
     return mechanism.angles[pair]
 
 

@@ -160,6 +160,6 @@ def _check_linear(varied_mechanism: VariedMechanism, slopes: Floats) -> None:
         keys = [variables[index].key for index in np.flatnonzero(is_nonlinear)]
         raise DesignError(
             f"{varied_mechanism.document.name}: {listing(keys)}: cannot be varied, because "
-            "the formulas contain numbers that are not linear functions of the named ones; "
-            "vary other numbers"
+            "other numbers in the formulas depend nonlinearly on "
+            f"{'this number' if len(keys) == 1 else 'these numbers'}; vary other keys"
         )

@@ -294,10 +294,10 @@ def refuse_link_sizes(mechanism: AnyMechanism, vary: Sequence[str]) -> None:
     keys = [variable.key for variable in variables if _is_link_size(variable)]
     if keys:
         raise DesignError(
-            f"{document.name}: {listing(keys)}: cannot be an argument of source code that "
-            "passes crossings, because with other sizes the curves cross at other inputs "
-            'or nowhere; leave crossings at "end", export source code for each design, or '
-            "export a page, which finds the crossings for the sizes set in it"
+            f"{document.name}: {listing(keys)}: cannot be an argument of source code with "
+            'crossings "pass", because with other sizes the curves cross at other inputs '
+            'or nowhere; choose crossings "end", export source code for each design, or '
+            "export a page, which finds the crossings itself"
         )
 
 

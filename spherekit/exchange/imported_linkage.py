@@ -303,8 +303,9 @@ class ImportedLinkage:
             max_distance = CENTRE_TOLERANCE * size
         centre = find_common_point(points, directions, max_distance)
         if centre is None:
+            axes = "both axes" if len(points) == 2 else f"all {len(points)} axes"
             raise FileError(
-                f"{self.where}: all {len(points)} axes are parallel: this is a planar "
+                f"{self.where}: {axes} are parallel: this is a planar "
                 "mechanism, but the axes of a spherical mechanism meet in one point"
             )
         distances = distances_to_lines(centre, points, directions)

@@ -85,9 +85,9 @@ def close_loops(
     if not is_closed:
         data.qpos[:] = file_pose
         raise FileError(
-            f"{path}: loops do not close near the pose of the file: "
-            f"{_list_gaps(mujoco, model, data)} (m or rad); give a pose in which they do, "
-            "by ref of the joints"
+            f"{path}: loops do not close near the pose of the file. Gaps (m or rad): "
+            f"{_list_gaps(mujoco, model, data)}. Correct the points or axes at which these "
+            "loops are closed"
         )
     largest_rotation = max_abs(data.qpos - file_pose)
     if largest_rotation <= NOTED_ROTATION_RAD:
@@ -165,7 +165,7 @@ def _list_gaps(mujoco: Any, model: Any, data: Any) -> str:
     ):
         name = element_name(model.eq(number), "equality", number)
         gap_by_name[name] = max(gap_by_name.get(name, 0.0), gap)
-    return listing(f"{name} by {gap:.3g}" for name, gap in gap_by_name.items())
+    return listing(f"{name} {gap:.3g}" for name, gap in gap_by_name.items())
 
 
 def element_name(element: Any, kind: str, number: int) -> str:

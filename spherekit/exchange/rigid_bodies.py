@@ -321,10 +321,10 @@ def _find_gear_equation(
     if noncircular_links:
         reason = f"the profile of link {noncircular_links[0]} is not a circle"
     raise ModelError(
-        f"{mechanism.name}: pairs.{pair.name}: cannot be written as bodies on hinges: "
-        f"{reason}. Possible are R pairs, circles that slide on each other, and rolling "
-        "circles that turn about their centres on one carrier at a constant ratio. Leave "
-        "the pair out of a copy of the file"
+        f"{mechanism.name}: pairs.{pair.name}: cannot be part of a MuJoCo model: {reason}. "
+        "Allowed: R pairs, circles that slide on each other, and rolling circles that turn "
+        "about their centres on one carrier at a constant ratio. Leave the pair out of a "
+        "copy of the file, and export the copy"
     )
 
 
@@ -355,7 +355,7 @@ def _choose_tree(mechanism: Mechanism, preferred_pairs: Iterable[str]) -> list[B
         )
         raise ModelError(
             f"{mechanism.name}: link {unreached_links} is connected by contacts only, but "
-            "bodies on hinges need a chain of R pairs from the ground to every link"
+            "a MuJoCo model needs a chain of R pairs from the ground to every link"
         )
     # Take the preferred pairs first, then the others. Two links with the same component
     # label are already joined, so a pair between them would close a loop.

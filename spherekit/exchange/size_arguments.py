@@ -108,10 +108,10 @@ def check_sizes_change_no_constants(varied: VariedMechanism) -> None:
             fixed_keys.append(variable.key)
     if fixed_keys:
         raise DesignError(
-            f"{mechanism.name}: {listing(fixed_keys)}: cannot be an argument. Formulas "
-            "contain profiles of contacts, and axes given by points, as fixed numbers, and "
-            "these depend on this key; export one file for each of its values, or use "
-            "other keys"
+            f"{mechanism.name}: {listing(fixed_keys)}: cannot be an argument, because "
+            f"{'this key changes' if len(fixed_keys) == 1 else 'these keys change'} "
+            "profiles of contacts or axes given by points, which the formulas contain as "
+            "fixed numbers; export one file for each of its values, or use other keys"
         )
 
 

@@ -177,13 +177,29 @@ def mechanism_from_document(document: Document) -> Mechanism:
         # Angles are now in rad. Actions are masses, loads and joint limits.
         return reader.add_actions(reader.mechanism())
     except ModelError as error:
-        message = str(error).removeprefix(f"{document.data['name']}: ")
-        path, message_after_key = _split_key_message(message)
-        # `document.fault` returns the error to raise: a `FileError` with the line of the
-        # path, or a `ModelError` if there is no text.
-        if path and path[0] in document.data:
-            raise document.fault(path, message_after_key) from None
-        raise document.fault((), message) from None
+        raise _locate(document, error, ()) from None
+
+
+def _locate(document: Document, error: ModelError, path: KeyPath) -> FileError | ModelError:
+    """Return the error to raise for an error of the model, with file, line and key.
+
+    The result is a `FileError` with the line of the key, or a `ModelError` if the document
+    has no text.
+
+    Parameters
+    ----------
+    document
+        The document.
+    error
+        The error of the model.
+    path
+        Path of the key, unless the message of the error begins with another key.
+    """
+    message = str(error).removeprefix(f"{document.data['name']}: ")
+    own_path, message_after_key = _split_key_message(message)
+    if own_path and own_path[0] in document.data:
+        return document.fault(own_path, message_after_key)
+    return document.fault(path, message)
 
 
 def _split_key_message(message: str) -> tuple[KeyPath, str]:
@@ -260,7 +276,7 @@ class _MechanismReader:
         try:
             return function(*arguments)
         except ModelError as error:
-            self.fail(path, str(error))
+            raise _locate(self.document, error, path) from None
 
     def mechanism(self) -> Mechanism:
         """Return the mechanism in the file, without masses, loads and joint limits.

@@ -1,6 +1,7 @@
 """Writes a mechanism as a TOML file of format 1, in canonical order."""
 
 import hashlib
+import re
 from collections.abc import Iterator, Mapping
 from itertools import zip_longest
 from typing import Any
@@ -60,20 +61,23 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
     try:
         read_back = loads(text, mechanism.name)
     except FileError as error:
-        raise OutputError(
-            f"{mechanism.name}: the written file could not be read again: {error}"
-        ) from None
+        # The text is not a file yet, so lines do not help: "small:17: inputs.a.to: ...".
+        location = rf"^{re.escape(mechanism.name)}(:\d+)?: "
+        message = re.sub(location, "", str(error), flags=re.MULTILINE)
+        raise OutputError(f"{mechanism.name}: cannot be written: {message}") from None
     # To prove that nothing is lost, the mechanism that was read back is written again. Both
     # texts must be equal.
     lines = text.split("\n")
     lines_read_back = canonical_text(read_back, angle_unit).split("\n")
     for line, line_read_back in zip_longest(lines, lines_read_back):
         if line != line_read_back:
+            # If a key is lost, the line that was read back belongs to the next key.
+            key, _, value_read_back = (line_read_back or "").partition(" = ")
+            has_same_key = bool(value_read_back) and (line or "").startswith(f"{key} = ")
+            change = f"would become {value_read_back}" if has_same_key else "would be lost"
             raise OutputError(
-                f"{mechanism.name}: {line or line_read_back} would change when the file "
-                "is read back; the format stores unit vectors, and for a profile only "
-                "the keys of "
-                "its kind"
+                f"{mechanism.name}: {line or line_read_back} {change} when the file is "
+                "read back; give unit vectors, and for a profile only the keys of its kind"
             )
     return text
 

@@ -245,12 +245,12 @@ def _explain_other_value(key: str, path_by_key: Mapping[str, KeyPath]) -> KeyPro
     """
     suggestion = nearest(key, path_by_key)  # "; did you mean ...?", or ""
     if not suggestion:
-        return KeyProblem(f'"{key}" is not a number.', prefix=key)
+        return KeyProblem(f'the value of "{key}" is not a number.', prefix=key)
     # A similar key may be the singular. For example, the list "links.2.arcs" with one
     # number has the keys "links.2.arcs.0" and "links.2.arc". To list the two keys, the
     # prefix is without the final s.
     prefix = key.removesuffix("s")
-    return KeyProblem(f'"{key}" is not the key of a number{suggestion}', prefix)
+    return KeyProblem(f'the value of "{key}" is not a number{suggestion}', prefix)
 
 
 def _explain_missing_part(reached: ReachedTable, missing_part: str) -> KeyProblem:

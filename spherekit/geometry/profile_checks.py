@@ -189,13 +189,15 @@ def check_no_self_intersection(path: SplinePath) -> None:
     if np.any(meets):
         # The panels of the first two arcs that meet.
         first = np.argmax(meets)
-        panels = sorted((i[first] // arcs_per_panel, j[first] // arcs_per_panel))
-        places = []
-        for panel in panels:
-            # The last panel leads back to the first point. Users count points from 1.
-            next_panel = (panel + 1) % panel_count
-            places.append(f"between points {panel + 1} and {next_panel + 1}")
-        raise ValueError(f"the closed curve meets itself: {' and '.join(places)}")
+        panels = sorted({i[first] // arcs_per_panel, j[first] // arcs_per_panel})
+        # The last panel leads back to the first point. Users count points from 1.
+        parts = [
+            f"the part between points {panel + 1} and {(panel + 1) % panel_count + 1}"
+            for panel in panels
+        ]
+        # A panel that meets itself is named once.
+        places = f"{parts[0]} meets {parts[1] if len(parts) > 1 else 'itself'}"
+        raise ValueError(f"the closed curve meets itself: {places}")
 
 
 def _sample_panels(path: SplinePath, samples_per_panel: int) -> Floats:

@@ -297,7 +297,9 @@ def sliding_rate_name(pair: str) -> str:
     return f"sliding_{pair}"
 
 
-def check_no_reaction_friction(mechanism: LoadedMechanism, which: str) -> None:
+def check_no_reaction_friction(
+    mechanism: LoadedMechanism, caller: str, alternative: str = ""
+) -> None:
     """Refuse a mechanism with friction that depends on reactions (forces in pairs).
 
     Callers cannot compute such friction, because they do not solve for reactions.
@@ -306,10 +308,12 @@ def check_no_reaction_friction(mechanism: LoadedMechanism, which: str) -> None:
     ----------
     mechanism
         The mechanism.
-    which
-        The part of the message that depends on the caller, such as "a page does not solve
-        for". The message is then "its friction depends on the reaction of pair 41, which a
-        page does not solve for; or set its coefficient to 0; or ...".
+    caller
+        What cannot compute the friction, such as "a page". The message is then "its
+        friction depends on the reaction of pair 41, which a page does not compute. Set
+        ...".
+    alternative
+        Another way to the result, which the message names first, if there is one.
 
     Raises
     ------
@@ -318,10 +322,10 @@ def check_no_reaction_friction(mechanism: LoadedMechanism, which: str) -> None:
     """
     for load in mechanism.loads:
         if isinstance(load, BearingFriction) and load.friction_coefficient > 0.0:
+            advice = f"{alternative}; or set" if alternative else "Set"
             raise ModelError(
                 f"{mechanism.name}: loads.{load.name}: its friction depends on the "
-                f"reaction of pair {load.pair}, which {which}; "
-                "or set its coefficient to 0; "
-                "or, at an R pair, use a load of kind friction instead, with a torque from "
-                "the analysis reactions"
+                f"reaction of pair {load.pair}, which {caller} does not compute. {advice} "
+                "the coefficient of this load to 0; or, at an R pair, use a load of kind "
+                "friction instead, with a torque from the analysis reactions"
             )

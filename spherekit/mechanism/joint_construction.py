@@ -194,7 +194,7 @@ def find_contact_lengths(
     if not gap < profile_gap:
         raise ModelError(
             f"{mechanism.name}: pairs.{pair.name}: the profiles do not touch in the "
-            f"reference pose: the nearest frames differ by {gap:.3g} rad; "
+            f"reference pose; to touch, one of them would have to turn by {gap:.3g} rad; "
             'move a profile, or set contact = "internal" or "external"'
         )
     return float(lengths[0]), float(lengths[1])

@@ -379,6 +379,12 @@ class TorqueTable(Load):
         last = self.times[-1]
         if self.periodic:
             t = first + np.mod(t - first, last - first)
+        elif not np.all(np.isfinite(t)):
+            invalid_time = np.min(t[~np.isfinite(t)])
+            raise ModelError(
+                f"loads.{self.name}: found the time {invalid_time:.6g} s, expected finite "
+                "times"
+            )
         elif not np.all((t >= first) & (t <= last)):
             raise ModelError(
                 f"loads.{self.name}: the load is needed from {np.min(t):.6g} to "

@@ -89,9 +89,11 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
     # A mechanism that declares no input gets a default one, which may be locked.
     declared = [item.pair for item in mechanism.inputs if not item.is_default]
     if declared and set(declared) <= set(pairs):
+        is_single = len(declared) == 1
         raise ModelError(
-            f"{mechanism.name}: lock: with the inputs {listing(declared)} locked, no link "
-            "can move; leave one of them free"
+            f"{mechanism.name}: lock: with {'input' if is_single else 'the inputs'} "
+            f"{listing(declared)} locked, no link can move; leave "
+            f"{'this input' if is_single else 'one of them'} free"
         )
     for name, value in pairs.items():
         pair = mechanism.pair(name)
@@ -115,7 +117,7 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
     value
         Value (rad) at which its variable is locked.
     """
-    message_start = f"{mechanism.name}: lock: pair {pair.name}"
+    message_start = f'{mechanism.name}: lock: pair "{pair.name}"'
     # Whether the reference pose of the mechanism can be kept.
     is_at_reference = _is_at_reference_value(mechanism, pair, value, message_start)
     kept_link, removed_link = _choose_kept_link(mechanism, pair)
@@ -446,7 +448,7 @@ def _is_at_reference_value(
         If the pair cannot be locked at this value.
     """
     if not pair.kind.has_axis:
-        raise ModelError(f"{message_start} is a contact; only R pairs can be locked")
+        raise ModelError(f"{message_start} is a contact pair; only R pairs can be locked")
     if not math.isfinite(value):
         raise ModelError(f"{message_start}: found {value}, expected a finite angle")
     for limit in mechanism.joint_limits:

@@ -649,12 +649,14 @@ def _check_names(where: str, mechanism: Mechanism) -> None:
     _check_name_list(where, "link", mechanism.links)
     _check_name_list(where, "pair", [pair.name for pair in mechanism.pairs])
     # Inputs, masses and joint limits have the name of their pair or link.
-    _check_name_list(where, "input at pair", mechanism.input_pairs)
+    advice = "remove one of them"
+    _check_name_list(where, "input at pair", mechanism.input_pairs, advice)
     _check_name_list(where, "output", [output.name for output in mechanism.outputs])
     _check_name_list(where, "load", [load.name for load in mechanism.loads])
-    _check_name_list(where, "mass of link", [mass.link for mass in mechanism.masses])
+    mass_links = [mass.link for mass in mechanism.masses]
+    _check_name_list(where, "mass of link", mass_links, advice)
     limited_pairs = [limit.pair for limit in mechanism.joint_limits]
-    _check_name_list(where, "joint limit of pair", limited_pairs)
+    _check_name_list(where, "joint limit of pair", limited_pairs, advice)
     _check_name_list(where, "mode", [*mechanism.modes])
 
     for reference in _name_references(mechanism):
@@ -671,7 +673,12 @@ def _check_names(where: str, mechanism: Mechanism) -> None:
             )
 
 
-def _check_name_list(where: str, what: str, names: Iterable[str]) -> None:
+def _check_name_list(
+    where: str,
+    what: str,
+    names: Iterable[str],
+    advice: str = "remove or rename one of them",
+) -> None:
     """Check that all names in a list have allowed characters, and that none occurs twice.
 
     Parameters
@@ -682,6 +689,8 @@ def _check_name_list(where: str, what: str, names: Iterable[str]) -> None:
         What has the names, for messages such as 'link "crank" is given twice'.
     names
         The names.
+    advice
+        What to do if a name occurs twice.
 
     Raises
     ------
@@ -695,9 +704,7 @@ def _check_name_list(where: str, what: str, names: Iterable[str]) -> None:
                 "(A-Z, a-z), digits and underscores as a name"
             )
         if times > 1:
-            raise ModelError(
-                f'{where}: {what} "{name}" is given twice; remove or rename one of them'
-            )
+            raise ModelError(f'{where}: {what} "{name}" is given twice; {advice}')
 
 
 class _NameReference(NamedTuple):

@@ -37,7 +37,7 @@ from spherekit.outputs.mid_plane_architecture import (
     PairAxis,
     axis_in,
 )
-from spherekit.wording import listing
+from spherekit.wording import counted, listing
 
 EQUAL_SIZE_RAD = 1e-9
 """Difference (rad) of arcs and axes below which they are taken to be meant equal.
@@ -86,7 +86,9 @@ def mid_plane_form(
     grounded = replace(mechanism, ground=declared_output.relative_to)
     for pair in grounded.pairs:
         if not pair.kind.has_axis:
-            raise _error(grounded, f"pair {pair.name} is a contact pair; only R pairs fit")
+            raise _error(
+                grounded, f'pair "{pair.name}" is a contact pair; only R pairs fit'
+            )
 
     # 2. Find legs and carriers in the graph of links.
     joints = make_joints(grounded)
@@ -106,8 +108,9 @@ def mid_plane_form(
     if len(held_legs) < 3 or len(held_legs) < len(legs):
         raise _error(
             grounded,
-            f"{len(held_legs)} of {len(legs)} legs with equal arcs have their elbows held "
-            "in one plane; all legs need this, and at least three are required",
+            f"found {counted(len(legs), 'leg')} of two links with equal arcs, and the "
+            f"middle axes of {len(held_legs)} are held in one plane; at least three legs "
+            "are needed, and the middle axes of all legs have to be held in one plane",
         )
     leg_links = {link for links in legs.values() for link in links}
     other_links = set(range(len(grounded.links))) - {0, effector} - leg_links - carriers

@@ -325,10 +325,11 @@ class PoseFinder:
         # true if the output takes a direction, false if it takes an orientation.
         takes_direction = kinematics.wrist.points
         if takes_direction != is_direction:
-            expected = "a direction" if takes_direction else "an orientation"
+            names = ("an orientation", "a direction")
             raise SolveError(
-                f"{self.mechanism.name}: outputs.{self.output.name} takes {expected}, or "
-                "inputs"
+                f"{self.mechanism.name}: outputs.{self.output.name}: found "
+                f"{names[is_direction]}, expected {names[takes_direction]}, or values of "
+                "the inputs"
             )
         solutions = kinematics.solutions(pose[None])
         if not len(solutions.row):

@@ -39,7 +39,7 @@ def driven_pairs(mechanism: Mechanism) -> tuple[int, ...]:
     for name in input_names:
         if not mechanism.pair(name).kind.has_axis:
             raise PlanError(
-                f"{mechanism.name}: inputs.{name}: pair {name} is a contact pair; choose "
+                f'{mechanism.name}: inputs.{name}: pair "{name}" is a contact pair; choose '
                 f"an R pair as input: {listing(revolute_pairs) or 'there is none'}"
             )
     # A mechanism without declared inputs has its first R pair as the default input. It has

@@ -80,6 +80,6 @@ class Execution:
                 raise AnalysisError(f"run: {name} must be at least 1, not {number}")
         if self.folder is None and self.unfinished != "refuse":
             raise AnalysisError(
-                "run: unfinished applies only to a run that writes to a folder; give a "
-                "folder, or leave unfinished out"
+                'run: the option "unfinished" applies only to a run that writes to a '
+                'folder; give the option "folder", or leave "unfinished" out'
             )

@@ -139,7 +139,8 @@ def run_study(
     """
     if study.start is None and execution.engine != "auto":
         raise AnalysisError(
-            "run: engine applies only to a simulation; give start, or leave engine out"
+            'run: the option "engine" applies only to a simulation; give the option '
+            '"start", or leave "engine" out'
         )
     timer = Timer()
     whole_mechanism = study.mechanism

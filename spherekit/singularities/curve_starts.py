@@ -144,8 +144,8 @@ class LocusPointSearch:
         if kind == "I" and output_condition.equation_count < input_count:
             raise AnalysisError(
                 f"{mechanism.name}: the direction of an output has two degrees of freedom, "
-                "but there are three inputs; leave out `pointing`, for the singularities "
-                "of type I of the orientation of the link"
+                "but there are three inputs; leave out `pointing` to get the singularities "
+                "of type I for the orientation of the link"
             )
         self.report = SingularityReport.for_output(solver, output_condition, kind)
         self.time_limit = time_limit or TimeLimit()

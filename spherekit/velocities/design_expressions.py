@@ -896,11 +896,10 @@ class DesignExpressions:
             torque = "eksergian.eksergian: abs(tau)"
         else:
             torque = f"dynamics.dynamics: abs(tau_{self.inputs[moving]})"
-        # The message is: "its friction depends on the reaction of pair 3, which a kernel of
-        # designs does not solve for; runs do: --reduce ...".
         check_no_reaction_friction(
             self.mechanism,
-            f'a kernel of designs does not solve for; runs do: --reduce "max({torque})"',
+            caller="the fast evaluation of designs",
+            alternative=f'Evaluate each design by a run: --reduce "max({torque})"',
         )
 
     def _angles(self) -> list[Expr]:

@@ -371,7 +371,7 @@ class PageMaker:
             return self._make_formulas([*self._requested_quantities, *needed_names])
         try:
             # This raises an error for such friction. The text is a part of its message.
-            check_no_reaction_friction(self._mechanism, "a page does not solve for")
+            check_no_reaction_friction(self._mechanism, "a page")
             names = self._page_quantities.default_names(with_torques=True)
             return self._make_formulas([*names, *needed_names])
         except SpherekitError as problem:
