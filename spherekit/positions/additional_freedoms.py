@@ -40,10 +40,10 @@ MAX_CLOSING_STEPS = 12
 def has_additional_freedoms(closure: Closure, values: Floats) -> bool:
     """Return whether a mechanism can move in several independent ways at a configuration.
 
-    Velocity equations cannot decide this. They allow several motions in two cases: the
-    configurations form a surface, or two curves of configurations cross. The mechanism is
-    therefore moved by small finite steps in several directions that these equations allow,
-    and its loops are closed again. On a surface this succeeds after every step. At a
+    Velocity equations cannot decide this, because they allow several motions in two cases:
+    the configurations form a surface, or two curves of configurations cross. The mechanism
+    is therefore moved by small finite steps in several directions that these equations
+    allow, and its loops are closed again. On a surface this succeeds after every step. At a
     crossing it fails after a step in a direction between the curves.
 
     Parameters

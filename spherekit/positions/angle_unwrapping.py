@@ -141,7 +141,7 @@ class UnwrappedStretch:
         (angles,) revolutions that the angles gain in one period.
     reference_revolutions
         (angles,) whole revolutions by which the angles of the curve exceed (-pi, pi] at the
-        reference input. They are subtracted from all revolutions of the curve.
+        reference input. These revolutions are subtracted from all revolutions of the curve.
     """
 
     curve: ModeCurve
@@ -476,7 +476,8 @@ class AngleUnwrapping:
         The anchor is the input of the reference pose. Angles of pairs are known up to full
         revolutions; at the anchor they are in (-pi, pi] by definition. If configurations
         repeat after a period of the input, the curve is followed over the period that
-        begins at the anchor. Otherwise it is followed over the anchor and `inputs`.
+        begins at the anchor. Without a period, the curve is followed over the anchor and
+        `inputs`.
 
         Parameters
         ----------
@@ -682,8 +683,8 @@ def continue_angles(
 ) -> Mapping[str, Floats]:
     """Return the variables of pairs over full revolutions at a block of samples.
 
-    Solutions give angles in (-pi, pi]. Here they become continuous functions of the inputs.
-    A sample is one value of the inputs.
+    Solutions give angles in (-pi, pi], which become continuous functions of the inputs. A
+    sample is one value of the inputs.
 
     Parameters
     ----------

@@ -172,10 +172,9 @@ def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
 def _find_phases_of_common_search(solver: PositionSolver) -> GearPhases | None:
     """Return how far wheels have rolled, if all groups have to be searched together.
 
-    Usually groups are searched one after another. But a wheel looks the same after each
-    revolution, so a search of a single group cannot tell how far it has rolled. If the
-    inputs determine all rolled lengths, these are prescribed in a search of the whole
-    mechanism.
+    A wheel looks the same after each revolution, so a search of a single group cannot tell
+    how far the wheel has rolled. If the inputs determine all rolled lengths, these are
+    prescribed in a search of the whole mechanism.
 
     Returns
     -------
@@ -199,7 +198,7 @@ def _combine_group_modes(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
     A group can close in several ways, its modes. Each mode of a group is combined with all
     modes of the groups after it.
     """
-    # One mode more than the limit is requested. It shows whether there are more modes than
+    # One mode more than the limit is requested, to see whether there are more modes than
     # the limit.
     placements, methods = enumerate_modes(solver, q[None], MAX_CONFIGURATIONS + 1)
     is_truncated = len(placements) > MAX_CONFIGURATIONS
@@ -578,7 +577,7 @@ def random_starts(
     start_low[driven] = low
     start_high[driven] = high
     # If there are wheels, the lengths that they have rolled (`rolled`) are computed from
-    # the inputs, so both stay fixed while the loops are closed.
+    # the inputs. Inputs and rolled lengths stay fixed while the loops are closed.
     rolled = [] if gear_phases is None else list(gear_phases.variables)
     keeps_inputs = gear_phases is not None or samples is not None
     fixed = driven + rolled if keeps_inputs else []

@@ -152,9 +152,8 @@ class Chords:
         """Return the chords that are near configurations, with the projections on them.
 
         A chord is the straight line between two successive nodes of the curve, in the space
-        of the variables. A chord is near if the distance of the configuration from the line
-        of the chord is small compared with the length of the chord, and the projection is
-        between its ends, up to rounding (`CHORD_OVERHANG`).
+        of the variables. A chord is near if the configuration is close to its line,
+        compared with the length of the chord, and the projection is between its ends.
 
         Parameters
         ----------
@@ -342,8 +341,8 @@ class ArcCurve(Chords):
 
         The curve is stored as nodes (points). The parameter u is the length along the
         chords (straight lines between successive nodes). The point of the curve at u is
-        beside the chord, in the plane normal to it. So the rate ds/du is the reciprocal of
-        the cosine of the angle between the tangent and the chord.
+        beside the chord, in the plane normal to it. The rate ds/du is therefore the
+        reciprocal of the cosine between tangent and chord.
 
         Raises
         ------
@@ -465,8 +464,8 @@ class ArcCurve(Chords):
     def dead_points(self, variable: int) -> Zeros:
         """Return all arc lengths s at which a pair variable v is stationary: dv/ds = 0.
 
-        There the pair stops for a moment. The result is empty if the variable is constant
-        along the whole curve.
+        At these places the pair stops for a moment. The result is empty if the variable is
+        constant along the whole curve.
         """
 
         def slope_and_bend(points: CurvePoints) -> tuple[Floats, Floats]:
@@ -544,7 +543,8 @@ class ArcCurve(Chords):
         # left out of the offsets of configurations from the start of their chord.
         projections = self.project(values, self.periods)
         # A configuration is on the curve if it is the point of the curve with the same
-        # projection. Both are compared by their offsets from the start of the chord.
+        # projection. Configuration and point are compared by their offsets from the start
+        # of the chord.
         curve_points = self._evaluate_on_chords(
             projections.chords, projections.distances_along
         )

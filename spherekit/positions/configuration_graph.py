@@ -70,8 +70,8 @@ tried."""
 class DeterminantSigns:
     """Signs of the closure Jacobians of m configurations, with the inputs locked.
 
-    The sign changes only at singular configurations, where assembly modes meet. It helps to
-    tell modes apart.
+    The sign changes only at singular configurations, where assembly modes meet, so it helps
+    to tell modes apart.
 
     Attributes
     ----------
@@ -223,8 +223,8 @@ class ConfigurationGraph:
     Joined configurations belong to the same assembly mode (one way to assemble the links).
     Each configuration is a node. Nodes are numbered 0 to k - 1 as they are added. A
     direction is a row of `InputGrid.neighbours`: 2 a leads to the next sample along axis a
-    (an input), and 2 a + 1 to the previous one. So ``direction ^ 1`` is the opposite
-    direction.
+    (an input), and 2 a + 1 to the previous one. The opposite direction is ``direction ^
+    1``.
 
     Parameters
     ----------
@@ -570,7 +570,7 @@ class ConfigurationGraph:
         move to the next sample along an axis. A piece is a set of joined nodes with at most
         one node per sample. Pieces are united, and become the assembly modes in the end.
 
-        First, paths along the last axis of the grid make long pieces. Then paths are
+        First, paths along the last axis of the grid make long pieces. After this, paths are
         followed along the other axes, a few from each piece at first. One path is often
         enough to join two long pieces. A path joins two nodes whichever of them it starts
         from. In the first rounds, paths are therefore followed in only one of the two
@@ -720,8 +720,8 @@ class ConfigurationGraph:
         # The samples to which the paths lead, and the block of each.
         target = self._neighbours[direction][self.sample[starts]]
         # Samples are numbered with the last axis running fastest, so the samples of a block
-        # have successive numbers. In a grid of 3 x 5 samples, for example, the blocks of
-        # axis 0 are the samples 0 to 4, 5 to 9, and 10 to 14.
+        # have successive numbers. In a grid of 3 x 5 samples, for example, the first block
+        # of axis 0 has the samples 0 to 4.
         axis = direction // 2
         samples_per_block = int(np.prod(self.input_grid.shape[axis + 1 :], dtype=np.intp))
         block = target // samples_per_block
@@ -948,7 +948,7 @@ class ConfigurationGraph:
 def _number_within_groups(*keys: Indices) -> Indices:
     """Return the index (m,) of each element within its group, from 0.
 
-    Elements that are equal in all `keys` (m,) form a group. They are numbered in their
+    Elements that are equal in all `keys` (m,) form a group, and are numbered in their
     order. Keys are numbers from 0. For example, the key [5, 3, 5, 5] gives the numbers [0,
     0, 1, 2].
     """

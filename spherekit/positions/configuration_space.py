@@ -577,10 +577,10 @@ class _CurveSearch:
         """Follow the curves of all modes between the inputs at which modes meet.
 
         An assembly mode ends where it meets another one, at a turning point of the input.
-        Between two turning points the number of modes is constant. It is therefore enough
-        to compute all modes at one input between them, and to follow the curve through
-        each. Where turning points may have been missed, modes are computed at several
-        inputs, `PROBE_STEP_RAD` apart.
+        Between two turning points the number of modes is constant. All modes are therefore
+        computed at one input between them, and the curve through each is followed. Where
+        turning points may have been missed, modes are computed at several inputs,
+        `PROBE_STEP_RAD` apart.
 
         Parameters
         ----------

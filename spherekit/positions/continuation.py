@@ -154,8 +154,8 @@ class CurveContinuation(ABC, Generic[Node]):
 
         Returns
         -------
-        For each step its end, whether it passed all tests, and the change of the Jacobian
-        of the curve in the step, as a fraction of a change that could make it singular.
+        For each step its end, whether it passed all tests, and the relative change of the
+        Jacobian of the curve in the step.
         """
 
     @abstractmethod
@@ -388,9 +388,8 @@ class CurveContinuation(ABC, Generic[Node]):
         closes &= miss <= self.step_tests.correction * steps
         # The curve must pass its start in the same direction as it began.
         closes &= np.vecdot(starts.tangents, nodes.tangents) >= MIN_LAP_COSINE
-        # If the start is practically the last node, the curve is closed without a step.
-        # Otherwise a step up to the start is tried. This step must be verified and end at
-        # the start.
+        # If the start is practically the last node, the curve is closed without a step. If
+        # not, a step up to the start is tried, which must be verified and end at the start.
         needs_step = np.abs(distances) > NEAR_END_RAD
         closes &= needs_step | (miss <= self.same_point_rad)
         last_steps = np.flatnonzero(closes & needs_step)

@@ -134,7 +134,7 @@ class _ArcNodes(CurvePoints):
         # equations can make it non-square, so its left inverse is used.
         equations = bordered(linearisation.jacobian[chosen], points.tangents)
         inverse = left_inverse(equations)
-        # Margins, and their derivatives with respect to the variables. Those of contacts
+        # Margins, and their derivatives with respect to the variables. Margins of contacts
         # depend on the curvatures of the profiles.
         margins, gradients = limits.margins(
             points.values,
@@ -242,7 +242,7 @@ def _follow_both_senses(
 ) -> list[ArcCurve]:
     """Follow the configuration curves through nodes, until they close or end.
 
-    All curves are first followed along their tangents. Those that do not close are then
+    All curves are first followed along their tangents. Curves that do not close are
     followed from the same nodes in the opposite sense, and both parts are joined. A node is
     a computed point of a curve, with the linearised equations there and the distances from
     limits. A `plain` node is the point without these data.
@@ -598,7 +598,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
 
         Returns
         -------
-        (1, variables) configuration (rad). It need not be on the same curve.
+        (1, variables) configuration (rad), which may be on another curve.
         """
         # Take the values of locked variables of this curve.
         closure = self.closure.select_rows(row)
@@ -623,9 +623,9 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         """End a curve that no step continues from its last node, and set a status.
 
         A limit is a bound of a variable, or equal curvatures of two profiles in contact. If
-        the node is near a limit, the curve gets the status of the limit. Otherwise, if the
-        equations are nearly singular, another curve crosses there. In all other cases the
-        curve is lost.
+        the node is near a limit, the curve gets the status of the limit. At other nodes,
+        nearly singular equations mean that another curve crosses there. In all other cases
+        the curve is lost.
         """
         reciprocal_condition = self.last_nodes.reciprocal_condition[row]
         is_near_crossing = reciprocal_condition < END_AT_SINGULARITY_CONDITION

@@ -79,7 +79,7 @@ SAME_POINT_RATIO = 1e-6
 class Crossing(NamedTuple):
     """A configuration in which several configuration curves cross.
 
-    There the closure equations lose rank: their Jacobian allows several independent
+    At a crossing the closure equations lose rank: their Jacobian allows several independent
     motions.
 
     Attributes

@@ -26,7 +26,7 @@ class VariableBound(NamedTuple):
     sense
         1 if the variable must be greater than the bound, -1 if it must be less.
     status
-        Status of configurations beyond the bound. It says why they are left out.
+        Status that says why configurations beyond the bound are left out.
     """
 
     variable: int

@@ -433,7 +433,7 @@ class _FoldModel:
             other_error = np.zeros_like(gap)
             is_valid = np.ones(len(gap), dtype=bool)
             for side in (1.0, -1.0):
-                # Move to the end of the bound. There the residual along u must agree with
+                # Move to the end of the bound, where the residual along u must agree with
                 # f.
                 x = side * reach
                 residual, other_change = self._move_along_fold(closure, x)

@@ -182,7 +182,7 @@ def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
     Returns
     -------
     The length itself, and lengths that differ from it by revolutions of the first wheel or
-    of the second wheel. They cover the range from minus to plus half of the longer
+    of the second wheel. The lengths cover the range from minus to plus half of the longer
     circumference, with a few beyond. The smallest absolute values come first, at most
     `MAX_LENGTHS_PER_CONTACT`.
     """

@@ -52,9 +52,9 @@ def _equalise_directions(jacobians: Floats) -> Floats:
 
     Each column of a Jacobian consists of vectors in space, one for each loop. If the axes
     of the pairs are close together, all these vectors have nearly one direction. The
-    Jacobian is then ill-conditioned. Therefore the components of the vectors along their
-    common direction are divided by their size in this direction, and the components across
-    it by their size there. The rank does not change.
+    Jacobian is then ill-conditioned. The components of the vectors along their common
+    direction are therefore divided by their size in this direction. The components across
+    the direction are divided by their size across. The rank does not change.
     """
     # Axes of `loops`: sample, loop, component of the vector, variable.
     n, rows, variable_count = jacobians.shape

@@ -196,8 +196,8 @@ def _try_steps(
 ) -> _InputSteps:
     """Try one step on each of k paths.
 
-    A step is a prediction by Taylor's formula and a correction by Newton's method. It is
-    verified if it passed these tests, which show that it has not left its path:
+    A step is a prediction by Taylor's formula and a correction by Newton's method. A step
+    is verified if it passed these tests, which show that it has not left its path:
 
     - The correction is small compared with the predicted move, and converges.
     - The determinant with locked inputs keeps its sign, so no singularity is passed.

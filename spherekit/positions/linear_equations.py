@@ -31,7 +31,7 @@ def condition_numbers(matrices: Floats) -> Floats:
 def left_inverse(matrices: Floats) -> Floats:
     """Return left inverses B (n, columns, rows) of matrices A (n, rows, columns): B A = 1.
 
-    With more rows than columns, B is the pseudoinverse. Then x = B b is the least-squares
+    With more rows than columns, B is the pseudoinverse, and x = B b is the least-squares
     solution of A x = b.
 
     Returns
@@ -86,7 +86,7 @@ def solve_least_norm(matrices: Floats, right_sides: Floats) -> Floats:
     (n, columns) solutions x. The solutions are very large if a matrix is nearly singular.
     """
     # `solve` is fastest, but fails if the matrices are not square or one of the n is
-    # singular. Then the pseudoinverse is used for all n.
+    # singular. After a failure, the pseudoinverse is used for all n.
     try:
         return np.asarray(np.linalg.solve(matrices, right_sides[..., None])[..., 0])
     except np.linalg.LinAlgError:

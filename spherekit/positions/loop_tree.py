@@ -88,8 +88,8 @@ class LoopTree:
         """(bodies, variables) signs with which variables turn a body relative to body 0.
 
         The sign is +1 if the path in the tree from body 0 to the body passes the pair of
-        the variable from its first to its second body. It is -1 in the opposite sense, and
-        0 if the path does not pass the pair.
+        the variable from its first to its second body. The sign is -1 in the opposite
+        sense, and 0 if the path does not pass the pair.
         """
         return self._pair_paths[:, list(self.pair_of_variable)]
 

@@ -55,8 +55,8 @@ def make_mode_coalescence(
 
     Each group (links that are placed together) has one function: the product of the
     determinants of its equations in all real and complex modes. Before two modes meet, both
-    are real, and their determinants have opposite signs. So their product is negative.
-    Behind the meeting both modes are conjugate complex, and their product is positive.
+    are real, and their determinants have opposite signs and a negative product. Behind the
+    meeting both modes are conjugate complex, and their product is positive.
 
     The functions exist for mechanisms with one input. The groups must be trains of wheels,
     dyads (two links), triads (four links), or a single group of three loops.
@@ -126,7 +126,7 @@ class OrderTrial:
     """An elimination order of a group, with the determinants that it gives at test inputs.
 
     A group consists of links that are placed together by equations for unknown angles.
-    Elimination can fail in some orders. Then some determinants are NaN.
+    Elimination can fail in some orders, which gives determinants that are NaN.
 
     Attributes
     ----------
@@ -335,7 +335,8 @@ class ModeCoalescence:
 
         A group is a set of bodies that are placed together. A mode is one real or complex
         solution of its equations. The determinant is formed from the derivatives of the
-        equations with respect to the unknown angles. It is zero where two modes meet.
+        equations with respect to the unknown angles. The determinant is zero where two
+        modes meet.
 
         Groups that are placed earlier have modes, too. The groups in `combined_groups` are
         placed in all their modes, other earlier groups in their first mode only. The
@@ -526,9 +527,9 @@ def measure_complex_angles(first_frames: Complexes, second_frames: Complexes) ->
     """Return the complex angles about the z axis that turn first frames into second frames.
 
     Complex angles occur in complex solutions of the closure equations. With the axes x and
-    y of the first frame, the second x axis is x2 = x cos(angle) + y sin(angle). So x . x2 +
-    i y . x2 = exp(i angle). This also holds for complex angles, if the scalar products have
-    no conjugation.
+    y of the first frame, the second x axis is x2 = x cos(angle) + y sin(angle). Therefore x
+    . x2 + i y . x2 = exp(i angle). This also holds for complex angles, if the scalar
+    products have no conjugation.
 
     Parameters
     ----------

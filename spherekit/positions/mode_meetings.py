@@ -295,7 +295,7 @@ def _compare_modes(
 
     Returns
     -------
-    The meeting. It is resolved if the best continuation of every mode that meets is much
+    The meeting, which is resolved if the best continuation of every mode that meets is much
     better than all others, in both directions.
     """
     q = float(np.mean([crossing.values[solver.input_variable] for crossing in crossings]))
@@ -332,7 +332,7 @@ def _compare_modes(
         # Modes that coincide with the best one above cannot be told apart and are left out.
         other_misses = misses[row, ~coincides_above[best]]
         is_clear = not np.any(misses[row, best] > MAX_MISS_RATIO * other_misses)
-        # The best mode above must in turn be continued, downwards, by this mode.
+        # Downwards, the best mode above must be continued by this mode.
         is_clear &= coincides_below[row, np.nanargmin(misses[:, best])]
         resolved &= bool(is_clear)
         if best != row:

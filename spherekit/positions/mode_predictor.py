@@ -276,8 +276,8 @@ def _follow_from_dead_centre(
     # key is the rounded difference from the dead centre.
     sorted_points = sorted(points, key=lambda point: tuple(np.round(values - point, 6)))
     # The last start is the dead centre itself. Its derivatives with respect to the input
-    # are infinite or inaccurate, so its curve is the result only if no other one reaches
-    # the dead centre.
+    # are inaccurate, so its curve is the result only if no other curve reaches the dead
+    # centre.
     starts = _evaluate_nodes(closure, driven, np.array([*sorted_points, values]))
     curves = _follow_from_nodes(closure, driven, starts=starts, low=low, high=high)
     # The result states how many steps were tried on all these curves.

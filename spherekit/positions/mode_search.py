@@ -118,8 +118,8 @@ class ModeSearch:
         An assembly mode is one way to assemble the mechanism. The links are placed in
         groups. A dyad (two links) closes in two ways, told apart by its sign (1 or -1). A
         train of wheels closes in one way, with the sign 0. If there are no other groups, a
-        mode is a combination of signs (closed form). Otherwise modes are followed by
-        Newton's method.
+        mode is a combination of signs (closed form). With other groups, modes are followed
+        by Newton's method.
 
         Parameters
         ----------
@@ -296,7 +296,7 @@ class ModeSearch:
         Parameters
         ----------
         q
-            (k, inputs) values of the inputs (rad). They are examined in portions.
+            (k, inputs) values of the inputs (rad), which are examined in portions.
 
         Returns
         -------
@@ -397,8 +397,8 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
     The message names the group of links that probably cannot close. The groups are placed
     one after another. The first groups are often dyads (two links joined by a pair), which
     can be placed in two ways. If one of them closes at no sample after any placement of the
-    earlier dyads, the message names this dyad. Otherwise all groups are tried at a few
-    samples, and the message names the last group that is reached.
+    earlier dyads, the message names this dyad. If all these dyads close, all groups are
+    tried at a few samples, and the message names the last group that is reached.
     """
     name = solver.mechanism.name
     inputs = solver.mechanism.names_of(solver.assembly.inputs)

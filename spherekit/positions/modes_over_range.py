@@ -171,7 +171,7 @@ class ModesOverRange:
         # Degrees of freedom at each start, from the rank of the velocity equations. Only
         # filled with redundant constraints, where counting links and pairs is wrong.
         self._mobilities: list[int] = []
-        # Number of steps along the curves of modes so far. It is limited.
+        # Number of steps along the curves of modes so far, which is limited.
         self._steps_along_modes = 0
         # Number of modes that `_follow_modes_beyond_their_ends` has treated, from the first
         # on.
@@ -200,8 +200,8 @@ class ModesOverRange:
     def _has_enough_modes(self) -> bool:
         """Whether the search stops following further assembly modes.
 
-        It stops if there are `MAX_ASSEMBLY_MODES`, or if the modes so far have taken too
-        many steps, so that the search would take too long.
+        The search stops if there are `MAX_ASSEMBLY_MODES`, or if the modes so far have
+        taken too many steps.
         """
         count = len(self.assembly_modes)
         has_taken_long = self._steps_along_modes > MAX_STEPS_ALONG_MODES
@@ -315,9 +315,9 @@ class ModesOverRange:
         # First list: in which of its two ways a dyad (two links) closes, 1 or -1. The
         # program places the dyad by this sign. Other groups have 0.
         dyad_signs = signs_at(self.solver, middle_values)
-        # Second list: the sign of the determinant of each group, dyads included. It serves
-        # to recognise configurations that have left the mode. `least=0.0` asks for the sign
-        # even of a small determinant.
+        # Second list: the sign of the determinant of each group, dyads included. This sign
+        # serves to recognise configurations that have left the mode. `least=0.0` asks for
+        # the sign even of a small determinant.
         (determinant_signs,) = group_signs(self.solver, middle_values[None], least=0.0)
         self.assembly_modes.append(
             AssemblyMode(
@@ -367,8 +367,8 @@ class ModesOverRange:
 
         An assembly mode is one way to assemble the mechanism. The modes are added to
         `assembly_modes`. The attribute `methods` says how each group of links is solved:
-        dyads (two links) in closed form, the others by random starts unless another method
-        was stored before.
+        dyads (two links) in closed form, other groups by random starts unless another
+        method was stored before.
         """
         methods: list[SolutionMethod | None] = []
         for group, method in zip(self.groups, self.methods, strict=True):
@@ -516,9 +516,9 @@ class ModesOverRange:
 
         Returns
         -------
-        (n,) index of the component of each configuration. It is -1 for a configuration
-        without a mode: it cannot move, its curve is outside the range, or there are enough
-        modes.
+        (n,) index of the component of each configuration. The index is -1 for a
+        configuration without a mode: it cannot move, its curve is outside the range, or
+        there are enough modes.
         """
         components = self._find_components(values, first_mode=0)
         (waiting_rows,) = np.nonzero(components < 0)

@@ -210,7 +210,7 @@ class SampledModes:
         sample. The result is None if the mode of the reference pose is not known. The
         attribute `claim` is set: how complete the modes are.
 
-        If possible, all configurations at all samples are computed (enumerated). Otherwise
+        If possible, all configurations at all samples are computed (enumerated). If not,
         modes are searched, first from the reference pose, then from random starts.
         """
         if self._can_enumerate:
@@ -244,8 +244,7 @@ class SampledModes:
         if not can_enumerate(solver) or has_redundant_equations or has_free_wheels:
             return False
         # Try a few samples; one success is enough. Elimination fails at every sample if
-        # both axes of a link coincide (arc of 0 or 180 deg), because the link can then
-        # rotate freely.
+        # both axes of a link coincide (arc of 0 or 180 deg).
         rows = spread_rows(len(self.input_grid), MAX_SEARCHED_SAMPLES)
         tried_configurations = enumerate_configurations(solver, self.input_grid.q[rows])
         return bool(np.any(tried_configurations.is_complete))
@@ -463,7 +462,7 @@ class SampledModes:
     def _is_sheet_limit_reached(self) -> bool:
         """Whether the search must end because `MAX_ASSEMBLY_MODES` sheets were followed.
 
-        A sheet is the set of configurations that verified steps reach from one start, so it
+        A sheet is the set of configurations that verified steps reach from one start, and
         is an assembly mode or a part of one.
         """
         return self._solutions.sheet_count >= MAX_ASSEMBLY_MODES
@@ -480,7 +479,7 @@ class SampledModes:
         steps reach from the start, at most one at each sample of the inputs.
         """
         # `gear_phases` has the lengths that wheels have rolled on each other, as functions
-        # of the inputs. It is None for a mechanism without wheels.
+        # of the inputs, and is None for a mechanism without wheels.
         gear_phases = self.solver.gear_phases
         if gear_phases is not None and not gear_phases.all_known:
             # Free wheels: the inputs do not determine how far they have rolled.

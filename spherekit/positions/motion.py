@@ -185,8 +185,9 @@ class Motion(ArrayRows):
         """(n,) condition number in the 2-norm of the closure Jacobian with locked inputs.
 
         The number grows without limit near singularities of type II, where the mechanism
-        can move with locked inputs. It is infinite if the loops do not determine the
-        passive variables (not inputs). It is 1 without loops, and NaN in failed rows.
+        can move with locked inputs. The number is infinite if the loops do not determine
+        the passive variables (not inputs). The number is 1 without loops, and NaN in failed
+        rows.
         """
         return condition_numbers(self.passive_jacobian)
 
@@ -260,8 +261,8 @@ class Motion(ArrayRows):
         """(n,) bounds (rad) of the errors of the variables.
 
         This is the `kantorovich_error` (from the theorem on Newton's method) if it is
-        finite. Near dead centres it is the `singular_error`. It is NaN in failed rows and
-        in rows that were not solved.
+        finite. Near dead centres the bound is the `singular_error`. The bound is NaN in
+        failed rows and in rows that were not solved.
         """
         if self.singular_error is None:
             return self.kantorovich_error

@@ -28,7 +28,7 @@ def position_analysis_of(
     """Return the position analysis of a mechanism over the ranges of its inputs.
 
     The analysis finds the assembly modes (ways to assemble the mechanism), which takes
-    long. So the results for the last few geometries are stored and used again.
+    long. The results for the last few geometries are therefore stored and used again.
 
     Parameters
     ----------
@@ -59,9 +59,9 @@ def assembly_by_count_or_rank(mechanism: Mechanism) -> Assembly:
     """Return the groups of links of a mechanism, in the order in which they are placed.
 
     A group is a set of links that are placed together by closing their loops. Counting
-    links and pairs gives too few degrees of freedom if constraints are redundant. Then
-    closed configurations are searched, and the rank of their velocity equations counts
-    instead.
+    links and pairs gives too few degrees of freedom if constraints are redundant. In this
+    case closed configurations are searched, and the rank of their velocity equations
+    counts.
 
     Raises
     ------

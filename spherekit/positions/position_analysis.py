@@ -149,9 +149,9 @@ class PositionAnalysis:
             self.mechanism, samples, wants_grid=grid, path=path
         )
         # The mobility is first counted on the graph of links and pairs. Constraints that
-        # repeat each other make this count too small. Then the rank of the velocity
-        # equations at the configurations decides.
-        # `by_rank` tells `_search_modes` which of the two to use.
+        # repeat each other make this count too small. If the count fails, the rank of the
+        # velocity equations at the configurations decides. `by_rank` tells `_search_modes`
+        # which of the two to use.
         self.by_rank = False
         try:
             self.assembly_modes = self._search_modes(search)
@@ -209,10 +209,10 @@ class PositionAnalysis:
         """Plan how the links are placed, then search the assembly modes and return them.
 
         An assembly mode is one way to assemble the mechanism. The plan lists groups of
-        links in the order in which they are placed. It requires as many inputs as degrees
-        of freedom. These are counted from the numbers of links and pairs. With `by_rank`,
-        they follow from the rank of the velocity equations. If `_follow` is false, only the
-        plan is computed.
+        links in the order in which they are placed. The plan requires as many inputs as
+        degrees of freedom. The degrees of freedom are counted from the numbers of links and
+        pairs, or with `by_rank` follow from the rank of the velocity equations. If
+        `_follow` is false, only the plan is computed.
 
         Parameters
         ----------
@@ -253,7 +253,7 @@ class PositionAnalysis:
         meetings, curves cross. Modes can continue there in two ways:
 
         - The modes known so far (`_modes_with_constant_signs`) keep the signs of their
-          dyads (groups of two links). They change to the other smooth curve.
+          dyads (groups of two links). These modes change to the other smooth curve.
         - The new modes stay on their smooth curve, and their signs change.
 
         The new modes need numbers. A new mode gets the number of the known mode that is on
@@ -304,8 +304,8 @@ class PositionAnalysis:
 
         An assembly mode is one way to assemble the links. The crossings are known for
         mechanisms with one input in two cases. Either all groups of links are dyads (two
-        links joined by a pair), triads (six pairs in two loops) or trains of wheels. Or
-        there is one group of seven bodies. Otherwise the result is empty.
+        links joined by a pair), triads (six pairs in two loops) or trains of wheels, or
+        there is one group of seven bodies. In other cases the result is empty.
         """
         if not self._follow or len(self.inputs) != 1:
             return ()

@@ -193,8 +193,8 @@ class PositionSolver:
     def shift_inputs(self, values: Floats, q: Floats) -> Floats:
         """Return the same configurations at inputs that are whole periods away.
 
-        A period of an input is the change after which all orientations repeat. It is one
-        revolution, or several if wheels roll on each other.
+        A period of an input is the change after which all orientations repeat. A period is
+        one revolution, or several if wheels roll on each other.
 
         Parameters
         ----------
@@ -251,8 +251,8 @@ class PositionSolver:
     def wheel_trains(self) -> frozenset[int]:
         """Positions, in solving order, of the groups of bodies that are trains of wheels.
 
-        A group is a set of bodies that are placed together. It is a train of wheels if two
-        conditions are met:
+        A group is a set of bodies that are placed together. The group is a train of wheels
+        if two conditions are met:
 
         - Gear ratios give the angles of enough revolute pairs to place all bodies.
         - It has contacts, and all of them are rolling contacts of the gear train.
@@ -607,10 +607,10 @@ class PositionSolver:
     ) -> Bools:
         """Move samples just behind the end of an assembly mode back to its last node.
 
-        With one input, a mode is a curve of verified configurations, its nodes. It ends at
-        a dead centre, where the input reverses. The last node is a little before the dead
-        centre, at most `LAST_NODE_DISTANCE_RAD`. A sample between the last node and the
-        dead centre is not out of reach, and gets the configuration of the node.
+        With one input, a mode is a curve of verified configurations, its nodes. The curve
+        ends at a dead centre, where the input reverses. The last node is a little before
+        the dead centre, at most `LAST_NODE_DISTANCE_RAD`. A sample between the last node
+        and the dead centre is not out of reach, and gets the configuration of the node.
 
         Parameters
         ----------
@@ -651,9 +651,9 @@ class PositionSolver:
 
         In float64, angles lose half their digits with each group that is at its dead
         centre. Mechanisms of R pairs are therefore placed in quad precision (33 digits).
-        Contacts and loops with redundant equations stay in float64. So do samples of status
-        OK for which the quad placement has no useful error bound. Angles that are not known
-        to `MAX_SINGULAR_ANGLE_ERROR_RAD` are set to NaN.
+        Contacts and loops with redundant equations stay in float64. Samples of status OK
+        stay in float64 if the quad placement has no useful error bound. Angles that are not
+        known to `MAX_SINGULAR_ANGLE_ERROR_RAD` are set to NaN.
 
         Parameters
         ----------

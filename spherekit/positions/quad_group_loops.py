@@ -119,7 +119,8 @@ class GroupFold:
     curvature
         (n,) coefficient h (1/rad) of the quadratic function f.
     is_known
-        (n,) whether there is one fold nearby. Otherwise the other numbers have no meaning.
+        (n,) whether there is one fold nearby. Without a fold, the other numbers have no
+        meaning.
     """
 
     values: Array
@@ -202,7 +203,7 @@ class GroupLoops:
         method.
         """
         # For each pair: the first frame, rotated by the angle of the pair, in the axes of
-        # the first body. It coincides with the second frame in space.
+        # the first body. The rotated frame coincides with the second frame in space.
         rotated_frames = [
             multiply_matrices(frames.in_first_body, rotate_about_z(values[:, k]))
             for k, frames in enumerate(self.pair_frames)
@@ -265,10 +266,10 @@ class GroupLoops:
     ) -> Array:
         """Return the rotation vectors (n, 3) in rad by which one loop is open.
 
-        A chord is a pair that closes a loop. It has a frame in each of the two bodies that
-        it joins. The frame in the first body, rotated by the angle of the pair, coincides
-        with the frame in the second body if the loop is closed. The rotation vector leads
-        from the latter frame to the rotated one.
+        A chord is a pair that closes a loop, with a frame in each of the two bodies that it
+        joins. The frame in the first body, rotated by the angle of the pair, coincides with
+        the frame in the second body if the loop is closed. The rotation vector leads from
+        the latter frame to the rotated one.
 
         Parameters
         ----------
@@ -345,11 +346,10 @@ class GroupLoops:
 
         At a fold two configurations of a group of bodies meet. v and u are the right and
         left singular vectors of the smallest singular value s of the Jacobian. If the
-        variables move by x along v, the loops are open along u by
-        f(x) = e + s x + h x^2 / 2. At the fold the slope s is zero, and the loops close in
-        all directions but u. Newton's method solves both conditions. Its step along v is
-        -s / h. The rest e along u is part of the result. It decides whether the group
-        closes near the fold.
+        variables move by x along v, the loops are open along u by f(x) = e + s x + h x^2 /
+        2. At the fold the slope s is zero, and the loops close in all directions but u.
+        Newton's method solves both conditions. Its step along v is -s / h. The rest e along
+        u is part of the result, and decides whether the group closes near the fold.
 
         The Jacobian and its singular vectors are computed in float64. Their errors only
         slow Newton's method down. Only the residual needs quad precision.

@@ -469,8 +469,9 @@ class QuadAssembly:
         start = starts[:, group_variables].astype(quad())
         fold = loops.find_fold(start)
         # Bound of the angle by which the errors of earlier bodies, and the rounding of the
-        # inputs, open the loops: the sum over all pairs and inputs in each of the three
-        # components of a loop, and the root of the sum of squares over the components.
+        # inputs, open the loops. In each of the three components of a loop, the errors of
+        # all pairs and inputs are added. Over the components, the root of the sum of
+        # squares is taken.
         loop_scale = np.sqrt(3.0 * group.loops)
         tolerance = loop_scale * (
             len(group.pairs) * bodies.error + len(self.assembly.inputs) * bodies.rounding
@@ -569,10 +570,10 @@ def _dyad_error(error: Floats, triple: Floats, sines: Sequence[Floats]) -> Float
 def _regular_angle_error(error: Floats, triple: Floats) -> Floats:
     """Return a bound (n,) of the error of the angles of a dyad that is not flat.
 
-    A dyad consists of two links joined by a pair. It has three axes, which have errors of
-    up to `error` (n,). The angles then have errors of up to `error` over the determinant of
-    the velocity equations, `triple` (n,). This is the triple product of the axes. The
-    product is 0 at the dead centre, where the dyad is flat and the bound is infinite.
+    A dyad consists of two links joined by a pair. Its three axes have errors of up to
+    `error` (n,). The angles then have errors of up to `error` over the determinant of the
+    velocity equations, `triple` (n,). This is the triple product of the axes. The product
+    is 0 at the dead centre, where the dyad is flat and the bound is infinite.
     """
     return np.where(triple > 0.0, error / triple, np.inf)
 

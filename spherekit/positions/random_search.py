@@ -84,9 +84,9 @@ class SearchStatistics:
     """Counts how often random starts led to each of the solutions that were found.
 
     The counts tell when the search can end: once every solution was found often, few can be
-    missing. Solutions are, for example, closed configurations. They are numbered from 0 in
-    the order in which they were found. A round is `STARTS_PER_ROUND` starts, which are
-    tried together.
+    missing. Solutions, for example closed configurations, are numbered from 0 in the order
+    in which they were found. A round is `STARTS_PER_ROUND` starts, which are tried
+    together.
 
     Attributes
     ----------
@@ -432,7 +432,7 @@ class DistinctConfigurations:
         # True as soon as a new configuration is left out because there are too many.
         self.is_truncated = False
         self._configurations: list[ClosedConfiguration] = []
-        # Lengths by which wheels have rolled on each other. They show which configurations
+        # Lengths by which wheels have rolled on each other, to find configurations that
         # differ only by whole revolutions of wheels. The circumference of a profile is the
         # length of a revolution. `wheels` are the bodies that have these profiles.
         ends = closure.tree.ends
@@ -583,7 +583,8 @@ class DistinctConfigurations:
         if any(self._joint_counts[wheel] > 2 for wheel in turned_wheels):
             return False
         # All bodies except turned wheels must have the same orientations relative to each
-        # other. They are compared relative to the repeated wheel of the last contact.
+        # other. The orientations are compared relative to the repeated wheel of the last
+        # contact.
         repeated_wheel = repetitions[-1].repeated_wheel
         return _have_equal_orientations(
             configuration.rotations,
@@ -653,8 +654,8 @@ def compute_copy_tolerances(residual: Floats, smallest_singular_value: Floats) -
 
     To first order, the error of a solution is its closure error divided by the smallest
     singular value of the Jacobian of the loops. Copies may differ by `ERROR_SPREAD` times
-    this error. The tolerance is at least `SAME_MODE`, for rounding. It is at most
-    `SAME_DEAD_CENTRE`, so that two modes near a dead centre stay distinct.
+    this error. The tolerance is at least `SAME_MODE`, for rounding. The tolerance is at
+    most `SAME_DEAD_CENTRE`, so that two modes near a dead centre stay distinct.
 
     Parameters
     ----------

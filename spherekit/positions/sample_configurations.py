@@ -76,7 +76,7 @@ class SampleConfigurations:
     """All configurations of a mechanism at n samples (values) of its inputs, in one table.
 
     At a sample the mechanism can be assembled in several ways, so it can have several
-    configurations. They are sorted by sample.
+    configurations. The configurations are sorted by sample.
 
     Attributes
     ----------

@@ -65,10 +65,10 @@ def make_sample_predictor(
     Splines through the nodes predict the configurations at the samples between. The result
     is None if samples are too far apart to save time.
 
-    The function has the arguments start, stop and out. It writes the variables of the
-    samples from start up to, but without, stop into out (variables, modes, samples), in
-    rad. The variables are NaN if nothing is predicted. The nodes are solved when the
-    function is called for the first time.
+    The function has the arguments start, stop and out. The variables of the samples from
+    start up to, but without, stop are written into out (variables, modes, samples), in rad.
+    The variables are NaN if nothing is predicted. The nodes are solved when the function is
+    called for the first time.
     """
     q = position_analysis.input_grid.q
     if not position_analysis.input_grid.is_path or not position_analysis.assembly_modes:
