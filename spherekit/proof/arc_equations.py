@@ -172,10 +172,10 @@ class ArcEquations:
         decimal_mechanism
             The mechanism with its decimal sizes.
         construction
-            The order in which links are placed. A link is placed in one of two ways. It
-            rotates by a variable about the axis of a pair (joint). Or it is a closing link,
-            which connects two axes of links placed before. A closing link gives an
-            equation: the angle between the two axes is its arc.
+            The order in which links are placed. A link is placed in one of two ways. One
+            kind of link rotates by a variable about the axis of a pair (joint). A closing
+            link connects two axes of links placed before. A closing link gives an equation:
+            the angle between the two axes is its arc.
         """
         self.decimal_mechanism = decimal_mechanism
         self.construction = construction
@@ -362,9 +362,9 @@ class ArcEquations:
 
         Links are placed one after another. A link with one parent is rotated by the angle
         of the pair between both. A closing link is put on the axes U and W of two placed
-        links. It gives the equation f = U . W - cos(arc) = 0, where arc is the constant arc
-        between the two axes of the link. If the equation is satisfied, the orientation of
-        the link is U a^T + W b^T + (U x W) n^T. The rows a, b, n are the dual basis, in
+        links, which gives the equation f = U . W - cos(arc) = 0, where arc is the constant
+        arc between the two axes of the link. If the equation is satisfied, the orientation
+        of the link is U a^T + W b^T + (U x W) n^T. The rows a, b, n are the dual basis, in
         link axes, of both axes and their vector product.
 
         Parameters

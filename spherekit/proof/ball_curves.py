@@ -143,9 +143,9 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
         The arc length (rad) from which a reversed curve starts: the length of an open
         curve, 0 for a closed one.
     """
-    # `_by_arc_length` turns a path with any parameter into a curve by arc length. It also
-    # returns `reverse_start`. It needs values of the parameter between which the path is
-    # smooth: all knots of a spline, or just both ends.
+    # `_by_arc_length` turns a path with any parameter into a curve by arc length. It needs
+    # values of the parameter between which the path is smooth: all knots of a spline, or
+    # just both ends.
     if profile.kind == "points":
         spline, _table = spline_through(np.array(profile.points), profile.closed)
         spline_path = _SphericalSpline(spline).evaluate
@@ -214,7 +214,7 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
     ----------
     path
         Returns points (n, 3) on the unit sphere and their derivatives (n, 3) at values (n,)
-        of its parameter. It is analytic between neighbouring knots.
+        of its parameter. The path is analytic between neighbouring knots.
     knots
         Values of its parameter, in order.
     closed

@@ -13,8 +13,8 @@ def exact_inertia(rows: ExactRows) -> tuple[Array, Array]:
     """Return the equivalent inertia and its derivative with respect to the moving input.
 
     The equivalent inertia is the moment of inertia that the input seems to have: twice the
-    kinetic energy at unit rate of the input (Di Gregorio 2024, eqs. (14), (15)). It is
-    computed in balls: numbers with a bound of their error. The inertia tensors count as
+    kinetic energy at unit rate of the input (Di Gregorio 2024, eqs. (14), (15)). The
+    results are balls: numbers with a bound of their error. The inertia tensors count as
     exact.
 
     Parameters

@@ -122,8 +122,8 @@ def frames_from_sizes(
     mechanism
         The mechanism, for its pairs.
     geometry
-        The same sizes in float64. They decide which axes of a link coincide up to rounding,
-        since such axes cannot give a zero direction.
+        The same sizes in float64. The float64 sizes decide which axes of a link coincide up
+        to rounding, since such axes cannot give a zero direction.
     sizes
         By link: its list of arcs and its list of angles (rad), in balls.
     zeros

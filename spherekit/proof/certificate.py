@@ -241,7 +241,7 @@ def _arm_entry(arm: Arm | None) -> list[int] | None:
     A saddle is a place where curves cross or narrowly miss each other. Four branches, its
     arms, leave it, one in each quadrant of the first two coordinates of its frame. If the
     curve ends on an arm, the result is the index of the saddle and the signs of both
-    coordinates in the quadrant. Otherwise it is None.
+    coordinates in the quadrant. The result is None for an end on no arm.
     """
     if arm is None:
         return None
@@ -317,7 +317,7 @@ def _wheel_tables(
     }
     with working_precision(WHEEL_PRECISION_BITS):
         # The angles of the input and of the followers where the input, and so the variable,
-        # is 0. They are balls: numbers of many digits with a bound of their error.
+        # is 0. The angles are balls: numbers of many digits with a bound of their error.
         _input_angle, *wheel_angles = decimal_mechanism.known_angles([exact_ball(0.0)])
         angles = _round_balls(wheel_angles)
     return [
@@ -393,8 +393,8 @@ def wheels_certificate(
     decimal_mechanism
         The mechanism.
     ratios
-        (followers, inputs) rates of the followers at unit rates of the inputs. They are
-        balls (numbers with a bound of their error).
+        (followers, inputs) rates of the followers at unit rates of the inputs. The rates
+        are balls (numbers with a bound of their error).
     """
     structure = decimal_mechanism.structure
     rounded_ratios = [_round_balls(row) for row in ratios]
@@ -497,14 +497,14 @@ def _system_tables(
     decimal_mechanism
         The mechanism, which has the names of links and pairs.
     construction
-        The order of placing the links. It numbers equations and variables.
+        The order of placing the links. The construction numbers equations and variables.
     systems
         The systems in the order in which they are solved.
     """
     structure = decimal_mechanism.structure
     names = structure.names_of(construction.pairs)
-    # An equation states that a link fits between two links placed before. It has the name
-    # of this link.
+    # An equation states that a link fits between two links placed before. The equation has
+    # the name of this link.
     equation_names = [structure.links[step.link] for step in construction.equation_steps]
     tables = []
     for system in systems:

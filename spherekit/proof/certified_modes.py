@@ -213,9 +213,9 @@ def certify_modes(
 ) -> CertifiedModes:
     """Return all complex modes at given inputs, as far as they are proven.
 
-    Real and complex roots of the loop equations are proven with more and more bits. This
-    ends when as many roots are proven as there can be. It also ends when the real roots are
-    proven complete, by solving parts of the equations (systems) one after another. If
+    Real and complex roots of the loop equations are proven with more and more bits. The
+    search ends when as many roots are proven as there can be, or when the real roots are
+    proven complete by solving parts of the equations (systems) one after another. If
     neither succeeds, the space of the unknowns is divided into boxes, and further real
     roots are excluded box by box.
 
@@ -416,7 +416,7 @@ class _RootSearch:
             roots = approximate_modes(self.equations, self.circle_points, seed)
             for root in roots:
                 # The conjugate of a root is a root, too. `add_root` tries to prove the root
-                # near the approximation. It ignores roots that are known.
+                # near the approximation.
                 for angles in (root.tolist(), root.conj().tolist()):
                     self.add_root(angles)
                     approximations.append(angles)
@@ -440,7 +440,8 @@ class _RootSearch:
         # The largest possible number of complex roots, by the degrees of the equations.
         bound = self.equations.construction.mode_bound
         # At a root at infinity e^(i angle) is 0 or infinite, so the imaginary part of the
-        # angle is infinite. It is above this limit in approximations of such roots.
+        # angle is infinite. Approximations of such roots have an imaginary part above this
+        # limit.
         is_finite = np.all(np.abs(roots.imag) < FINITE_ROOT_IMAGINARY_RAD, axis=1)
         return bool(len(self.roots) >= bound or np.sum(is_finite) >= bound)
 

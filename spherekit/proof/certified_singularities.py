@@ -85,11 +85,11 @@ class CertifiedSingularities:
     def clearance(self, q: float) -> float:
         """Return how far (rad) the input can move from q, at least, before a singularity.
 
-        It is the distance of q to the nearest critical input, in both directions and for
-        all assembly modes (ways to assemble). At a critical input, an output (type I) or
-        the input (type II) is stationary along a curve of configurations, curves cross or
-        nearly do, the input is constant along a whole curve, or its range ends. The result
-        is 0 if not everything is proven.
+        The result is the distance of q to the nearest critical input, in both directions
+        and for all assembly modes (ways to assemble). At a critical input, an output (type
+        I) or the input (type II) is stationary along a curve of configurations, curves
+        cross or nearly do, the input is constant along a whole curve, or its range ends.
+        The result is 0 if not everything is proven.
         """
         curves = self.curves
         # `undecided` counts parts of curves that may have further singularities.
@@ -113,9 +113,9 @@ class CertifiedSingularities:
     def _list_critical_inputs(self) -> list[tuple[float, float]]:
         """Return the inputs (rad) near which singularities are, each with its error (rad).
 
-        They are the singularities of types I and II (an output or the input is stationary),
-        the places where curves of configurations cross or nearly do (saddles), and the
-        inputs at which a whole curve exists.
+        The list has the singularities of types I and II (an output or the input is
+        stationary), the places where curves of configurations cross or nearly do (saddles),
+        and the inputs at which a whole curve exists.
         """
         curves = self.curves
         points = [
@@ -169,10 +169,10 @@ def _output_name(output: Output) -> str:
 def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
     """Return the singularities of all observed outputs other than the input itself.
 
-    An output is a link that is observed relative to another link. It is measured by the
-    angle of the pair between both. If this angle is stationary along a configuration curve,
-    the configuration is singular of type I. If the input angle is stationary, the
-    configuration is singular of type II.
+    An output is a link that is observed relative to another link. The angle of the pair
+    between both links measures the output. If this angle is stationary along a
+    configuration curve, the configuration is singular of type I. If the input angle is
+    stationary, the configuration is singular of type II.
     """
     construction = curves.construction
     output_pairs = find_output_pairs(curves.decimal_mechanism)

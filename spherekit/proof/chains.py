@@ -248,10 +248,10 @@ def _follow_forward(
 ) -> Chain:
     """Return the chain from an arc on, until it closes or ends.
 
-    The curve is followed in the direction of the tangent of the first arc. It ends outside
-    the range of the input, or on an arm: a branch that leaves a crossing of curves. If the
-    start is already at such an end, the curve is followed until it has left this end and
-    arrives at another one.
+    The curve is followed in the direction of the tangent of the first arc. The curve ends
+    outside the range of the input, or on an arm: a branch that leaves a crossing of curves.
+    If the start is already at such an end, the curve is followed until it has left this end
+    and arrives at another one.
 
     Parameters
     ----------

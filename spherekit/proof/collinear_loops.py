@@ -85,7 +85,7 @@ class PlanarAngle:
         The angle (rad) as a ball, a number with a bound of its error.
     is_same_side
         Whether both arcs extend from the axis of the pair to the same side, as in folded
-        links. Otherwise they extend to opposite sides, as in stretched links.
+        links. If false, both arcs extend to opposite sides, as in stretched links.
     """
 
     angle: Ball
@@ -96,9 +96,9 @@ class PlanarAngle:
 class FourPairLoop:
     """A loop of four pairs that gives one equation in two variable pair angles.
 
-    Two pairs of the loop rotate by variables. They place the axes of the other two pairs,
-    onto which the last link is put. The equation says that the arc between these axes
-    equals the arc of the last link.
+    Two pairs of the loop rotate by variables. These two pairs place the axes of the other
+    two pairs, onto which the last link is put. The equation says that the arc between these
+    axes equals the arc of the last link.
 
     Such a loop can have all four axes in one plane, where curves of configurations cross.
     The way around the loop is then on one great circle, and passes the arc of each link
@@ -135,7 +135,8 @@ class FourPairLoop:
         1. The equation of the loop is linear in cos(y) and sin(y).
         2. The reflection in the plane maps y to -y, so sin(y) does not occur. The equation
            is a + b cos(y) = 0.
-        3. It holds for y = 0 and y = pi, so a + b = 0 and a - b = 0. Both a and b are 0.
+        3. The equation holds for y = 0 and y = pi, so a + b = 0 and a - b = 0. So
+           a and b are 0.
 
         `variable` is the index of x. The angles x (rad) are balls (numbers with error
         bounds).
@@ -228,7 +229,7 @@ def _widen_around_solution(
     free_variables
         Indices of the variables that are widened, by `SOLUTION_RADIUS_RAD`.
     balls
-        (v,) balls of all variables (rad). Those of free variables have no radius.
+        (v,) balls of all variables (rad). The balls of free variables have no radius.
 
     Returns
     -------
@@ -430,7 +431,7 @@ def _planar_angles(
     """Return the two angles of a joint with the arcs of both its links in one plane.
 
     The neighbouring axis on each link has an azimuth about the joint axis. The angles
-    follow from both azimuths. They are balls (numbers with a bound of their error).
+    follow from both azimuths. The angles are balls (numbers with a bound of their error).
 
     Parameters
     ----------
@@ -471,8 +472,8 @@ def _azimuth_in_link(
 ) -> Ball:
     """Return the azimuth of another pair axis of a link about the axis of a pair.
 
-    It is the angle about the axis from the zero direction (where pair angles begin) to the
-    other axis.
+    The azimuth is the angle about the axis from the zero direction (where pair angles
+    begin) to the other axis.
 
     Parameters
     ----------
@@ -643,8 +644,8 @@ class Crossings:
         other_angle = exact_ball(position[other_variable])
         # The constant values of one variable at which the second variable is free.
         for angle in loop.angles_that_free_other_variable(variable):
-            # The equation of this loop is satisfied. Those of other loops determine the
-            # remaining variables.
+            # The equation of this loop is satisfied. The equations of other loops determine
+            # the remaining variables.
             given = {variable: angle, other_variable: other_angle}
             balls = complete_configuration(self.equations, loop.equation, given, position)
             if balls is not None:

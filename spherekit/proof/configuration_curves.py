@@ -284,8 +284,8 @@ class CertifiedCurves:
 
         Returns
         -------
-        For each saddle the largest change (rad) of the variable from its centre. It is 0 if
-        the variable can only be stationary at the crossing itself.
+        For each saddle the largest change (rad) of the variable from its centre. The change
+        is 0 if the variable can only be stationary at the crossing itself.
         """
         # For each saddle its arms on curves along which the variable is not constant. An
         # arm is named by its quadrant: the signs of the saddle's two coordinates u and v.
@@ -595,7 +595,8 @@ def _bound_saddle_doubt(
     Returns
     -------
     The largest change (rad) of the variable from the centre to a point where it may be
-    stationary. It is 0 if the variable is proven not to be stationary near the saddle.
+    stationary. The result is 0 if the variable is proven not to be stationary near the
+    saddle.
     """
     distance = 0.0
     # 1. In the central zone. Curves that are proven to cross (`level_sign` 0) do not bend.
@@ -787,8 +788,8 @@ def _search_curves(
     # The function `side` states whether a value of the input is above, below or in the
     # range. Curves are followed until they leave the range.
     search = CurveSearch(equations, input_range.side)
-    # `pave` divides the box. It calls `covers` to find out which boxes known curves cover,
-    # and `add_configuration` for each new configuration, to follow its curve.
+    # `pave` divides the box. The function `covers` says which boxes known curves cover.
+    # `add_configuration` follows the curve of a new configuration.
     box_count, undecided_boxes = pave(
         equations,
         ranges,

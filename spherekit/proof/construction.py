@@ -73,9 +73,9 @@ class PlacementStep:
         Index of the variable that gives the angle of the pair, for a link with one parent.
         -1 for a link with two parents, which needs no angle.
     angle_factor
-        Pair angle divided by the variable, a whole number. It is 1 except in mechanisms
-        with toothed wheels. There the angles of the input and of the wheels are multiples
-        of one variable.
+        Pair angle divided by the variable, a whole number. The factor can differ from 1 in
+        mechanisms with toothed wheels, where the angles of the input and of the wheels are
+        multiples of one variable.
     """
 
     link: int
@@ -237,7 +237,7 @@ class Construction:
 
         An equation of degree m in cos and sin of an angle has the degree 2 m in tan(angle /
         2). By Bezout's theorem for products of projective lines, the bound is the permanent
-        of these degrees. It counts solutions at infinity too.
+        of these degrees. The bound includes solutions at infinity.
         """
         return permanent(2 * self.degrees[:, : self.unknown_count])
 
@@ -357,8 +357,8 @@ def _find_parent_paths(
 def permanent(matrix: Indices) -> int:
     """Return the permanent of a square matrix.
 
-    It is the sum, over all permutations, of the products of one entry from each row and
-    column. It gives an upper bound of the number of solutions of equations.
+    The permanent is the sum, over all permutations, of the products of one entry from each
+    row and column. Of a matrix of degrees, it bounds the number of solutions of equations.
 
     The rows are taken one by one. For each set of columns that the rows so far can use, the
     sum of the products is stored.

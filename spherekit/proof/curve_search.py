@@ -134,8 +134,8 @@ class CurveSearch:
 
         All configurations in such a box are on known curves, so it need not be searched. A
         known arc is the only arc in an oriented box. The sides of this box are along the
-        tangent and normals of the arc. A saddle (place where curves cross or nearly do) has
-        an oriented box, too. Only arcs with the nearest centres are tried, so some boxes
+        tangent and normals of the arc. A saddle is a place where curves cross or nearly do,
+        and has an oriented box. Only arcs with the nearest centres are tried, so some boxes
         may not be recognised.
 
         Parameters
@@ -335,7 +335,7 @@ class CurveSearch:
         """
         pieces = self._pieces_in_range(old_chain)
         for piece in pieces:
-            # This does nothing if the arc is known already, or near a saddle.
+            # Arcs that are known already, or near a saddle, are skipped.
             self._add_curve(piece.centre)
         self.has_lost_piece |= not all(
             self._is_known(piece.centre, piece.centre_error) for piece in pieces
@@ -352,9 +352,9 @@ class CurveSearch:
     def _is_known(self, position: Floats, error: float) -> bool:
         """Return whether a configuration may be on a curve that was found before.
 
-        Then it is in the box of a known arc or of a saddle (place where curves cross or
-        nearly do). The configuration is at most `error` (rad) from `position` (v,) in each
-        variable.
+        True if the configuration may be in the box of a known arc or of a saddle (place
+        where curves cross or nearly do). The configuration is at most `error` (rad) from
+        `position` (v,) in each variable.
         """
         # A negative reach also accepts positions that are outside of a box by the error.
         reach = -error - COORDINATE_ROUNDING_RAD

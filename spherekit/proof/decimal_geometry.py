@@ -69,8 +69,8 @@ class CircleContact:
         """Arc (rad) from the centre of the first circle to the centre of the second.
 
         Both circles touch, and the arc is on the great circle through the centres and the
-        contact. It is positive in the direction from the first centre to the contact. In
-        external contact it is the sum of the radii. In internal contact it is their
+        contact. The arc is positive in the direction from the first centre to the contact.
+        In external contact it is the sum of the radii. In internal contact it is their
         difference, which can be negative.
         """
         return self.radii[0] - self.sense * self.radii[1]
@@ -80,9 +80,9 @@ class CircleContact:
     ) -> tuple[Vector, Vector]:
         """Return the directions from the centres of two circles to their contact point.
 
-        They are unit tangents of the sphere at the centres. The contact point is on the
-        great circle through both centres. "Forwards" on this great circle is the direction
-        of the shorter way from the first centre to the contact point.
+        The directions are unit tangents of the sphere at the centres. The contact point is
+        on the great circle through both centres. "Forwards" on this great circle is the
+        direction of the shorter way from the first centre to the contact point.
 
         Parameters
         ----------

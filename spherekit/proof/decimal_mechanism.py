@@ -130,8 +130,8 @@ class DecimalMechanism(DecimalGeometry):
 
             relations @ angles = constants.
 
-        The wheels turn by some angles relative to the link that carries both. They roll the
-        same length, which is the angle of a wheel times the sine of its angular radius. The
+        The wheels turn by some angles relative to the link that carries both. Both wheels
+        roll the same length: the angle of a wheel times the sine of its angular radius. The
         angle of a wheel is a signed sum of the angles of the revolute pairs between wheel
         and carrier.
 
@@ -194,10 +194,10 @@ class DecimalMechanism(DecimalGeometry):
         """Return the rates of the followers at unit rate of the only input, as fractions.
 
         Followers are the pairs (joints) that the input drives through wheels. If all wheels
-        have numbers of teeth, the rates are exact fractions. They are computed as balls
-        (numbers with a bound of their error). Each fraction is then recovered from its
-        ball. Fractions with denominators up to `MAX_GEAR_RATIO_DENOMINATOR` are far apart,
-        so a ball contains only one.
+        have numbers of teeth, the rates are exact fractions. The rates are computed as
+        balls (numbers with a bound of their error). Each fraction is then recovered from
+        its ball. Fractions with denominators up to `MAX_GEAR_RATIO_DENOMINATOR` are far
+        apart, so a ball contains only one.
 
         The result is None if a wheel has no number of teeth, or if a ball does not contain
         the fraction nearest to its centre.

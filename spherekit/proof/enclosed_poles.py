@@ -31,7 +31,7 @@ class EnclosedPole:
         may be at relative rest.
     coefficient
         The velocity coefficient (relative angular speed per unit rate of the input), a
-        ball. It is not negative.
+        ball. The coefficient is not negative.
     """
 
     input_pair: int
@@ -125,8 +125,8 @@ def _link_angular_velocities(
             for variable, rate in enumerate(rates)
             if (variable,) in jet
         ]
-        # Couplers, added links that replace sliding contacts, are not returned. They are
-        # numbered after the links of the mechanism.
+        # Couplers, added links that replace sliding contacts, are not returned. The numbers
+        # of couplers follow the numbers of the links of the mechanism.
         if parts and link < structure.body_count:
             # R' R^T is the cross-product matrix of the angular velocity.
             spin = sum(parts) @ jet[()].T

@@ -96,7 +96,7 @@ class Harmonics:
             angles. A ball is a number with a bound of its error.
         """
         self.degrees = degrees
-        # `initial` also gives a result if there is no equation.
+        # `initial` is the least result, also without equations.
         self.max_degree = int(np.max(degrees, initial=1))
 
         nodes = _NodeEvaluator(evaluate)
@@ -221,7 +221,8 @@ class _NodeEvaluator:
     def __init__(self, evaluate: BallEquations) -> None:
         """Store the function that evaluates all equations.
 
-        It takes angles (rad) as balls, which are numbers with a bound of their error.
+        The function takes angles (rad) as balls, which are numbers with a bound of their
+        error.
         """
         self._evaluate = evaluate
         # By node: values (k,) of all k equations, as balls. A node is given by two numbers
@@ -393,11 +394,12 @@ def _interpolate(values: Array) -> tuple[Complexes, float]:
     largest_radius = max(map(upper_magnitude, balls_about_zero.flat))
     for axis, count in enumerate(node_counts):
         # Flint's matrix has the waves 0 to m, then -m to -1, so it is rolled to begin with
-        # -m. It contains the factor 1 / sqrt(count); coefficients need 1 / count.
+        # -m. The matrix has the factor 1 / sqrt(count); coefficients need 1 / count.
         transform = np.array(flint_library().acb_mat.dft(count).tolist())
         rows = transform / exact_ball(count).sqrt()
         wave_rows = np.roll(rows, count // 2, axis=0)
-        # The product has the axis of the waves first. It moves to the place of the nodes.
+        # The product has the axis of the waves first. This axis moves to the place of the
+        # nodes.
         transformed = np.tensordot(wave_rows, sums, axes=(1, axis))
         sums = np.moveaxis(transformed, source=0, destination=axis)
 
@@ -423,7 +425,8 @@ def _interpolation_norm(node_count: int) -> float:
 
     The interpolant is a trigonometric polynomial. The norm is the largest magnitude that
     the polynomial can take anywhere if its magnitude is at most 1 at these angles (Ehlich
-    and Zeller 1966). It turns a bound of errors at these angles into one at all angles.
+    and Zeller 1966). The norm turns a bound of errors at these angles into one at all
+    angles.
     """
     halves = (2 * np.arange(node_count) + 1) * np.pi / (2 * node_count)
     return np.sum(1.0 / np.abs(np.sin(halves))) / node_count * (1 + 1e-9)

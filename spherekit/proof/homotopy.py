@@ -244,8 +244,8 @@ def _draw_factor_roots(
     """Return random complex roots of the linear factors of each start equation.
 
     A start equation of a homotopy is a product of factors (z - root), with known solutions.
-    The result has, for each equation and each unknown z, an array of roots. There are as
-    many as the degree of the given equation in z.
+    The result has, for each equation and each unknown z, an array of roots. The number of
+    roots is the degree of the given equation in z.
     """
     factor_roots = []
     for coefficients in polynomials.coefficients:
@@ -276,9 +276,9 @@ def _expand_factors(roots_of_unknowns: Sequence[Complexes]) -> Complexes:
 def _list_start_solutions(factor_roots: Sequence[Sequence[Complexes]]) -> Complexes:
     """Return all solutions (n, k) of k equations that are products of linear factors.
 
-    They are the known solutions from which a homotopy starts. In a solution, one factor (z
-    - root) of each equation is zero and determines the unknown z. So each equation must
-    determine a different unknown.
+    A homotopy starts from these known solutions. In a solution, one factor (z - root) of
+    each equation is zero and determines the unknown z. So each equation must determine a
+    different unknown.
 
     `factor_roots` has the roots by equation, then by unknown.
     """

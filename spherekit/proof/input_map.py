@@ -118,7 +118,7 @@ class InputMap:
 
         The map divides the ranges of the inputs into boxes, and some are proven to be free
         of type II (regular). The result is the distance of q (inputs,) rad from the nearest
-        other box, or from the end of a range. It is 0 if q is in such a box.
+        other box, or from the end of a range. The result is 0 if q is in such a box.
         """
         # Distances (boxes, inputs) of q from each box along each input, negative inside.
         distances = np.abs(self.centres - q) - self.radii
@@ -242,8 +242,8 @@ def _classify_boxes(
 ) -> _ClassifiedBoxes:
     """Halve the ranges of the inputs until all boxes are classified.
 
-    A box is regular if no configuration in it is singular with locked inputs. It then has
-    the same number of assembly modes everywhere. Boxes that are not proven regular are
+    A box is regular if no configuration in it is singular with locked inputs. A regular box
+    has the same number of assembly modes everywhere. Boxes that are not proven regular are
     halved until they have the size of a cell. A cell is halved further into parts. If two
     regular parts have different numbers of modes, the cell contains a singular
     configuration. If all parts are regular with the same number of modes, the cell is

@@ -491,8 +491,8 @@ class Linkage:
         Parameters
         ----------
         values
-            (n, variables) pair variables (rad). They are balls: numbers with a bound of
-            their error.
+            (n, variables) pair variables (rad). The variables are balls: numbers with a
+            bound of their error.
         orientations
             (n, links, 3, 3) rotations from link axes to ground axes.
 

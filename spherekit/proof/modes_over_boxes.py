@@ -82,7 +82,7 @@ def approximate_modes(
     all_numbers = range(equations.unknown_count)
     system = EquationSystem(equations, all_numbers, all_numbers)
     polynomials = system.form_polynomials(circle_points[None])
-    # Solutions are e^(i angle). Those at 0 and at infinity have no finite angle.
+    # Solutions are e^(i angle). Solutions at 0 and at infinity have no finite angle.
     angles = -1j * np.log(track_homotopy(polynomials, seed).points)
     return angles[np.all(np.isfinite(angles), axis=1)]
 
@@ -91,7 +91,7 @@ def approximate_modes(
 class SystemSolution:
     """All roots of a system of equations at one set of values of its given variables.
 
-    They are the starts from which roots at other values are followed.
+    Roots at other values are followed from these roots.
 
     Attributes
     ----------

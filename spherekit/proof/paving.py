@@ -80,7 +80,7 @@ def are_excluded(
 
         |w . F(c)|  >  largest |w . (F(x) - F(c))| in the box.
 
-    Then the equations have no common zero in the box.
+    A common zero of the equations would make all sums zero, so the box contains none.
 
     Parameters
     ----------
@@ -258,8 +258,8 @@ def subdivide(
         Words that name the work in the progress report.
     examine
         Function that examines boxes and returns those to be examined next, for example the
-        halves of undecided boxes. It stores its results itself. Its second argument is the
-        number of boxes examined so far, including these.
+        halves of undecided boxes. The function stores its results itself. Its second
+        argument is the number of boxes examined so far, including these.
 
     Returns
     -------
@@ -350,9 +350,9 @@ def pave(
     def examine(boxes: Integers, examined_count: int) -> Integers:
         """Return the halves of the boxes that are neither excluded nor covered.
 
-        A box is excluded if it is proven to contain no configuration. It is covered if it
-        is inside a part of space in which all configurations are known. Boxes that are too
-        small to be halved are recorded as undecided.
+        A box is excluded if it is proven to contain no configuration. A box is covered if
+        it is inside a part of space in which all configurations are known. Boxes that are
+        too small to be halved are recorded as undecided.
 
         Parameters
         ----------

@@ -87,9 +87,9 @@ class SurfaceDerivatives:
     gradient
         (2,) derivatives of g with respect to u and v.
     correction
-        (n,) change of the variables by a step of Newton's method with constant u and v. It
-        leads from a point z beside the surface to the surface, and removes the error F(z) -
-        g l.
+        (n,) change of the variables by a step of Newton's method with constant u and v. The
+        step leads from a point z beside the surface to the surface, and removes the error
+        F(z) - g l.
     level_correction
         Change of g by the same step.
     """
@@ -177,8 +177,8 @@ class ReducedEquation:
         level
             The number g, the rounded component of F along l, as a ball of radius 0.
         residual
-            (k,) balls F(z) - g l. They contain the errors of F, and what was rounded off
-            from g.
+            (k,) balls F(z) - g l. The balls contain the errors of F, and what was rounded
+            off from g.
         """
         # F at z, without derivatives.
         (values,) = self.equations.evaluate(position, order=0)
@@ -364,7 +364,7 @@ class ReducedEquation:
             [a^T  0]
             [b^T  0].
 
-        It is regular at a crossing, where F' alone loses a rank.
+        The matrix is regular at a crossing, where F' alone loses a rank.
         """
         # All elements become balls: numbers with a bound of their error.
         left_null_vector = exact_balls(self.left_null_vector)
@@ -476,7 +476,7 @@ class ReducedEquation:
         F(z) = g l with a new unknown number g, and two coordinates u and v of z are given.
         So z and g are functions of u and v. Where g is 0, z is a configuration.
 
-        The given z and g satisfy F(z) = g l only approximately. They are corrected with
+        The given z and g satisfy F(z) = g l only approximately. Both are corrected with
         constant u and v. The result is g, with its slopes, at the corrected z.
 
         Parameters
@@ -524,8 +524,8 @@ class SaddleReduction:
         1.
     other_curvatures
         (n - 2, 2, 2) second derivatives with respect to u and v, of n - 2 further
-        coordinates at right angles to u and v, as magnitudes. They say how far the curves
-        leave the plane of u and v.
+        coordinates at right angles to u and v, as magnitudes. These derivatives say how far
+        the curves leave the plane of u and v.
     """
 
     reduced_equation: ReducedEquation
@@ -580,8 +580,8 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> SaddleReducti
     _, curvatures = reduced_equation.differentiate_twice(exact_balls(centre), residual)
     variable_curvatures = centre_floats(curvatures.variable_curvatures)
 
-    # 3. Principal curvatures of g, the smaller one first, and their directions. They must
-    # have opposite signs and comparable sizes.
+    # 3. Principal curvatures of g, the smaller one first, and their directions. The two
+    # curvatures must have opposite signs and comparable sizes.
     hessian = centre_floats(curvatures.hessian)
     (low, high), vectors = np.linalg.eigh(hessian)
     has_saddle = low < 0.0 < high and min(-low, high) > MIN_CURVATURE_RATIO * max(
@@ -621,7 +621,7 @@ def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
 
     The singular value decomposition of F' gives the directions. The last left vector is l:
     no small change of z changes F along l. The last two right vectors span the kernel of F'
-    (changes of z that do not change F). They become the directions of u and v.
+    (changes of z that do not change F). These two vectors become the directions of u and v.
 
     Parameters
     ----------

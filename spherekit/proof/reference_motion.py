@@ -310,10 +310,10 @@ class _TimeStep:
 class _SignChange:
     """The first sign change of a condition in a time step.
 
-    A condition is a function that is positive while the step is valid. It belongs to a
-    joint limit, or to a switch: a part of a load with two cases, such as the two directions
-    of dry friction. Without a sign change, an object of this class stands for the end of
-    the step.
+    A condition is a function that is positive while the step is valid. A condition belongs
+    to a joint limit, or to a switch: a part of a load with two cases, such as the two
+    directions of dry friction. Without a sign change, an object of this class stands for
+    the end of the step.
 
     Attributes
     ----------
@@ -361,9 +361,9 @@ def _integrate_series(coefficients: Array) -> Array:
 class ExactSimulation:
     """The motion of a mechanism with one degree of freedom under its loads.
 
-    It is computed with many digits, as a reference for float64 simulations. In each time
-    step one pair variable, the coordinate c, and p = sqrt(B) dc/dt are series in time. B is
-    the equivalent inertia: twice the kinetic energy is B (dc/dt)^2.
+    The motion is computed with many digits, as a reference for float64 simulations. In each
+    time step one pair variable, the coordinate c, and p = sqrt(B) dc/dt are series in time.
+    B is the equivalent inertia: twice the kinetic energy is B (dc/dt)^2.
 
     Attributes
     ----------
@@ -586,7 +586,7 @@ class ExactSimulation:
         def evaluate_name(name: str) -> Any:
             """Return (n,) the time, a pair angle or the time derivative of a pair angle.
 
-            They are the quantities in the expressions of loads, at n times. The names are
+            These are the quantities in the expressions of loads, at n times. The names are
             "t", and "theta_" (angle) or "dtheta_" (rate) followed by the pair.
             """
             kind, _, pair = name.partition("_")
@@ -821,7 +821,7 @@ class ExactSimulation:
         The equations for the coordinate c and p = sqrt(B) dc/dt are dc/dt = p / sqrt(B) and
         dp/dt = Q / sqrt(B), with the equivalent inertia B and the generalised force Q. Each
         sweep of Picard's iteration evaluates the right sides at all Gauss nodes of the step
-        and integrates them again. It also makes one Newton step that closes the loops.
+        and integrates them again. A sweep includes one Newton step that closes the loops.
 
         Loads may contain switches: `abs`, `sign`, `min` or `max`. Each depends on the sign
         of one condition, which is constant in a step, +1 or -1: the side of the switch.
@@ -960,10 +960,10 @@ class ExactSimulation:
         """Yield the first sign change of each condition that has one in a time step.
 
         A condition is a quantity that is positive while the step is valid: a joint limit is
-        not reached, or a sign in a load is right. It is a Legendre series in time, from -1
-        at the start of the step to 1 at its end. The sign change is first found between
-        samples in float64. Then bisection of this interval computes the change in all
-        digits.
+        not reached, or a sign in a load is right. A condition is a Legendre series in time,
+        from -1 at the start of the step to 1 at its end. The sign change is first found
+        between samples in float64. Then bisection of this interval computes the change in
+        all digits.
 
         `is_at_start` is True for a sign change in the first interval.
         """

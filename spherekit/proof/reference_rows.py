@@ -58,7 +58,7 @@ class ExactRows:
 
     A row is one configuration of a motion. One input moves at unit rate, the other inputs
     are locked. Vectors and rotations are in ground axes. Values are balls, which are
-    numbers with a bound of their error, with the digits of `arithmetic`. They are NaN in
+    numbers with a bound of their error, with the digits of `arithmetic`. Values are NaN in
     rows with a status other than OK.
 
     Attributes
@@ -85,8 +85,8 @@ class ExactRows:
     distance
         (n,) largest change (rad) of a variable from the row to the solution.
     residual
-        (n,) largest component (rad) of the loop residuals of the declared geometry. It is
-        rounding, except in over-constrained chains.
+        (n,) largest component (rad) of the loop residuals of the declared geometry. Except
+        in over-constrained chains, the residual is rounding.
     condition
         (n,) condition number, in Frobenius norms, of the closure Jacobian without the
         inputs. An error e of the geometry moves the configuration by up to about
@@ -282,7 +282,7 @@ def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
     1. If the row of the motion has failed, its own status. A row that is OK, but not
        finite, is NOT_CONVERGED, since Newton's method cannot start from it.
     2. MODE_LOST: the solution may be in another assembly mode (way to assemble the
-       mechanism). It is too far from the row, or another solution may be as near.
+       mechanism). The solution is too far from the row, or another solution may be as near.
     3. NOT_CLOSED: the loops of the solution are open.
     4. The status of Newton's method.
 
@@ -407,8 +407,9 @@ def _vector_of_relative_motion(
 ) -> Array:
     """Return a vector along the axis about which two links rotate relative to each other.
 
-    It is the relative angular velocity. At relative rest it is the derivative of this
-    velocity with respect to the input, the axis about which the links start to rotate.
+    The vector is the relative angular velocity. At relative rest, the vector is the
+    derivative of this velocity with respect to the input, because the links start to rotate
+    about this derivative.
 
     Parameters
     ----------
@@ -500,7 +501,7 @@ def _find_relative_motion(reference: ExactRows, pole: Pole) -> _RelativeMotion:
 
     A row is one configuration with velocities in many digits. The relative angular velocity
     is compared with its rounding error. The links move if the velocity is above
-    `DIRECTION_ROUNDING_RATIO` times the error. They rest if it is at most
+    `DIRECTION_ROUNDING_RATIO` times the error. The links rest if the velocity is at most
     `ROUNDING_STEP_RATIO` times the error. Between these limits neither is certain.
 
     Parameters
@@ -514,7 +515,7 @@ def _find_relative_motion(reference: ExactRows, pole: Pole) -> _RelativeMotion:
     speed = _relative_size(velocity, reference.w, pole)
     rounding = _velocity_rounding(reference)
     exceeds_rounding = speed > ROUNDING_STEP_RATIO * rounding
-    # In rows without velocity (NaN) the links count as at rest; all results are NaN anyway.
+    # In rows without velocity (NaN) the links count as at rest.
     return _RelativeMotion(moves=_has_direction(speed, rounding), rests=~exceeds_rounding)
 
 
@@ -738,7 +739,7 @@ def _derivative_by_relative_velocity(
 
     Returns
     -------
-    The derivatives. They have no meaning where the links rest (k = 0).
+    The derivatives. Derivatives have no meaning where the links rest (k = 0).
     """
     v = _relative_vector(reference.w, pole)
     # `slopes` are the derivatives of w with respect to the input.

@@ -232,7 +232,7 @@ def _certify_root(
     if not distance < unique_radius:
         return None
     # Another program that checks the proof may find a larger distance. So the radius of the
-    # solution gets a margin. It must not be 0.
+    # solution gets a margin. The radius must not be 0.
     with_margin = max(SOLUTION_MARGIN * distance, 1e-300)
     radius = min(with_margin, unique_radius)
     is_proven_complex = any(lower_magnitude(ball.imag) > radius for ball in x)

@@ -83,9 +83,9 @@ class Polynomials:
         (k,) for each equation a bound of the errors of its coefficients.
     derivative_bound
         (k,) for each equation a number C. At real angles, the magnitude of any derivative
-        of the equation is at most C times the degrees in the angles of the derivative. For
-        example, it is at most C d_1 d_2 for the second derivative with respect to angles 1
-        and 2 (Bernstein's inequality).
+        of the equation is at most C times the product of the degrees in its angles. For
+        example, C d_1 d_2 bounds the second derivative with respect to the angles 1 and 2
+        (Bernstein's inequality).
     degrees
         (k, variables) trigonometric degrees, the unknowns first, then the given variables.
     """
@@ -568,8 +568,8 @@ class KnownAngleChanges:
 
     A box is an interval for each input. A proof must show that equations have a solution
     for all inputs in the box. Some angles in the equations are known: the inputs, and
-    angles that were solved before. They change in the box, too. If the inputs differ by dq
-    from the centre, the known angles change by
+    angles that were solved before. All known angles change in the box. If the inputs differ
+    by dq from the centre, the known angles change by
 
         rates dq + error,   |error| <= max_error.
 
@@ -634,8 +634,8 @@ class RootTubes:
     tube_radius
         (n,) bound of the distance of the root z(q) from the axis, everywhere in the box.
     displacement
-        (n, k) for each coordinate a bound of the magnitude of z(q) - z0 in the box. It
-        contains the motion along the axis.
+        (n, k) for each coordinate a bound of the magnitude of z(q) - z0 in the box. The
+        bound includes the motion along the axis.
     rates
         (n, k, inputs) derivatives of the axis (z, complex) with respect to the inputs
         (1/rad).
@@ -750,10 +750,10 @@ def enclose_roots(
 def solve_one_unknown(polynomials: Polynomials) -> ChartRoots:
     """Return approximations of all roots of one equation with one unknown.
 
-    The equation is a polynomial in z = e^(i angle) with coefficients c_0, ..., c_n. They
-    depend on given variables (inputs, and unknowns that were solved before); there are m
-    sets of values. The roots are eigenvalues of the companion matrix: the entries below the
-    diagonal are 1, and the last column has -c_k / c_n.
+    The equation is a polynomial in z = e^(i angle) with coefficients c_0, ..., c_n. The
+    coefficients depend on given variables (inputs, and unknowns that were solved before);
+    there are m sets of values. The roots are eigenvalues of the companion matrix: the
+    entries below the diagonal are 1, and the last column has -c_k / c_n.
 
     If c_n is 0, there are roots at infinity, and the approximations may be wrong. A later
     proof of the roots fails then.
@@ -867,8 +867,8 @@ def classify_real_roots(
 def _bound_mirror_distance(magnitude: Floats, radius: Floats) -> Floats:
     """Return how far mirror images of points near c are from c, at most.
 
-    The mirror image of a complex number z in the unit circle is 1/conj(z). It helps to
-    prove that |z| = 1. For all z with ``|z - c|`` up to the radius r,
+    The mirror image of a complex number z in the unit circle is 1/conj(z). The distance
+    helps to prove that |z| = 1. For all z with ``|z - c|`` up to the radius r,
 
         |1/conj(z) - c| <= |1/conj(z) - 1/conj(c)| + |1/conj(c) - c|
                         <= r / ((|c| - r) |c|) + ||c| - 1/|c||.

@@ -30,8 +30,8 @@ class SaddleDerivatives:
     g(u, v) = 0 (Lyapunov-Schmidt reduction, `ReducedEquation`); its zeros are the curves.
 
     The derivatives with respect to u and v are balls (numbers with a bound of their error).
-    They contain all values in a rectangle about the saddle. u and v are scaled so that
-    curves that cross are nearly the diagonals u = v and u = -v.
+    These balls contain all values in a rectangle about the saddle. u and v are scaled so
+    that curves that cross are nearly the diagonals u = v and u = -v.
 
     Attributes
     ----------
@@ -199,9 +199,11 @@ class SectorRates:
 
     A saddle is a place where two configuration curves, zeros of a function g(u, v), cross
     or nearly do. Rates are derivatives of the variables of the mechanism along the tangent
-    (-g_v, g_u). g is nearly a quadratic form, so the rates are linear functions of u and v.
-    Between the two directions, each rate is a sum of its values in both, with positive
-    factors. So a sign that is equal in both directions is also valid between them.
+    (-g_v, g_u), with the derivatives g_u and g_v of g. The function g counts as a quadratic
+    form, up to errors that the signs allow for. So the rates are linear functions of u and
+    v. A point between the two directions is a sum of one point in each direction, and a
+    rate is the sum of the rates at these two points. So a sign that is equal in both
+    directions is valid between the directions.
 
     Attributes
     ----------
@@ -310,8 +312,8 @@ def _enclose_gradient(
     """Return g_u and g_v at a point (u, v), as balls: numbers with a bound of their error.
 
     g is a function with configuration curves as zeros. Its gradient is 0 at the saddle
-    u = v = 0, where curves cross or nearly do. So it is g'' (u, v)^T up to an error. g_u
-    and g_v are its components, the derivatives with respect to u and v.
+    u = v = 0, where curves cross or nearly do. So the gradient at (u, v) is g'' (u, v)^T up
+    to an error. g_u and g_v are its components, the derivatives with respect to u and v.
 
     Parameters
     ----------
@@ -341,12 +343,12 @@ def _prove_rate_signs(
 
     An arm is a branch of configuration curves, the zeros of g(u, v), that leaves a saddle
     (where curves cross or nearly do). Rates are derivatives of the variables along the
-    tangent of the arm. Its two possible directions are opposite; here the one with growing
-    v is meant.
+    tangent of the arm, in the sense in which v grows.
 
-    The slope v / u on the arm is between two bounds. g is nearly a quadratic form, so each
-    rate is a linear function of u and v. If a rate has the same sign in the directions of
-    both bounds, it has this sign on the whole arm.
+    The slope v / u on the arm is between two bounds. The tangent is (-g_v, g_u), with the
+    derivatives g_u and g_v of g. The function g counts as a quadratic form up to a small
+    error, so each rate is a linear function of u and v. If a rate has the same sign in the
+    directions of both bounds, it has this sign on the whole arm.
 
     Parameters
     ----------
@@ -363,7 +365,7 @@ def _prove_rate_signs(
     (variables,) the signs, 0 if not proven.
     """
     # `flat` and `steep` are the slope bounds of smaller and of larger magnitude. The rates
-    # are evaluated at u = 1. The tangent of the arm is (-g_v, g_u).
+    # are evaluated at u > 0. At (-u, -v) the signs towards larger v are the same.
     sector = SectorRates(
         first=_evaluate_direction(derivatives, slope_bounds.flat, relative_gradient_error),
         last=_evaluate_direction(derivatives, slope_bounds.steep, relative_gradient_error),
@@ -401,13 +403,14 @@ def _bound_changes(derivatives: SaddleDerivatives, slope_bounds: SlopeBounds) ->
 
 
 def _list_extreme_points(slope_bounds: SlopeBounds) -> list[Floats]:
-    """Return the points at which linear functions of u and v are largest on an arm.
+    """Return the points at which linear functions of u and v may be largest on an arm.
 
-    An arm is a curve on which the slope v / u is between two bounds of the same sign. Its
-    points are scaled to max(|u|, |v|) = 1, the border of a square. Between both slopes this
-    border is a straight line, or two lines that meet at a corner. A linear function is
-    largest at an end of a line. The points (2,) have u > 0; the opposite points have the
-    same magnitudes.
+    An arm is a curve on which the slope v / u is between two bounds of the same sign,
+    `flat` and `steep`. Each point (u, v) of the arm is divided by the larger of |u| and
+    |v|. The quotient is on the border of a square. Between both slopes this border is a
+    straight line, or two lines that meet at a corner. The magnitude of a linear function is
+    largest at an end of a line. The returned points (2,) have u > 0. At the opposite
+    points, linear functions have the same magnitudes.
     """
     low, high = sorted((slope_bounds.flat, slope_bounds.steep))
     slopes = [low, high]
@@ -419,21 +422,21 @@ def _list_extreme_points(slope_bounds: SlopeBounds) -> list[Floats]:
 
 
 def bound_arm_rates(derivatives: SaddleDerivatives, errors: ArmErrors) -> ArmRates:
-    """Return, for the four arms of a saddle, which variables grow, and how far they change.
+    """Return whether each variable grows along the arms of a saddle, and bounds of changes.
 
     A saddle is a place where two configuration curves, zeros of g(u, v), cross or nearly
     do. The arms are the four branches that leave it, one in each quadrant of the
     coordinates u and v. The result has, for each arm, the signs of the derivatives (rates)
-    of all variables along the arm, away from the saddle (`outward_signs`). It also has the
-    largest change (rad) of each variable on the arm (`reach`).
+    of all variables along the arm, away from the saddle (`outward_signs`). `reach` is the
+    largest change (rad) of each variable on the arm.
 
     Parameters
     ----------
     derivatives
         Derivatives of the variables and of g in a rectangle about the saddle.
     errors
-        How much the arms differ from straight lines through the point u = v = 0, on which
-        the quadratic form Q = (u, v) g'' (u, v)^T is 0.
+        Bounds of how much the arms differ from arms of the quadratic form
+        Q = (u, v) g'' (u, v)^T, which are the straight lines with Q = 0.
 
     Raises
     ------
@@ -524,9 +527,11 @@ def find_monotonic_variables(
 def _bound_arc_errors(hessian: Array, level: Ball, gradient_at_saddle: float) -> ArcErrors:
     """Return how much arcs that pass a saddle differ from curves of a quadratic function.
 
-    The arcs are configurations with g(u, v) = 0, where g = level + Q(u, v) / 2 up to
-    errors, with a quadratic form Q. The computed saddle u = v = 0 is not exact, so g has a
-    small gradient there, with components of at most s. Let m be the larger of |u| and |v|.
+    The arcs are configurations with g(u, v) = 0, where g = level + Q(u, v) / 2 + error,
+    with a quadratic form Q. The computed saddle u = v = 0 is not exact, so g has a small
+    gradient there, with components of at most s. This is the only error, because the
+    coefficients of Q are balls that contain the second derivatives at all points. Let m be
+    the larger of |u| and |v|.
 
     - The gradient adds at most s |u| + s |v| <= 2 s m to g. So Q, which has the factor
       1 / 2 in g, differs from -2 level by at most 4 s m. `relative_form_error` is this
@@ -534,7 +539,7 @@ def _bound_arc_errors(hessian: Array, level: Ball, gradient_at_saddle: float) ->
     - The derivatives of g with respect to u and v have an error of at most s.
       `relative_gradient_error` is this error divided by m, s / m.
 
-    Both are largest at the point of the arcs with the least m.
+    Both results are largest at the point of the arcs with the least m.
 
     Parameters
     ----------
@@ -579,11 +584,12 @@ def _evaluate_sector_about_v_axis(
 ) -> SectorRates:
     """Return the signs of rates in the directions about the positive v axis.
 
-    An arc of a configuration curve g(u, v) = 0 passes a saddle on the side v > 0. It joins
-    two arms (branches) of the saddle: one with a slope v / u > 0 and one with a slope < 0.
-    Each slope has two bounds. The flat bounds, of smaller magnitude, enclose the whole arc.
-    Rates are derivatives of the variables along the curve. They are nearly linear functions
-    of u and v, so a sign that is equal in both border directions is valid between them.
+    A saddle is at u = v = 0. An arc of a configuration curve g(u, v) = 0 passes near the
+    saddle, at v > 0. The arc joins two arms (branches): one with a slope v / u > 0 and one
+    with a slope < 0. Each slope has two bounds. The whole arc is between the directions of
+    the flat bounds, those of smaller magnitude. Rates are derivatives of the variables
+    along the curve, nearly linear functions of u and v. A sign that is equal in both
+    directions is therefore valid between the directions.
 
     Parameters
     ----------
@@ -610,11 +616,12 @@ def _evaluate_sector_about_u_axis(
 ) -> SectorRates:
     """Return the signs of rates in the directions about the positive u axis.
 
-    An arc of a configuration curve g(u, v) = 0 passes a saddle on the side u > 0. It joins
-    two arms (branches) of the saddle: one with a slope v / u > 0 and one with a slope < 0.
-    Each slope has two bounds. The steep bounds, of larger magnitude, enclose the whole arc.
-    Rates are derivatives of the variables along the curve. They are nearly linear functions
-    of u and v, so a sign that is equal in both border directions is valid between them.
+    A saddle is at u = v = 0. An arc of a configuration curve g(u, v) = 0 passes near the
+    saddle, at u > 0. The arc joins two arms (branches): one with a slope v / u > 0 and one
+    with a slope < 0. Each slope has two bounds. The whole arc is between the directions of
+    the steep bounds, those of larger magnitude. Rates are derivatives of the variables
+    along the curve, nearly linear functions of u and v. A sign that is equal in both
+    directions is therefore valid between the directions.
 
     Parameters
     ----------

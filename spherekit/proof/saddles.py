@@ -113,8 +113,8 @@ class Saddle(OrientedBox):
     """An oriented box with four arms of configuration curves that meet, or nearly do.
 
     The first two coordinates of the box are u and v. The configurations in the box are the
-    zeros of a function g(u, v). They form four branches (arms), one in each quadrant of u
-    and v. A rate is the derivative of a variable along an arm.
+    zeros of a function g(u, v). The configurations form four branches (arms), one in each
+    quadrant of u and v. A rate is the derivative of a variable along an arm.
 
     Attributes
     ----------
@@ -173,7 +173,7 @@ class Saddle(OrientedBox):
         u, v = self.coordinates(position)[:2]
         inner_height = INNER_HEIGHT_RATIO * self.limits[1]
         is_outside_centre = abs(v) - error > inner_height + COORDINATE_ROUNDING_RAD
-        # The sign of v is then certain. That of u needs a test of its own.
+        # Outside the centre the sign of v is certain. The sign of u needs a separate test.
         has_sign_of_u = abs(u) > error + COORDINATE_ROUNDING_RAD
         if not (is_outside_centre and has_sign_of_u and self.contains(position, error)):
             return None
@@ -253,9 +253,9 @@ def _prove_saddle(
     """Return the saddle with a rectangle of one size, None if that is not proven.
 
     The configurations near the saddle are the zeros of a function g(u, v), the reduced
-    equation, in a rectangle of two coordinates. They have to be four branches, the arms.
-    The level, the value of g at its saddle point, decides how the arms are joined; if it is
-    0, they cross. The signs of the rates of all variables along the arms follow.
+    equation, in a rectangle of two coordinates. The zeros have to be four branches, the
+    arms. The level, the value of g at its saddle point, decides how the arms are joined; if
+    it is 0, they cross. The signs of the rates of all variables along the arms follow.
 
     Parameters
     ----------
@@ -286,8 +286,8 @@ def _prove_saddle(
         variable_rates = derivatives.variable_rates
         hessian = curvatures.hessian
         # 2. Derivatives over the box. The other coordinates follow from u and v: first the
-        # residual at the centre is removed, then u and v change. They must stay within
-        # their limit.
+        # residual at the centre is removed, then u and v change. All other coordinates must
+        # stay within their limit.
         other_changes = normals @ derivatives.correction + (
             normals @ variable_rates
         ) @ zero_balls(rectangle)
@@ -377,9 +377,9 @@ def _make_saddle(
 ) -> Saddle:
     """Return a saddle with the attributes of a box and the further attributes below.
 
-    At a saddle two configuration curves cross or narrowly miss each other. They are the
-    zeros of a function g(u, v) with a saddle point, and leave the box by four branches, the
-    arms.
+    At a saddle two configuration curves cross or narrowly miss each other. The curves are
+    the zeros of a function g(u, v) with a saddle point, and leave the box by four branches,
+    the arms.
 
     Parameters
     ----------
@@ -438,7 +438,7 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
     Returns
     -------
     level
-        A ball that contains the level. It contains 0 if the sign is not known.
+        A ball that contains the level. The ball contains 0 if the sign is not known.
     gradient_at_position
         Bound of both components of the gradient of g at the approximate saddle point.
 
@@ -486,8 +486,8 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
 class _CentreMagnitudes:
     """Upper bounds of the magnitudes of g(u, v) and its slopes at the centre u = v = 0.
 
-    It is the centre of a rectangle of the coordinates u and v near a saddle, where curves
-    of configurations cross or nearly do. The configurations are the zeros of g.
+    The point u = v = 0 is the centre of a rectangle near a saddle, where curves of
+    configurations cross or nearly do. The configurations are the zeros of g.
 
     Attributes
     ----------
@@ -515,11 +515,13 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
         below -h            +              -             +
 
     The inner height h is the part `INNER_HEIGHT_RATIO` of the half height of the rectangle.
-    For each v beyond h, g is negative at u = 0, positive at both sides and convex in u. So
-    it has exactly one zero with u > 0 and one with u < 0. These are the four arms.
+    For each v beyond h, g is negative at u = 0, positive at both sides and convex in u. So,
+    for each such v, g has exactly one zero with u > 0 and one with u < 0. These are the
+    four arms.
 
     Between -h and h the curves may cross, or bend from one arm to another. The last test is
-    that the saddle point of g is between -h and h.
+    that the saddle point of g is between -h and h. The value of g there decides whether the
+    curves cross.
 
     Parameters
     ----------
@@ -554,8 +556,8 @@ def _is_positive_on_sides(
     """Return whether g(u, v) is positive on the sides u = +-u_limit of a rectangle.
 
     This is one part of the proof that four arms of configuration curves (zeros of g) leave
-    a saddle. It is true if g rises from the centre to the sides by more than its magnitude
-    at the centre.
+    a saddle. g is positive if it rises from the centre to the sides by more than its
+    magnitude at the centre.
 
     Parameters
     ----------
@@ -579,7 +581,7 @@ def _is_negative_beyond(
     """Return whether g(0, v) is negative for all ``|v|`` above the inner height.
 
     This is one part of the proof that four arms of configuration curves (zeros of g) leave
-    a saddle. It is true if g falls from the centre to the inner height by more than its
+    a saddle. g is negative if it falls from the centre to the inner height by more than its
     magnitude at the centre. g is concave in v, so it falls further beyond.
 
     Parameters
@@ -604,8 +606,8 @@ def _has_saddle_point_within(
 
     Configuration curves are the zeros of g in a rectangle. g is convex in u and concave in
     v. For each v, let b(v) be the least value of g along u in the rectangle, the bottom of
-    a valley. As the least of concave functions of v, b is concave. It is highest at the
-    saddle point. So the saddle point is within h if b(0) exceeds b(h) and b(-h). These
+    a valley. As the least of concave functions of v, b is concave. b is highest at the v of
+    the saddle point. So the saddle point is within h if b(0) exceeds b(h) and b(-h). These
     values are compared with g(0, 0):
 
     - b(0) is lower by at most the valley depth u_limit ``|g_u(0, 0)|``, because g is convex

@@ -113,10 +113,10 @@ def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
 
     With these bounds, stationary points of variables are found or excluded. z are the
     variables, and s is the coordinate along the tangent. The arc is z = z0 + t s + N y(s)
-    with the tangent t and the normals N at its centre z0. It solves the k equations
-    F(z) = 0. The rates are z' = t + N y', where y' is bounded. From F'' (z', z') + F' z'' =
-    0 with z'' = N y'' follows z'' = -N (F'N)^-1 F''(z', z'). The matrix Y is near the
-    inverse of F'N at the centre.
+    with the tangent t and the normals N at its centre z0. The points of the arc solve the k
+    equations F(z) = 0. The rates are z' = t + N y', where y' is bounded. From F'' (z', z')
+    + F' z'' = 0 with z'' = N y'' follows z'' = -N (F'N)^-1 F''(z', z'). The matrix Y is
+    near the inverse of F'N at the centre.
 
     Each equation is a trigonometric polynomial. Its derivative of any order is at most a
     constant C times the degrees of the equation in the variables of the derivative: with
@@ -219,7 +219,7 @@ class StationaryPoint:
         that may be stationary.
     piece
         Index of a certified arc. The point is between the centre of this arc and the centre
-        of the next arc. The number is set when the point is added to a list.
+        of the next arc.
     """
 
     position: Floats
@@ -279,7 +279,7 @@ class _Stretch:
     Attributes
     ----------
     piece
-        The arc with its box.
+        The arc with its box. The centre of the arc is the start of the stretch.
     end
         (v,) the configuration (rad) at the end, ahead of the centre along the tangent.
     end_error
@@ -454,9 +454,9 @@ def _examine_stretch(
 def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
     """Return a part of a curve as undecided, with a bound of a variable's change in it.
 
-    A stretch is a part of a curve of configurations. It is undecided if the proof does not
-    show whether the variable is stationary in it. If it is, its value there differs from
-    that at the start by no more than the bound.
+    A stretch is a part of a curve of configurations. It starts at the centre of an arc of
+    the curve (`stretch.piece`). The stretch is undecided: the proof does not show whether
+    the variable is stationary in it.
 
     Parameters
     ----------
@@ -467,8 +467,8 @@ def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
 
     Returns
     -------
-    The position of the start, with the bound of the change (rad) as `error`. The bound is
-    the smaller of two bounds.
+    The position of the start, with the bound (rad) as `error`. The bound is the smaller of
+    two bounds.
     """
     change_in_box = _bound_change_by_box(stretch, variable)
     change_along_curve = _bound_change_by_rate(stretch, variable)
@@ -541,14 +541,15 @@ def _find_middle_piece(
     start_arc = stretch.piece
     # The first coordinate in the box of an arc is along its tangent, 0 at its centre.
     end_coordinate = start_arc.coordinates(stretch.end)[0]
-    # Largest half length of the new arc. About twice the length of the stretch is ample.
+    # Largest half length of the new arc. With twice the length of the stretch, the box of
+    # the new arc reaches the end of the stretch from any centre in the stretch.
     longest = max(2.0 * end_coordinate, SHORTEST_STRETCH_RAD)
     middle = find_piece_ahead(equations, start_arc, stretch.position(ratio), longest)
     if middle is None:
         return None
     is_before_end = start_arc.coordinates(middle.centre)[0] < end_coordinate
     end_is_ahead = middle.coordinates(stretch.end)[0] > 0.0
-    # Both parts of the stretch must be followed in the same sense.
+    # The tangents of both arcs must point the same way along the curve.
     if is_before_end and end_is_ahead and _has_same_sense(middle, start_arc):
         return middle
     return None
@@ -588,10 +589,10 @@ def _enclose_zero(
 def _bound_differences_from_middle(stretch: _Stretch) -> Floats:
     """Return how much each variable in a stretch of a curve differs from the middle point.
 
-    A stretch is a part of a curve of configurations. It starts at the centre of an arc
-    (`piece`), and has a computed end. The middle point is on the straight line from start
-    to end, half way. The columns of the frame of the arc are unit vectors: the tangent at
-    the start, then the normals.
+    A stretch is a part of a curve of configurations. It leads from the centre of an arc
+    (`stretch.piece`) to a computed end. The middle point is half way on the straight line
+    from the centre to the end. Distances from the middle point are bounded along the
+    columns of the frame of the arc: the tangent at the start, then the normals.
 
     Returns
     -------
@@ -667,9 +668,9 @@ def _approximate_zero(
         rate = _approximate_rate_at_ratio(equations, stretch, variable, ratios[0])
         return np.array([end_sign * rate])
 
-    # The search takes several functions and fractions. Here there is one of each. It also
-    # takes the values at both ends, of which only the signs matter. The tolerance is the
-    # rounding of float64, so the zero is as accurate as possible.
+    # The search takes several functions and fractions. Here there is one of each. The
+    # search needs the values at both ends, of which only the signs matter. The tolerance is
+    # the rounding of float64, so the zero is as accurate as possible.
     one = np.ones(1)
     zero_ratios, _ = find_bracketed_zeros(
         signed_rate,
@@ -688,7 +689,8 @@ def _approximate_rate_at_ratio(
 ) -> float:
     """Return the rate of a variable at a fraction of the way along a stretch of a curve.
 
-    The rate is the derivative of the variable along the curve. It has no error bounds.
+    The rate is the derivative of the variable along the curve. The result has no error
+    bounds.
 
     Parameters
     ----------
@@ -734,8 +736,8 @@ def _approximate_rate(
 
     Returns
     -------
-    The component of the unit tangent for this variable, without error bounds. It is 0 if
-    the curve has no unique tangent there.
+    The component of the unit tangent for this variable, without error bounds. The result is
+    0 if the curve has no unique tangent there.
     """
     # Derivatives (k, v) of the k equations, which are sums of cosines and sines.
     circle_points = cosines_and_sines(configuration[None])

@@ -82,8 +82,7 @@ def extract_structure(mechanism: Mechanism) -> Structure:
     A coupler is a further link that replaces a sliding contact of two circles. R pairs at
     the centres of both circles join it to the links of the contact. Each coupler adds one
     link and two pairs, first the pair with the first link of the contact. The field
-    `followers` stays empty, since it depends on the sizes: followers are the pairs with
-    angles that follow from the inputs through wheels.
+    `followers` stays empty.
 
     Raises
     ------

@@ -130,9 +130,9 @@ class OrientedBox:
     def _contain(self, positions: Floats, reach: Floats | float) -> Bools:
         """Return whether positions (..., v) are inside this box, as an array (...).
 
-        They must be inside by at least `reach` (rad) along each of the v sides. `reach` is
-        a number or an array (..., v). If it is negative, positions slightly outside are
-        accepted too.
+        A position must be inside by at least `reach` (rad) along each of the v sides.
+        `reach` is a number or an array (..., v). A negative `reach` accepts positions that
+        are outside by this distance.
         """
         coordinates = np.abs(self.coordinates(positions))
         return np.all(coordinates + reach <= self.limits, axis=-1)
@@ -186,8 +186,8 @@ class CertifiedArc(OrientedBox):
     centre_error
         Bound (rad) of the length of y at s = 0: the distance of the arc from the centre.
     test
-        Object that bounds the equations near the centre. It has proven the arc, and gives
-        further bounds along the arc.
+        Object that bounds the equations near the centre. The object has proven the arc, and
+        gives further bounds along the arc.
     """
 
     euclidean_distance: float
@@ -212,8 +212,8 @@ class CertifiedArc(OrientedBox):
     def largest_normal_coordinate(self, half_length: float) -> float:
         """Return a bound (rad) of the distance of the arc from its tangent line.
 
-        It bounds each coordinate ``|y_i|`` along the normals. It is valid where the
-        coordinate s along the tangent has ``|s|`` up to `half_length` (rad).
+        The result bounds each coordinate ``|y_i|`` along the normals. The bound is valid
+        where the coordinate s along the tangent has ``|s|`` up to `half_length` (rad).
         """
         bounds = self.test.bound_arc(half_length, self.radius)
         # The arc is proven to stay in the box, so the radius is also a bound.
@@ -233,9 +233,8 @@ class TangentFrame:
     frame
         (v, v) orthonormal columns: the tangent t, then the normals N.
     inverse
-        (k, k) matrix Y, approximately the inverse of F' N. Proofs multiply the equations by
-        Y, so that the derivatives Y F' N are near the identity. They need not be equal to
-        it.
+        (k, k) matrix Y, an approximate inverse of F' N. Proofs multiply the equations by Y,
+        so that the derivatives Y F' N are near the identity.
     """
 
     frame: Floats
@@ -366,12 +365,12 @@ class ArcBounds:
 class TubeTest:
     """Bounds of Y F and its derivatives near a centre, in coordinates along a frame.
 
-    F = 0 are the k equations that close the loops of the mechanism. They are trigonometric
-    polynomials in the v variables. The frame consists of the tangent and the normals N of
-    the configuration curve at the centre. The matrix Y is near the inverse of F'N, the
-    derivatives with respect to the normal coordinates. If Y F' stays near (0, I), a column
-    of zeros and the identity matrix, there is exactly one arc of configurations in a box
-    about the centre.
+    F = 0 are the k equations that close the loops of the mechanism. The equations are
+    trigonometric polynomials in the v variables. The frame consists of the tangent and the
+    normals N of the configuration curve at the centre. The matrix Y is near the inverse of
+    F'N, the derivatives with respect to the normal coordinates. If Y F' stays near (0, I),
+    a column of zeros and the identity matrix, there is exactly one arc of configurations in
+    a box about the centre.
 
     Parameters
     ----------
@@ -487,10 +486,13 @@ class TubeTest:
 
         F' and F'' are derivatives of the equations along a frame, with coordinates x: the
         tangent and the normals of the configuration curve at x = 0. An equation is a
-        trigonometric polynomial, with the degree d_i along coordinate i. So its third
-        derivatives are at most C d_i d_j d_l with a constant C (Bernstein's inequality).
-        Errors of computed derivatives are at most E d_i or E d_i d_j. Let S be the sum of
-        all d_j times the largest ``|x_j|``. Three bounds are added for coordinate i:
+        trigonometric polynomial, with the degree d_i along coordinate i (`degrees`). A
+        derivative with respect to several coordinates is at most a constant times the
+        product of their degrees (Bernstein's inequality). The constant is C (`third_bound`)
+        for third derivatives, and E (`derivative_error`) for errors of computed ones.
+
+        Let S be the sum of all d_j times the largest ``|x_j|``. Three bounds are added for
+        coordinate i:
 
         - of the remainder                        d_i C S^2 / 2,
         - of the error of the computed F'(0)      d_i E,
