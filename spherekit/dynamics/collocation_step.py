@@ -57,7 +57,7 @@ class ClosureDeterminantRecord:
         Largest absolute value at any node (time at which a step evaluates the equations) so
         far; 0 before the first step.
     sign
-        The sign after the last step, 1 or -1. It has no meaning while `largest` is 0.
+        The sign after the last step, 1 or -1. The sign has no meaning while `largest` is 0.
     """
 
     largest: float = 0.0

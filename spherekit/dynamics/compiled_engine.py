@@ -171,8 +171,8 @@ def by_taylor_series(
     path = make_taylor_path(compiled.runs, compiled.momentum_conversions)
     last_run = compiled.runs[-1]
     seconds = time.perf_counter() - started - compiled.compile_seconds
-    # A simulation ends where its curve of configurations crosses another one. The compiled
-    # engine can also stop elsewhere by mistake, which raises an error here.
+    # An error is raised if the last run stopped elsewhere than at a crossing of curves of
+    # configurations.
     if last_run.end == "singularity":
         _check_crossing(problem, last_run)
     return Simulation(
@@ -315,8 +315,8 @@ def coordinates_at(problem: Problem, values: Floats) -> Names:
     `MAX_RATE_SQUARES`. At the start of a run the sum must be below `MAX_START_RATE_RATIO`
     times this limit, so that the run lasts for some time.
 
-    The inputs are chosen if their sum is below this limit, otherwise the R pairs with the
-    smallest sum.
+    The inputs are chosen if their sum is below this limit. If not, the R pairs with the
+    smallest sum are chosen.
 
     Parameters
     ----------
@@ -443,8 +443,8 @@ def _collect_events(
     events: list[tuple[float, EventKind, int]] = []
     for run in runs:
         for t, kind, variable in run.events:
-            # These do not concern the user here: a singularity is reported as the end of
-            # the simulation, and a change of coordinates is internal.
+            # A singularity is reported as the end of the simulation. A change of
+            # coordinates is not reported.
             if kind == "singularity" or kind == "coordinates":
                 continue
             # At t = 0, rest or a dead centre only describe the start that the user chose. A
@@ -473,9 +473,8 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
 
     - The simulated time is over.
     - A pair (joint) reaches a limit.
-    - The integration overflows, but the loads themselves are finite. Then the Taylor
-      coefficients of a load overflow, for example because of an exp: the load changes too
-      fast for a series.
+    - The integration overflows, but the loads themselves are finite: a load changes too
+      fast for a Taylor series, for example because of an exp.
     - Steps become too short: a load jumps or grows without bound, or the inertia vanishes.
 
     Parameters

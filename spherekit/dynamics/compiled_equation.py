@@ -88,15 +88,15 @@ class CompiledEquation:
     layout
         Layout of the state and of the parameters.
     integrator
-        The Taylor integrator. It stores the state of a run, so `lock` is acquired for a
+        The Taylor integrator, which stores the state of a run. `lock` is acquired for a
         run.
     rates_function
         A function that computes from the variables the homogeneous rates of all variables
         with respect to each coordinate, then the measure of independence of the
         loop-closure equations. A homogeneous rate is the rate per unit rate of the
         coordinate, times the determinant D of the velocity equations for given rates of the
-        coordinates. It stays finite where D is zero, that is where the coordinates do not
-        determine the rates.
+        coordinates. Homogeneous rates stay finite where D is zero, which is where the
+        coordinates do not determine the rates.
     switch_function
         A function that computes from state, time and parameters the switch conditions, then
         their time derivatives. A load changes abruptly where a condition is zero. None
@@ -109,7 +109,7 @@ class CompiledEquation:
     tolerance
         Tolerance of a step, relative to the largest element of the state.
     arguments
-        Arguments of `compile_equation`. They are pickled in place of the equation.
+        Arguments of `compile_equation`, which are pickled in place of the equation.
     """
 
     layout: EquationLayout
@@ -152,8 +152,8 @@ class CompiledEquation:
     def measure_independence(self, values: Floats) -> Floats:
         """Return a measure (n,) of how independent the loop-closure equations are.
 
-        It is zero where these equations depend on each other, that is where curves or
-        surfaces of configurations cross. `values` (n, variables) are the pair variables
+        The measure is zero where these equations depend on each other, that is where curves
+        or surfaces of configurations cross. `values` (n, variables) are the pair variables
         (rad).
         """
         return self.rates_function(values.T)[-1]
@@ -257,9 +257,9 @@ def estimate_compile_seconds(
 ) -> float:
     """Return the estimated time of `compile_equation` (s), 0 if it was compiled before.
 
-    The estimate helps to decide whether compiling pays. It was fitted to the shipped
-    mechanisms with up to ten loads, on one core. Actual times are between half and twice
-    the estimate.
+    The estimate helps to decide whether compiling pays. The estimate was fitted to the
+    shipped mechanisms with up to ten loads, on one core. Actual times are between half and
+    twice the estimate.
 
     Parameters
     ----------
@@ -325,8 +325,8 @@ def _cache_key(mechanism: Mechanism, step_tolerance: float, compact: bool) -> st
     """Return a text that distinguishes the compiled equations of motion of one mechanism.
 
     Compiling takes long, so equations are stored in a cache with this key. `mechanism` has
-    the inputs of the user. They matter even if other pairs are the coordinates: the
-    equation reports where the inputs do not determine the motion (type II singularity).
+    the inputs of the user, because the equation reports where these inputs do not determine
+    the motion (type II singularity).
     """
     return repr(("motion", step_tolerance, compact, mechanism.input_pairs))
 
@@ -453,10 +453,10 @@ def _make_sticking_test(
 ) -> Callable[[Floats, float, Floats], bool]:
     """Return a function that tells whether the motion sticks where a load changes abruptly.
 
-    An example is dry friction. It has a switch condition, the sliding rate, and changes
-    where this is zero. Each condition has a sign, a parameter of the equation of motion.
-    At a zero of the condition the sign is reversed, and with it the load. The reversed load
-    may drive the condition back to zero at once. The motion then sticks.
+    An example is dry friction. Its switch condition is the sliding rate, and dry friction
+    changes where this rate is zero. Each condition has a sign, a parameter of the equation
+    of motion. At a zero of the condition the sign is reversed, and with it the load. The
+    reversed load may drive the condition back to zero at once. The motion then sticks.
 
     Parameters
     ----------

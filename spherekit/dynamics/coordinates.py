@@ -53,9 +53,9 @@ class CoordinateMotion(ArrayRows):
         (n, m, m, links, 3) at [:, i, k] the derivative of w[:, i] with respect to
         coordinate k. NaN if only the first order was requested.
     status
-        (n,) OK, unless a contact of two profiles is impossible. Then it is OFF_PROFILE
-        (beyond the end of a profile) or CURVATURE (the profiles have equal curvature there,
-        or enter each other).
+        (n,) OK, unless a contact of two profiles is impossible: OFF_PROFILE (beyond the end
+        of a profile) or CURVATURE (the profiles have equal curvature there, or enter each
+        other).
     frames
         (n, pairs, 3, 3) frames of the pairs (joints) in ground axes.
     """
@@ -208,9 +208,8 @@ def _complete_motion(
 ) -> CoordinateMotion:
     """Return a motion with all derivatives, from the first ones of the pair variables.
 
-    Added are the second derivatives of the variables, and the angular velocities of the
-    links with their derivatives. The status of each row is also added: OK, unless a contact
-    of two profiles is impossible in this configuration.
+    Added are the second derivatives of the variables, the angular velocities of the links
+    with their derivatives, and the status of each row.
 
     Parameters
     ----------
@@ -317,8 +316,8 @@ def _differentiate_rates(
     - The coordinates are weighted sums of the variables. F (m, variables) has the weights.
       F r_i is constant, since the rates of the coordinates with respect to each other are 1
       or 0.
-    - The coordinate is the arc length of the configuration curve. Then r is the unit
-      tangent, and F = r^T. The derivative of a unit vector is perpendicular to it.
+    - The coordinate is the arc length of the configuration curve, r is the unit tangent,
+      and F = r^T. The derivative of a unit vector is perpendicular to the vector.
 
     Parameters
     ----------
@@ -353,9 +352,8 @@ def determinacy(rates: Floats) -> Floats:
 
     Returns
     -------
-    (n,) from 0 to 1. It is 1 if no variable other than the coordinates moves. It approaches
-    0 where other variables move while the coordinates rest, and is 0 where rates are not
-    finite.
+    (n,) from 0 to 1: 1 if no variable other than the coordinates moves, near 0 where other
+    variables move while the coordinates rest, and 0 where rates are not finite.
     """
     is_finite = all_finite(rates, (1, 2))
     measure = np.zeros(len(rates))
@@ -366,7 +364,7 @@ def determinacy(rates: Floats) -> Floats:
 def reciprocal_condition(closure: Closure, values: Floats, freedoms: int = 1) -> float:
     """Return the reciprocal condition number of the loop-closure equations.
 
-    It vanishes where curves of configurations cross. With V variables and m degrees of
+    The number is 0 where curves of configurations cross. With V variables and m degrees of
     freedom, V - m of the equations are independent. The result is singular value number
     V - m of their Jacobian, in falling order, divided by the largest one. Redundant
     equations therefore have no effect.

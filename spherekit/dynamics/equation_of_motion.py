@@ -146,7 +146,7 @@ class StateDynamics:
 
     The equation of motion is M du/dt + C u = Q with the rates u of m coordinates, the
     inertia matrix M, the Coriolis forces C u and the sum Q of the generalised forces. A
-    state has the momenta p = R u instead of the rates. R is the symmetric square root of
+    state has the momenta p = R u in place of the rates. R is the symmetric square root of
     the inertia matrix, M = R R, so the kinetic energy is p^2 / 2.
 
     Attributes
@@ -194,8 +194,8 @@ class StateDynamics:
     def momentum_rates(self) -> Floats:
         """(n, m) rates dp/dt of the momenta p = R u.
 
-        They are R^-1 (Q - C u) + (dR/dt) u with the root R of the inertia matrix, the sum Q
-        of the generalised forces and the rates u of the coordinates.
+        The rates are R^-1 (Q - C u) + (dR/dt) u with the root R of the inertia matrix, the
+        sum Q of the generalised forces and the rates u of the coordinates.
         """
         load_part = self.roots.solve(np.sum(self.forces, axis=2))
         # With one degree of freedom the other terms cancel: M = R^2 gives dR/dt =

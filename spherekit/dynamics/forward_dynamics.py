@@ -212,7 +212,7 @@ def _simulate_and_compare(
         As in `simulate`.
     """
     simulation = _simulate_problem(problem, tolerance, engine)
-    # The engine of the first simulation computes the others, too.
+    # The engine of the first simulation computes all further simulations.
     engine = simulation.engine.name
     # The tolerance of the steps of `simulation`. That of the compiled engine has an upper
     # limit, so that crossings of curves of configurations are noticed.
@@ -254,8 +254,8 @@ def _explain_reference(
         f"{simulation.engine.reason}; the error was {simulation.error:.1e} rad with steps "
         f"for {step_tolerance:g} rad, so shorter steps were used"
     )
-    # `forecast` is the expected computing times by which the engine was chosen. They belong
-    # to the first simulation.
+    # `forecast` has the expected computing times by which the engine was chosen for the
+    # first simulation.
     report = replace(reference.engine, reason=reason, forecast=simulation.engine.forecast)
     return replace(reference, engine=report)
 
@@ -263,8 +263,8 @@ def _explain_reference(
 def _largest_difference(simulation: Simulation, reference: Simulation) -> float:
     """Return the largest difference (rad) of any pair variable between two simulations.
 
-    The reference has a smaller tolerance, so the difference is an estimate of the error. It
-    is infinite if the simulations end for different reasons.
+    The reference has a smaller tolerance, so the difference is an estimate of the error.
+    The result is infinite if the simulations end for different reasons.
     """
     if simulation.end.kind != reference.end.kind:
         return np.inf

@@ -33,7 +33,7 @@ class UnitWrench:
     link
         Number of the link.
     moment
-        Moment about the centre of the sphere, per unit of the magnitude. It includes the
+        Moment about the centre of the sphere per unit of the magnitude, including the
         moment of the force.
     force
         Force per unit of the magnitude; 0 if the component is a couple.
@@ -125,7 +125,7 @@ class Loads:
         for index, component in enumerate(self.components):
             if component.pair:
                 velocities[..., index] = self._pair_rate(motion.rates, component.pair)
-            # This yields nothing for a component that acts at a pair.
+            # The method yields nothing for a component that acts at a pair.
             for wrench in self.unit_wrenches(component, motion.rotations):
                 # All links rotate about the centre, so a force on a link does work only by
                 # its moment about the centre.

@@ -280,8 +280,8 @@ def christoffel(dM: Floats) -> Floats:
     """Return the Christoffel symbols c (n, m, m, m) of n inertia matrices M.
 
     These symbols give the velocity-dependent torques, sum of c_ijk q'_j q'_k. `dM` (n, m,
-    m, m) has at [i, j, k] the derivative of M_ij with respect to coordinate k. Then c_ijk =
-    (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i) / 2.
+    m, m) has at [i, j, k] the derivative of M_ij with respect to coordinate k. The symbols
+    are c_ijk = (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i) / 2.
     """
     return 0.5 * (dM + (np.swapaxes(dM, 2, 3) - np.moveaxis(dM, 3, 1)))
 

@@ -73,7 +73,7 @@ def judged(
 
     A row is one sample of a motion. Three rules say what is known in a row:
 
-    - Inertia is known if the rates are. It does not depend on loads or friction.
+    - Inertia is known if the rates are.
     - Loads are known if the rates and the friction are.
     - Torques are known if all loads of the row are known.
 
@@ -309,9 +309,9 @@ class InverseSolution(InputMotion):
     def torque_at(self, pair: str) -> Floats:
         """Return the torque (n,) in N m that would drive the motion at another R pair.
 
-        The torque replaces the driving torque at the input and has the same effect. It is
-        not finite at dead centres of the pair, where a torque at the pair cannot move the
-        mechanism.
+        The torque replaces the driving torque at the input and has the same effect. The
+        torque is not finite at dead centres of the pair, where a torque at the pair cannot
+        move the mechanism.
         """
         (variable,) = self.mechanism.variables_of(self.mechanism.pair_number[pair])
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -433,7 +433,7 @@ def _motion_of_rotation(mechanism: Mechanism, schedule: TimeScaling, t: Floats) 
     mechanism
         The mechanism with the output.
     schedule
-        The rotation, with its angle as a function of time. It also has the inputs and the
+        The rotation, with its angle as a function of time, and with the inputs and the
         configurations that belong to each angle.
     t
         (n,) times, s.
@@ -474,8 +474,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
     input_variables = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
     closure = Closure.of_mechanism(mechanism, motion.joints)
     coordinates = motion_by_variables(closure, motion.values, input_variables)
-    # Rows are singular where the inputs do not determine the motion. The negated comparison
-    # is also true for NaN.
+    # Rows are singular where the inputs do not determine the motion, or rates are NaN.
     is_singular = ~(determinacy(coordinates.rates) >= SINGULAR_INPUT_DETERMINACY)
     has_configuration = ~motion.failed
     # If assembly modes nearly meet at a row, the derivatives depend on rounding errors of
@@ -496,9 +495,8 @@ def needed_torques(motion: Motion) -> InverseSolution:
     loads = Loads(mechanism)
     if loads.friction_components:
         # This friction depends on reactions, which depend on the torques. An iteration
-        # solves for the forces that the bearings carry, and the torques are computed again
-        # with these forces. Rows in which bearings may lock have no solution
-        # (`is_unknown`).
+        # solves for the forces that the bearings carry. The torques are computed again with
+        # these forces.
         has_torques = all_finite(solution.torques, 1)
         driven = DrivenState(mechanism, coordinates, timing, solution.torques)
         with np.errstate(over="ignore", invalid="ignore"):

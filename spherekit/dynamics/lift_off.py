@@ -85,7 +85,7 @@ def end_at_lift_off(simulation: Simulation) -> Simulation:
     ]
     pushes = np.concatenate([block.pushes for block in blocks])
     reactions = np.concatenate([block.largest_reaction for block in blocks])
-    # A pull is compared with the largest reaction so far, including the first steps.
+    # A pull is compared with the largest reaction so far. The first steps always count.
     scale = np.fmax.accumulate(reactions)
     scale = np.maximum(scale, scale[: FIRST_LIFT_OFF_STEPS * PROBES_PER_STEP][-1])
     is_pulling = np.any(pushes < -MAX_SIMULATED_PULL * scale[:, None], axis=1)

@@ -76,8 +76,8 @@ class EquationLayout:
         momentum for each degree of freedom, and the work of each load.
 
         Parameters are numbers in the compiled equation that are constant during an
-        integration step, such as joint limits. They can be changed without compiling again.
-        Parameters are numbered from 0. An attribute ``..._parameter`` is the index of one
+        integration step, such as joint limits. Parameters can be changed without compiling
+        again, and are numbered from 0. An attribute ``..._parameter`` is the index of one
         parameter; ``..._parameters`` is the index of the first of several parameters.
         """
         self.variable_count = len(mechanism.variable_names)
@@ -243,8 +243,8 @@ class EquationExpressions:
         divisions, so these rates stay finite where the coordinate does not determine the
         motion. A simulation needs them for the direction of its curve of configurations.
     independence
-        Measure of the independence of the loop-closure equations. It is zero where these
-        equations depend on each other, which is where curves of configurations cross.
+        Measure of the independence of the loop-closure equations. The measure is zero where
+        these equations depend on each other, which is where curves of configurations cross.
     events
         Events at which an integration ends, or changes its coordinates. Events of joint
         limits and of loads that change abruptly are added later.

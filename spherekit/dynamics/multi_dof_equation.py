@@ -211,7 +211,7 @@ def _derive_events(
     An event occurs where its function crosses zero. There are two or three events:
 
     - A type II singularity ("type_2"), where the inputs of the user do not determine the
-      motion. It is only needed if other pairs are the coordinates of the equation.
+      motion. This event is only needed if other pairs are the coordinates of the equation.
     - A singularity, where the measure of independence falls below its limit.
     - The choice of other coordinates, where the rates of the variables per unit rates of
       the coordinates become too large.

@@ -277,8 +277,8 @@ class Collocation:
         self.equation = equation = problem.equation
         self.tolerance = tolerance
         # (m, variables) weights that define the m coordinates of the motion, one for each
-        # degree of freedom. The rate of coordinate i is a weighted sum of the rates of all
-        # pair variables. Row i has the weights of this sum.
+        # degree of freedom. The rate of coordinate i is the sum of the rates of all pair
+        # variables with the weights of row i.
         self.rate_weights = problem.rate_weights
         self.steps: list[CollocationStep] = []
         self.events: list[Event] = []
@@ -359,7 +359,7 @@ class Collocation:
     def simulation(self, reason: str, forecast: Forecast | None = None) -> Simulation:
         """Return the motion up to the last accepted step, as a simulation.
 
-        It may be called while the integration continues, to show the motion so far.
+        The method may be called while the integration continues, to show the motion so far.
 
         Parameters
         ----------
@@ -404,7 +404,7 @@ class Collocation:
     def _integrate(self) -> Generator[float, None, SimulationEnd]:
         """Take all steps, yield the time (s) after each of them, and return the end.
 
-        A step is accepted if its error is at most the tolerance. Otherwise a shorter step
+        A step is accepted if its error is at most the tolerance. If not, a shorter step
         from the same state is tried.
         """
         problem = self.problem
@@ -501,8 +501,8 @@ class Collocation:
         if self.equation.freedoms == 1:
             self.rate_weights = last_rates
         elif np.linalg.norm(last_rates, 2) > MAX_VARIABLE_RATE:
-            # The pair variables move fast compared with the coordinates. This shows that
-            # the coordinates are nearly dependent.
+            # The pair variables move fast compared with the coordinates, so the coordinates
+            # are nearly dependent.
             state, self.rate_weights = self.equation.renew_coordinates(
                 state, self.rate_weights
             )
@@ -542,7 +542,8 @@ class Collocation:
             closed = equation.project(states[:, :variables])
             states = np.concatenate([closed, states[:, variables:]], axis=1)
         # The weights define the coordinates: the rate of coordinate i is row i @ rates of
-        # the pair variables. Loads also need the whole turns that the states leave out.
+        # the pair variables. Loads may depend on the whole turns (rad) that the states
+        # leave out.
         return equation.evaluate(t, states, self.rate_weights, self.problem.turn_angles)
 
     def _close(self, state: Floats) -> Floats:
@@ -567,8 +568,8 @@ class Collocation:
 
         Nodes are N times within the step. The states at the nodes are the state at the
         start plus the integral of the polynomial through the rates at the nodes, and the
-        rates follow from the states. Both are computed in turn until the states no longer
-        change (Picard iteration).
+        rates follow from the states. States and rates are computed in turn until the states
+        no longer change (Picard iteration).
 
         Parameters
         ----------
@@ -671,8 +672,8 @@ class Collocation:
         """Return the derivative (N,) of dp/dt with respect to the momentum p, at N nodes.
 
         Newton's method uses it where abrupt changes of loads make the momentum stiff. There
-        is one degree of freedom, so a state has a single momentum p. The derivative is
-        computed by a difference quotient. It is 0 where this quotient is not finite.
+        is one degree of freedom, so a state has a single momentum p. The derivative is a
+        difference quotient, or 0 where this quotient is not finite.
 
         Parameters
         ----------
@@ -826,16 +827,16 @@ class Collocation:
 
         A set of configurations is a curve, or a surface if there are several degrees of
         freedom. Where two sets come near each other, a long step could change from one to
-        the other. This is tested only if the user wants the simulation to pass crossings.
-        The step may then pass through one crossing, but must end away from it.
+        the other. The step may pass through one crossing, but must end away from this
+        crossing. Only a simulation that passes crossings needs the test.
 
         Parameters
         ----------
         step
             The step.
         determinants
-            (N,) closure determinants at its nodes. They are zero and change their sign at a
-            crossing, see `CollocationStep.closure_determinants`.
+            (N,) closure determinants at its nodes. These determinants are zero and change
+            their sign at a crossing.
         """
         if not self.problem.passes_crossings:
             return True
@@ -851,7 +852,7 @@ class Collocation:
         crossing_time = step.find_crossing(determinants, record)
         if ends_near_crossing or crossing_time is None:
             return False
-        # The sign also changes if the step has changed to another set that is near.
+        # A change of sign can be a change to another set that is near.
         return self._is_true_crossing(step, crossing_time)
 
     def _is_true_crossing(self, step: CollocationStep, t: float) -> bool:
@@ -884,8 +885,8 @@ class Collocation:
         Parameters
         ----------
         determinants
-            (N,) closure determinants at the nodes of the step. They change their sign at a
-            crossing.
+            (N,) a determinant at each node of the step. The determinant changes its sign at
+            a crossing.
         """
         if self.problem.passes_crossings:
             return False
@@ -1068,10 +1069,10 @@ class StepAttempt:
     step
         The step, which may be rejected.
     error
-        Error relative to the tolerance; at most 1 if the step can be accepted. It is
-        infinite in three cases: the iteration failed, there are no rates at a node (time
-        at which the equations are evaluated), or a load changes abruptly between two
-        nodes, where the polynomial of the step does not follow it.
+        Error relative to the tolerance; at most 1 if the step can be accepted. The error is
+        infinite in three cases: the iteration failed, there are no rates at a node (time at
+        which the equations are evaluated), or a load changes abruptly between two nodes,
+        where the polynomial of the step does not follow it.
     iterations
         Number of iterations.
     dynamics
@@ -1115,10 +1116,10 @@ def _momentum_newton_matrix(slopes: Floats, length: float) -> Floats:
     """Return the matrix (N, N) by which Newton's method corrects the momenta at N nodes.
 
     With one degree of freedom, the momenta p at the N nodes (times of the step) satisfy
-    p = p_start + h/2 A p'. A (`INTEGRATION_MATRIX`) integrates the rates p' from the
-    start of the step to each node. It belongs to the interval from -1 to 1, and h/2
-    converts it to seconds. The result is the inverse of the Jacobian 1 - h/2 A diag(d)
-    of these equations. It turns their residuals into corrections of p.
+    p = p_start + h/2 A p'. The matrix A (`INTEGRATION_MATRIX`), with the factor h/2,
+    integrates the rates p' from the start of the step to each node. The result is the
+    inverse of the Jacobian 1 - h/2 A diag(d) of these equations. This inverse turns
+    residuals of the equations into corrections of p.
 
     Parameters
     ----------
@@ -1158,9 +1159,9 @@ def _length_factor(error: float, iterations: int) -> float:
     Parameters
     ----------
     error
-        Error of the present step relative to the tolerance. It is proportional to the N-th
-        power of the length, with the number N of nodes (times in the step at which the
-        equation of motion is satisfied).
+        Error of the present step relative to the tolerance. The error is proportional to
+        the N-th power of the length, with the number N of nodes (times in the step at which
+        the equation of motion is satisfied).
     iterations
         Number of iterations by which the equations of the present step were solved.
     """

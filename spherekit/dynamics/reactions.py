@@ -98,8 +98,8 @@ class Reactions(JointReactions):
 
         The bearings together exert the moment and the force that the pair transmits. A
         component is NaN if the equations of equilibrium leave it undetermined. The z
-        component is also NaN if the file does not say how the bearings share the force
-        along the axis.
+        component is NaN if the file does not say how the bearings share the force along the
+        axis.
         """
         forces_on_bearings: dict[str, Floats] = {}
         for load in self._bearing_loads:
@@ -214,8 +214,8 @@ def reactions(motion: Motion) -> Reactions:
     # The equations are solved in rows with torques only.
     is_ok = torques.status == Status.OK
     joint_reactions = compute_reactions(driven.rows(is_ok), forces=True)
-    # If components are undetermined, it is examined which further information would
-    # determine them. This is left out if a link slides, since no pair fixes it at O.
+    # If components are undetermined, further information is listed that would determine
+    # them. The list stays empty if a link slides, since no pair fixes it at O.
     indeterminate_forces = IndeterminateForces()
     open_counts = np.count_nonzero(joint_reactions.opened, axis=(1, 2))
     if np.any(open_counts) and not np.any(joint_reactions.slides):

@@ -409,9 +409,9 @@ class StoredModel:
         def evaluate_distance(x: Floats) -> tuple[Floats, Floats]:
             """Return a number that is 0 where a variable has `value`, and its derivative.
 
-            Both have the shape (k,), for k coordinates x along the curve of configurations.
-            The derivative is with respect to x. Zeros of the number are the places that are
-            searched.
+            Number and derivative have the shape (k,), for k coordinates x along the curve
+            of configurations. The derivative is with respect to x. Zeros of the number are
+            the places that are searched.
             """
             # The variable, and its derivative with respect to x.
             values, rates = series.evaluate(x)[:, variable_columns].T
@@ -439,8 +439,8 @@ class StoredModel:
         Parameters
         ----------
         torque
-            An expression in pair variables (joint angles), their rates and the time, in the
-            syntax of mechanism files. It acts at the first input. Or a mapping: an
+            The torque at the first input: an expression in pair variables (joint angles),
+            their rates and the time, in the syntax of mechanism files. Or a mapping: an
             expression for each driven input, by the name of the input.
 
         Raises
@@ -468,7 +468,7 @@ class StoredModel:
                     "driving torque; leave this one out"
                 )
             try:
-                # This only checks the expression. The load stores the text.
+                # `parse` only checks the expression here. The load stores the text.
                 parse(text, load_names(heading.angles))
             except ModelError as error:
                 raise ModelError(f"{heading.mechanism}: torque: {error}") from None
@@ -581,8 +581,8 @@ class StoredModel:
                 [*configuration_values, *rates, t, *table_torques]
             )
         except (ValueError, ArithmeticError):
-            # Python floats raise errors where arrays become infinite or NaN. Compute the
-            # torques again with arrays of one row, so that the result is such a number.
+            # Python floats raise errors where arrays become infinite or NaN. Arrays of one
+            # row give the infinite or NaN result.
             rows = [np.array([argument], dtype=float) for argument in (x, dx, ddx, t)]
             torque_rows = self.torque(*rows)
             return torque_rows[0]
@@ -637,8 +637,8 @@ class StoredModel:
         Raises
         ------
         SolveError
-            If the array of m inputs has a wrong shape. Also if it has a single point that
-            is outside the domain. Among many points, those outside are no error.
+            If the array of m inputs has a wrong shape, or has a single point that is
+            outside the domain.
         """
         arrays = [np.asarray(x, dtype=float) for x in (coordinates, *derivatives)]
         if self.heading.is_curve:
@@ -777,8 +777,8 @@ class StoredModel:
 
             return evaluate_in_box
         # Combine the series along the curve. The heading has the largest absolute value of
-        # each function. A bound of each sum follows from these. It is the scale relative to
-        # which the precision of the polynomials of the sum is judged.
+        # each function. A bound of each sum follows from these: the scale relative to which
+        # the precision of the polynomials of the sum is judged.
         functions = heading.groups[group]
         largest_values = np.array([function.largest for function in functions])
         scales = largest_values @ np.abs(factors)
@@ -818,7 +818,7 @@ class StoredModel:
 
         The box consists of the ranges of m inputs. The functions of the model are stored as
         series, one for each cell (a smaller box). Together, the cells are the domain of the
-        model. They may leave out parts of the box.
+        model, which may be a part of the box.
 
         Raises
         ------

@@ -161,8 +161,8 @@ class StoredHeading:
         Share (0 to 1) of a box in which the functions are known. In the rest, the assembly
         mode does not exist, or is too near to a singularity.
     groups
-        Functions that are stored together: first the functions of the motion. Then, along a
-        curve, the functions of each pole follow, in the order of `poles`.
+        Functions that are stored together: first the functions of the motion, and along a
+        curve the functions of each pole, in the order of `poles`.
     """
 
     mechanism: str
@@ -196,8 +196,8 @@ class StoredHeading:
     def _lower_triangle(self) -> list[tuple[str, str]]:
         """Names of row and column of each element of the inertia matrix up to its diagonal.
 
-        The matrix has a row and a column for each coordinate. It is symmetric, so these
-        entries determine the others. They are listed row by row.
+        The matrix has a row and a column for each coordinate, and is symmetric. The names
+        are listed row by row.
         """
         return [(a, b) for i, a in enumerate(self.by) for b in self.by[: i + 1]]
 
@@ -433,7 +433,7 @@ class StoredHeading:
 
         A pole is the axis about which one link rotates relative to another one. Its name is
         LINK/RELATIVE_TO. Each pole is stored for one order of the links. The sense is 1.0
-        for this order. It is -1.0 for the other order, in which velocities have the
+        for this order. The sense is -1.0 for the other order, in which velocities have the
         opposite sign.
 
         Raises
@@ -462,9 +462,9 @@ class StoredHeading:
     def reduce_to_range(self, x: float) -> tuple[float, int]:
         """Return the coordinate of a curve within its range, and the number of laps.
 
-        The curve consists of the configurations of a mechanism. If it is closed, its
+        The curve consists of the configurations of a mechanism. If the curve is closed, its
         functions are periodic, and whole laps can be subtracted from the coordinate x
-        (rad). Otherwise the number of laps is 0.
+        (rad). If not, the number of laps is 0.
 
         Raises
         ------
@@ -487,9 +487,8 @@ class StoredHeading:
     def count_laps(self, x: Floats) -> Floats:
         """Return how many whole laps (n,) coordinates x (n,), rad, of a curve contain.
 
-        The curve consists of the configurations of a mechanism. If it is closed,
-        coordinates beyond its ends are in further laps. The number is 0 if the curve is not
-        periodic.
+        The curve consists of the configurations of a mechanism. If the curve is closed,
+        coordinates beyond its ends are in further laps. If not, the number is 0.
 
         Raises
         ------

@@ -135,8 +135,8 @@ def load_velocity_names(loads: Loads) -> dict[int, str]:
 
     A load has one component or, as a force, up to three. The power of a component is its
     magnitude times a velocity. For a component that acts on a link, the model stores this
-    velocity per unit rate of each coordinate. A component at a pair (joint) works on the
-    rate of the pair, which is stored anyway, so it is left out here.
+    velocity per unit rate of each coordinate. A component at a pair (joint) is left out: it
+    works on the rate of the pair, which is stored as a derivative of the pair variable.
 
     Returns
     -------
@@ -202,8 +202,8 @@ class Sampler:
         self.poles = poles
         self.closure = position_analysis.solver.closure
         self.loads = Loads(self.mechanism)
-        # The power of a component of a load is its magnitude times a velocity. These are
-        # the names of the stored velocities, by the index of the component.
+        # The power of a component of a load is its magnitude times a velocity. The
+        # dictionary has the names of the stored velocities, by the index of the component.
         self.load_velocities = load_velocity_names(self.loads)
         self.has_dynamics = bool(self.mechanism.masses or self.mechanism.loads)
 
@@ -355,8 +355,8 @@ class Sampler:
         if self.has_dynamics:
             masses = inertia(self.mechanism, motion)
             functions.append(_lower_triangles(masses.M))
-            # (n, i, j, k) Christoffel symbols, i for the equation of coordinate i. They are
-            # symmetric in j and k, so only those with k <= j are stored.
+            # (n, i, j, k) Christoffel symbols, i for the equation of coordinate i. The
+            # symbols are symmetric in j and k, so only those with k <= j are stored.
             symbols = christoffel_factor * christoffel(masses.dM)
             functions.append(_lower_triangles(symbols).reshape(len(symbols), -1))
         if self.load_velocities:
@@ -426,10 +426,10 @@ class CurveSampler(Sampler):
     curve
         The configuration curve as a function of its arc length.
     is_by_input
-        Whether the coordinate of the functions is the variable q of the input. Otherwise it
-        is the arc length s of the curve.
+        Whether the coordinate of the functions is the variable q of the input, and not the
+        arc length s of the curve.
     input_sense
-        1 or -1: whether q grows or falls along the curve. It is 1 if the coordinate is s.
+        1 or -1: whether q grows or falls along the curve. 1 if the coordinate is s.
     lap_length
         Growth of the coordinate (rad) over one lap of a closed curve, or over the whole
         length of an open curve.
@@ -484,8 +484,8 @@ class CurveSampler(Sampler):
             self.input_sense = float(np.sign(revolutions))
             self.lap_length = abs(revolutions) * TURN
             # The curve passes the configuration `values`, perhaps with whole turns added to
-            # the variables. They are subtracted from the nodes (the known configurations
-            # from which Newton's method starts), so that the nodes pass `values` itself.
+            # the variables. These turns are subtracted from the nodes (the known
+            # configurations from which Newton's method starts).
             offset = curve.at(curve.find(values[None])).values[0] - values
             arc_lengths = np.linspace(0.0, curve.length, CURVE_NODES)
             node_values = curve.at(arc_lengths).values - offset
@@ -605,8 +605,8 @@ class CurveSampler(Sampler):
         """Return the motion with derivatives d/ds at arc lengths s (n,), rad."""
         points = self.curve.at(s)
         motion = motion_by_arc_length(self.closure, points.values)
-        # The unit tangent is computed as a null vector, whose sense is arbitrary. It gets
-        # the sense of the stored tangent of the curve.
+        # The unit tangent is computed as a null vector of arbitrary sense, and gets the
+        # sense of the stored tangent of the curve.
         return motion.with_senses(np.sign(np.vecdot(motion.rates[:, 0], points.tangents)))
 
     def _evaluate_directions(
@@ -710,8 +710,7 @@ class CurveSampler(Sampler):
         """Return unit vectors (n, 3) along the poles that are not the axis of a pair.
 
         A pole is the axis of relative rotation of two links. The vectors are in ground
-        axes, in either sense. They are used to follow the sense of each axis along the
-        curve.
+        axes, in either sense.
         """
         poles_at_pairs = set()
         for step in self.plan.steps:
@@ -771,11 +770,11 @@ def _choose_pole_axis(
 ) -> Floats:
     """Return unit vectors (n, 3) along a pole axis, each by the more accurate method.
 
-    A pole axis is the axis of relative rotation of two links. It is constructed from other
-    axes: the three pole axes of any three links lie in one plane, and an unknown axis is
-    the intersection of two such planes. The axis is also the direction of the relative
-    angular velocity of the links. In each row (configuration), this direction is used if
-    its error is smaller. A constructed axis with a negligible error
+    A pole axis is the axis of relative rotation of two links. The axis is constructed from
+    other axes: the three pole axes of any three links lie in one plane, and an unknown axis
+    is the intersection of two such planes. The other method takes the direction of the
+    relative angular velocity of the links. In each row (configuration), this direction is
+    used if its error is smaller. A constructed axis with a negligible error
     (`TRUSTED_AXIS_ERROR_RAD`) stays in any case.
 
     Parameters
@@ -867,9 +866,8 @@ class BoxSampler(Sampler):
     def evaluate(self, inputs: Floats, function_count: int) -> Floats:
         """Return the values of all stored functions, one column for each of their labels.
 
-        A reduced model stores these functions of its inputs. They are the pair variables
-        (joint angles), the inertia, and velocities of loads and poles, see
-        `label_functions`.
+        A reduced model stores these functions of its inputs: the pair variables (joint
+        angles), the inertia, and velocities of loads and poles, see `label_functions`.
 
         Parameters
         ----------
@@ -1005,7 +1003,8 @@ def _follow_curve(position_analysis: PositionAnalysis) -> tuple[ArcCurve, Floats
     An assembly mode is one way to assemble the mechanism at the same inputs. The first
     configuration is searched at evenly spaced inputs; it has to be within the joint limits.
     The curve consists of all configurations that the mechanism with its one input reaches
-    from there. It is followed in both senses, until it closes or reaches a joint limit.
+    from there. The curve is followed in both senses, until it closes or reaches a joint
+    limit.
 
     Returns
     -------
@@ -1091,7 +1090,7 @@ def _describe_loads(
 
     A load is a sum of components, such as the x, y and z parts of a force. The power of a
     component is its magnitude times a velocity. For a component at a pair (joint) this is
-    the rate of the pair variable, otherwise a velocity that the model stores for it.
+    the rate of the pair variable. For other components the model stores this velocity.
 
     Parameters
     ----------

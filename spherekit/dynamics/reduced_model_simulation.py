@@ -49,8 +49,8 @@ class TabulatedMotion:
     t
         (n,) times, s.
     x
-        (n,) coordinate along the curve, rad. It is the input variable if the heading of the
-        model calls it "q", and the arc length of the curve if it is "s".
+        (n,) coordinate along the curve, rad: the input variable if its name in the heading
+        of the model is "q", and the arc length of the curve if it is "s".
     values, value_rates
         (n, variables) pair variables and their rates, rad and rad/s.
     q, dq

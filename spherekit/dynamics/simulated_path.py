@@ -69,8 +69,8 @@ class PathStates(ArrayRows):
 class StatePath:
     """The states of a simulation over time, as functions that are put together.
 
-    A part of the path is evaluated by one function. It is one step of the NumPy engine, or
-    several steps (a segment) of the compiled engine.
+    A part of the path is evaluated by one function. A part is one step of the NumPy engine,
+    or several steps (a segment) of the compiled engine.
 
     Attributes
     ----------
@@ -95,8 +95,8 @@ class StatePath:
     def checked_steps(self) -> Indices:
         """Indices of the integration steps at which energy and power balances are checked.
 
-        They are evenly distributed. To limit computing time, there are at most
-        `MAX_CHECKED_STEPS` of them.
+        To limit computing time, at most `MAX_CHECKED_STEPS` steps are chosen, evenly
+        distributed.
         """
         count = len(self.starts)
         return np.linspace(0, count - 1, min(MAX_CHECKED_STEPS, count)).astype(np.intp)
@@ -232,7 +232,7 @@ class CurveMomentumConversion:
     Attributes
     ----------
     equation
-        The compiled equation of motion. It computes tangents of the curve.
+        The compiled equation of motion, which computes tangents of the curve.
     sense
         +1 if these tangents point in the positive direction of the simulation, otherwise
         -1.
@@ -317,7 +317,7 @@ class CoordinateMomentumConversion:
         """Replace the scaled rates of the coordinates by momenta, in place.
 
         States of the compiled engine have the rates of m coordinates, multiplied by a
-        constant (`rate_scale`). States of a simulation have momenta instead.
+        constant (`rate_scale`).
 
         Parameters
         ----------
@@ -348,8 +348,8 @@ class CoordinateMomentumConversion:
     def rate_scale(self) -> float:
         """Factor by which the compiled engine multiplies the rates of the coordinates.
 
-        It is the square root of a moment of inertia of the whole mechanism, so that scaled
-        rates have the unit of momenta.
+        The factor is the square root of a moment of inertia of the whole mechanism, so that
+        scaled rates have the unit of momenta.
         """
         return float(np.sqrt(total_moment_of_inertia(self.equation.mechanism)))
 
@@ -396,7 +396,7 @@ def make_taylor_path(
 ) -> StatePath:
     """Return the states over time of a simulation by the compiled engine, from its runs.
 
-    A run is an integration of the compiled equation of motion in certain coordinates. It
+    A run is an integration of the compiled equation of motion in certain coordinates. A run
     consists of segments, and a segment consists of several steps. Each segment is a part of
     the path, evaluated by one function.
 

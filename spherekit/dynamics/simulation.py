@@ -102,8 +102,8 @@ class EngineReport:
     reason
         The reason why this engine was chosen, in words.
     compile_seconds
-        Computing time for compiling the equation of motion, s. It is 0 if the equation had
-        been compiled before.
+        Computing time for compiling the equation of motion, s; 0 if the equation had been
+        compiled before.
     seconds
         Computing time for solving the equation of motion, s.
     steps
@@ -260,7 +260,7 @@ class Simulation:
         """
         if self.tolerance is None:
             return None
-        # `not error <= limit` is also true for an error of NaN.
+        # `not error <= limit` is true for an error of NaN.
         if self.error is not None and not self.error <= self.tolerance:
             evidence = self._describe_difference(self.error)
         elif not self.checks.momentum <= MAX_MOMENTUM_ERROR_RATIO * self.tolerance:
@@ -276,8 +276,8 @@ class Simulation:
     def _describe_difference(self, error: float) -> str:
         """Return a text on the difference (rad) from a simulation with a smaller tolerance.
 
-        This difference is an estimate of the error. It is infinite if the two simulations
-        end for different reasons.
+        This estimate of the error is infinite if the two simulations end for different
+        reasons.
         """
         if np.isfinite(error):
             return f"its error is {error:.1e} rad"
@@ -378,8 +378,8 @@ class Simulation:
         the largest of each kind is returned:
 
         - Energy: the change of kinetic energy minus the work of the loads.
-        - Momentum: the error of dp/dt times the length of the step. This is the error of p
-          that a step adds. It is divided by a typical size of p.
+        - Momentum: the error of dp/dt times the length of the step, which is the error of p
+          that a step adds, divided by a typical size of p.
         - Power: p times the error of dp/dt, since the rate of p^2 / 2 is p dp/dt.
         - Closure: the angle by which a loop is open.
         """

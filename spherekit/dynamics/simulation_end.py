@@ -104,8 +104,8 @@ def no_step_end(
     """Return the reason why a simulation ends if its next step would become too short.
 
     The end is "no_inertia" if the smallest principal inertia at the time of the end is tiny
-    compared with the largest principal inertia so far. Otherwise it is "too_fast" with the
-    text `message`.
+    compared with the largest principal inertia so far. If not, the end is "too_fast" with
+    the text `message`.
 
     Parameters
     ----------

@@ -117,9 +117,9 @@ def _derive_events(
     """Return the events of the motion, except those of joint limits and of loads.
 
     The configurations of the mechanism form a curve with a parameter x. The derivatives of
-    all pair variables (joint angles) v are tau = dv/dx. They form a tangent vector of the
-    curve, but not one of unit length: tau is computed from determinants of the velocity
-    equations. At a singularity these equations depend on each other, and tau is zero.
+    all pair variables (joint angles) v are tau = dv/dx. tau is computed from determinants
+    of the velocity equations. At a singularity these equations depend on each other, and
+    tau is zero.
 
     An event occurs where its function crosses zero. The functions are:
 

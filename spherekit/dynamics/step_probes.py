@@ -66,8 +66,8 @@ def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
     ----------
     probe
         A function that compares steps with indices (n,) with the equation of motion at
-        places (n,). It returns the errors (n,) of the steps as multiples of the allowed
-        error, and the values (n, arguments) of the steep arguments.
+        places (n,). The function returns the errors (n,) of the steps as multiples of the
+        allowed error, and the values (n, arguments) of the steep arguments.
     step_count
         Number of the steps.
 
@@ -100,7 +100,7 @@ def _list_even_places() -> Floats:
 
     Places are fractions of the length of a step. Most are evenly spaced from 0 to 1, and
     two more are right beside the ends. An extremum is found between the outer two of three
-    successive places. With the two further places, extrema right at the ends are found too.
+    successive places. With the two further places, extrema right at the ends are found.
     """
     return np.sort([*np.linspace(0.0, 1.0, EVEN_PROBES), END_DISTANCE, 1.0 - END_DISTANCE])
 
@@ -139,7 +139,7 @@ def _find_critical_places(
     def evaluate_differences(steps: Indices, places: Floats) -> Floats:
         """Return central differences (n, arguments) of the arguments at n places.
 
-        They vanish at extrema of the arguments.
+        The differences are zero at extrema of the arguments.
         """
         # Over this distance an argument changes by more than its rounding error.
         small_distance = END_DISTANCE
@@ -172,7 +172,7 @@ def _add_middles(critical: ProbePlaces) -> ProbePlaces:
 
     A critical place is a fraction of a step at which a load may jump. A load may jump up at
     one critical place and down at the next. The step may agree with the equation of motion
-    at both places, and miss the load between them. So the middle is probed too.
+    at both places, and miss the load between them. So the middle is probed.
     """
     order = np.lexsort((critical.places, critical.steps))
     steps = critical.steps[order]

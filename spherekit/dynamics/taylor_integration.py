@@ -246,15 +246,15 @@ def _evaluate_series(series: Floats, h: Floats) -> tuple[Floats, Floats]:
 class StepProbe:
     """Compares the Taylor series of k steps with the equation of motion.
 
-    The series of a step is computed at its start. It does not show a load that changes
-    abruptly later in the step, such as tanh(1000 x) where x passes zero. The rates of the
-    momenta in the series then differ from the rates that the equation of motion gives.
+    The series of a step is computed at its start. The series does not show a load that
+    changes abruptly later in the step, such as tanh(1000 x) where x passes zero. The rates
+    of the momenta in the series then differ from the rates that the equation of motion
+    gives.
 
     Attributes
     ----------
     equation
-        The compiled equation of motion. It has a `probe_function`, because its loads have
-        such functions.
+        The compiled equation of motion, whose loads have such functions.
     starts, lengths
         (k,) start times and lengths of the steps, s.
     series
@@ -371,7 +371,7 @@ class RunStart:
     previous_run
         The run that is continued, with other coordinates or a smaller tolerance, if any.
     closure_residual
-        Opening of a loop (rad) at the end of the previous run. It has been removed from
+        Opening of a loop (rad) at the end of the previous run, which has been removed from
         `values`.
     """
 
@@ -395,8 +395,8 @@ class TaylorIntegration:
     start
         The state at the start of the integration.
     project
-        A function that closes the loops of a configuration (variables,). It returns the
-        closed configuration, and the closure residual (rad) before.
+        A function that closes the loops of a configuration (variables,), and returns the
+        closed configuration and the closure residual (rad) before.
     crossing_ratio
         The integration ends where the measure of independence of the loop-closure equations
         falls below the square of this ratio times the largest value of the measure. The
@@ -439,8 +439,8 @@ class TaylorIntegration:
         self.work = np.zeros(len(mechanism.loads))
         self.max_closure_residual = start.closure_residual
         # The measure of independence of the loop-closure equations is zero where sets of
-        # configurations cross. It has no scale of its own, so it is compared with its
-        # largest value so far.
+        # configurations cross. Small values are judged relative to the largest value so
+        # far.
         independence = equation.measure_independence(start.values[None])
         self.max_independence = float(independence[0])
         previous = start.previous_run
@@ -573,7 +573,7 @@ class TaylorIntegration:
         steps: list[TaylorStep] = []
         has_probes = self.equation.probe_function is not None
         # Steps before this index agree with the loads. A shortened step is probed at once.
-        # Otherwise the steps of the whole segment are probed together, which is faster.
+        # Other steps of a segment are probed together, which is faster.
         probed_steps = 0
         end: RunEnd | None = None
         while end is None and len(steps) < STEPS_PER_SEGMENT:
@@ -633,9 +633,9 @@ class TaylorIntegration:
         `max_independence` is the largest value so far of the measure of how independent the
         loop-closure equations are.
 
-        The segment also has three things that the Taylor series of the steps do not
-        contain: whole turns of the joint angles, the unit by which the momenta in the
-        series are divided, and the work of each load before the segment.
+        The segment has three things that the Taylor series of the steps do not contain:
+        whole turns of the joint angles, the unit by which the momenta in the series are
+        divided, and the work of each load before the segment.
         """
         series = np.array([step.series for step in steps])
         self.segments.append(
@@ -693,9 +693,9 @@ class TaylorIntegration:
         """
         if not steps:
             return ProbeResult(agreeing_steps=0)
-        # Some loads change abruptly where a condition changes its sign. An example is dry
-        # friction where the sliding rate changes its sign. Switch signs are the signs of
-        # these conditions. Each step has its own switch signs; other parameters are common.
+        # Some loads change abruptly where a condition changes its sign. Switch signs are
+        # the signs of these conditions. Each step has its own switch signs; other
+        # parameters are common.
         parameters = self._all_parameters(integrator)
         common_parameters = parameters[self.layout.common_slice]
         probe = StepProbe(
@@ -711,8 +711,8 @@ class TaylorIntegration:
         error_fractions = find_first_errors(probe.compare, len(steps))
         for index, error_fraction in enumerate(error_fractions):
             if error_fraction <= 1.0:
-                # The repeated step ends before the error. It has a least length, so that it
-                # gets past a change of a load right at its start.
+                # The repeated step ends before the error. A least length makes the step get
+                # past a change of a load right at its start.
                 fraction = max(RETRY_FRACTION * error_fraction, MIN_RETRY_FRACTION)
                 return ProbeResult(index, float(fraction * steps[index].length))
         return ProbeResult(agreeing_steps=len(steps))
@@ -721,8 +721,8 @@ class TaylorIntegration:
         """Return the reason why the run ends at the last event."""
         number, _ = integrator.seen_events[-1]
         kind = integrator.events[number].kind
-        # A run ends at a switch of a load if there are too many of them, or if the load
-        # would switch back at once, as dry friction does at rest.
+        # A run ends at a switch of a load if there are too many switches, or if the load
+        # would switch back at once.
         if kind == "switch":
             has_too_many = len(integrator.seen_events) >= CHATTERING_EVENT_COUNT
             return "too_many" if has_too_many else "sticking"
@@ -818,8 +818,8 @@ class TaylorIntegration:
                 self.min_independence,  # below this, closure equations count as dependent
                 *self.limit_values,  # of the joint limits
                 *table_parameters,
-                # A load changes abruptly where a condition changes its sign, as dry
-                # friction where the sliding rate does. These are the signs, 1 or -1.
+                # The signs, 1 or -1, of conditions. A load changes abruptly where a
+                # condition changes its sign.
                 *self.switch_signs,
             ]
         )
@@ -861,7 +861,7 @@ class ProbeResult:
     agreeing_steps
         Number of steps, from the first one, that agree with the loads.
     max_next_step
-        Longest length (s) of the next step. It is infinite if all steps agree.
+        Longest length (s) of the next step; infinite if all steps agree.
     """
 
     agreeing_steps: int

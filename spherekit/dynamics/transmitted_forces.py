@@ -150,8 +150,8 @@ class Equilibrium:
     """Solution of the Newton-Euler equations at n rows (samples): reactions of the pairs.
 
     A wrench (6,) is a moment about the centre O (N m) followed by a force (N). A reaction
-    is one component of the wrench that a pair (joint) transmits. It does no work, because
-    the pair has no motion in this direction.
+    is one component of the wrench that a pair (joint) transmits, in a direction in which
+    the pair has no motion.
 
     Attributes
     ----------
@@ -276,7 +276,7 @@ class NewtonEuler:
         self._has_equation = _list_equations(mechanism, forces)
         self.matrix = self._assemble_matrix(column_pairs)
         # A force causes the moment of a contact. If the distance of the contact from O is
-        # known, the same unknown is in equations of moments and of forces. Otherwise these
+        # known, the same unknown is in equations of moments and of forces. If not, these
         # equations are separate systems.
         has_forces_in_moments = bool(distances)
         systems = self._divide_equations(is_coupled=has_forces_in_moments)
@@ -342,8 +342,8 @@ class NewtonEuler:
 
         - `_inverse` (n, columns, equations), which gives reactions from wrenches on links;
         - `is_open` (n, columns), whether the equations leave a reaction undetermined;
-        - `slides` (n, links), whether a link can be displaced from the centre O. It can if
-          there is a force on the link that no reactions balance.
+        - `slides` (n, links), whether a link can be displaced from the centre O, because no
+          reactions balance some force on the link.
 
         Each system has some of the equations and some of the reactions (columns). Its
         inverse is a block of `_inverse`, which is zero elsewhere.
@@ -399,8 +399,8 @@ class NewtonEuler:
         - A moment about one axis of a pair (joint).
         - The moment m_y of gear teeth with a pressure angle; see `_unit_tooth_moments`.
 
-        At a contact with a known distance from O, a moment also has a force, because it is
-        the moment of a force at the point of contact.
+        At a contact with a known distance from O, a moment is that of a force at the point
+        of contact, so the wrench has this force.
 
         Parameters
         ----------
@@ -622,7 +622,7 @@ def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
     An R pair (revolute joint) transmits a moment about the centre O of the sphere, and a
     force through O. The moment and the force are independent, so the force is an unknown.
     The force of a contact acts at the contact point. If the distance of this point from O
-    is known, the force follows from its moment about O. Otherwise the force is an unknown.
+    is known, the force follows from its moment about O. If not, the force is an unknown.
 
     Some components are known to be zero. Bearings that let the links slide exert no axial
     force. A contact that slides without friction exerts no tangent force.
@@ -797,8 +797,7 @@ def _solve_reactions(driven: DrivenState, forces: bool) -> JointReactions:
     is_undetermined = is_undetermined | ~balance.is_settled[:, None, None]
     wrenches[is_undetermined] = np.nan
     if not forces:
-        # Forces were not requested. They are not reported as undetermined, because no
-        # equations were solved for them.
+        # Forces that were not requested are not reported as undetermined.
         wrenches[..., MOMENT_COMPONENTS:] = np.nan
         is_undetermined[..., MOMENT_COMPONENTS:] = False
     return JointReactions(
@@ -846,8 +845,9 @@ def solve_equilibrium(driven: DrivenState, forces: bool) -> DrivenEquilibrium:
     motion = driven.motion
     timing = driven.timing
     applied = sum_applied_loads(driven)
-    # (n, links, 6) moments about O and forces that the motion of the links needs. They are
-    # a part linear in the accelerations, and a part that remains at constant rates.
+    # (n, links, 6) moments about O and forces that the motion of the links needs. These
+    # wrenches have a part linear in the accelerations, and a part that remains at constant
+    # rates.
     inertia_wrenches = acceleration_wrenches(mechanism, motion, timing.ddq)
     inertia_wrenches += velocity_wrenches(mechanism, motion, timing.dq)
     # (n, pairs) assumed signs of the moments of teeth, first all 1.
