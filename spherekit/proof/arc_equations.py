@@ -58,9 +58,10 @@ def jet_product(
 ) -> Jet:
     """Return a product of two functions with its derivatives, by the product rule.
 
-    A jet is a mapping with an array of balls under the key (), and its derivatives with
-    respect to the variables j and l under (j,) and (j, l). A ball is a number with a bound
-    of its error. A missing key means 0. With the factors f and g, the result has the values
+    A jet is a mapping with an array of balls under the key (). The keys (j,) and (j, l)
+    have its derivatives with respect to the variables j and l. A ball is a number with a
+    bound of its error. A missing key means 0. With the factors f and g, the result has the
+    values
 
         ()              f g
         (j,)            f_j g + f g_j
@@ -327,8 +328,8 @@ class ArcEquations:
         Returns
         -------
         For each link the jet of its rotation matrix (3, 3) from link axes to the axes of
-        the root. A jet has the matrix under the key (), and its derivatives with respect to
-        the variables j and l under (j,) and (j, l). A missing key means zero.
+        the root. A jet has the matrix under the key (). The keys (j,) and (j, l) have its
+        derivatives with respect to the variables j and l. A missing key means zero.
         """
         # At first each orientation is relative to a link placed earlier, its reference. The
         # product with the orientation of the reference leads to the root.

@@ -175,9 +175,9 @@ def enclose_both(first: Array, second: Array) -> Array:
 def ball_ends(balls: Array) -> tuple[Floats, Floats]:
     """Return float64 bounds (...) below and above all numbers of real balls (...).
 
-    A ball is a centre and a radius, that is an interval. In two cases both results are the
-    centre, rounded to float64, and need not be bounds: if the radius is 0, so that exact
-    float64 numbers stay unchanged, and if an end is not finite.
+    A ball is a centre and a radius, that is an interval. If the radius is 0 or an end is
+    not finite, both results are the centre, rounded to float64, and need not be bounds. So
+    exact float64 numbers stay unchanged.
     """
     # At first both ends are the centres.
     lows = centre_floats(balls)

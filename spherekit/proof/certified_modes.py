@@ -214,10 +214,10 @@ def certify_modes(
     """Return all complex modes at given inputs, as far as they are proven.
 
     Real and complex roots of the loop equations are proven with more and more bits. The
-    search ends when as many roots are proven as there can be, or when the real roots are
-    proven complete by solving parts of the equations (systems) one after another. If
-    neither succeeds, the space of the unknowns is divided into boxes, and further real
-    roots are excluded box by box.
+    search ends when as many roots are proven as there can be. The search also ends when
+    parts of the equations (systems), solved one after another, prove that all real roots
+    are known. If neither succeeds, the space of the unknowns is divided into boxes, and
+    further real roots are excluded box by box.
 
     Parameters
     ----------

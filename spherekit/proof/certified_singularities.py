@@ -86,10 +86,11 @@ class CertifiedSingularities:
         """Return how far (rad) the input can move from q, at least, before a singularity.
 
         The result is the distance of q to the nearest critical input, in both directions
-        and for all assembly modes (ways to assemble). At a critical input, an output (type
-        I) or the input (type II) is stationary along a curve of configurations, curves
-        cross or nearly do, the input is constant along a whole curve, or its range ends.
-        The result is 0 if not everything is proven.
+        and for all assembly modes (ways to assemble). Critical inputs are the ends of the
+        range, singularities of type I and II, crossings and near crossings of curves, and
+        inputs that are constant along a whole curve. In type I the output is stationary
+        along a curve of configurations, in type II the input is. The result is 0 if not
+        everything is proven.
         """
         curves = self.curves
         # `undecided` counts parts of curves that may have further singularities.
@@ -113,9 +114,9 @@ class CertifiedSingularities:
     def _list_critical_inputs(self) -> list[tuple[float, float]]:
         """Return the inputs (rad) near which singularities are, each with its error (rad).
 
-        The list has the singularities of types I and II (an output or the input is
-        stationary), the places where curves of configurations cross or nearly do (saddles),
-        and the inputs at which a whole curve exists.
+        In singularities of types I and II an output or the input is stationary. The list
+        has these singularities, the places where curves of configurations cross or nearly
+        do (saddles), and the inputs at which a whole curve exists.
         """
         curves = self.curves
         points = [

@@ -216,9 +216,9 @@ def _widen_around_solution(
     """Widen some variables to balls that contain exactly one solution of the equations.
 
     A ball is a number with a bound of its error. The interval Newton method bounds the
-    distance of a solution from the centre, from the errors of the equations there and the
-    derivatives in the wide balls. If the bound is less than the radius, there is exactly
-    one solution in the balls.
+    distance of a solution from the centre. The bound follows from the errors of the
+    equations at the centre, and from the derivatives in the wide balls. If the bound is
+    less than the radius, there is exactly one solution in the balls.
 
     Parameters
     ----------
@@ -324,9 +324,9 @@ def _closes_in_plane(
     """Return whether a loop of four links closes with all its axes in one plane.
 
     The axes are then on one great circle, and each arc runs along it in one of two senses.
-    The loop closes if the signed arcs add up to whole turns. At two given joints it is also
-    prescribed how the two links lie: on the same side of the joint axis (opposite senses)
-    or on opposite sides (equal senses).
+    The loop closes if the signed arcs add up to whole turns. At two given joints the side
+    of the links is prescribed. Two links are on the same side of the joint axis if their
+    senses are opposite, and on opposite sides if their senses are equal.
 
     Parameters
     ----------
@@ -578,13 +578,8 @@ class Crossings:
     def is_constant(self, pieces: Sequence[CertifiedArc], variable: int) -> bool:
         """Return whether a variable is proven to be constant along a configuration curve.
 
-        False only means that nothing is proven.
-
-        Example of a constant variable: a four-bar with the link arcs a, a, b, b. Fold the
-        two links a onto each other, and the two links b, too. Then the folded links a turn
-        together against the links b. The angle between the links a is constant.
-
-        The proof uses one arc of the curve, the middle one:
+        False only means that nothing is proven. The proof uses one arc of the curve, the
+        middle one:
 
         1. The equation of a loop of four pairs contains two of its pair angles, x and y. At
            certain values of x it holds for all y
@@ -665,9 +660,9 @@ class Crossings:
         1. Let F_i = 0 be the equation of the loop. A reflection in the plane of the loop
            changes the signs of all small changes of its angles, but not F_i. So the first
            derivatives of F_i are 0 in the planar configuration.
-        2. If l_i were 0, the equation F_i = l_i g would not restrict small motions there,
-           and the equations would not give a smooth surface. So l_i is not 0. F_i = l_i g
-           then says that both slopes of g are 0, too.
+        2. If l_i were 0, the equation F_i = l_i g would not restrict small motions. The
+           equations would not give a smooth surface then. So l_i is not 0. F_i = l_i g then
+           says that both slopes of g are 0, too.
         3. The planar configuration is therefore the saddle point of g, with g = 0. Two
            curves g = 0 cross at such a point.
         """

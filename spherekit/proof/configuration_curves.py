@@ -301,9 +301,9 @@ class CertifiedCurves:
         """Return the arms of saddles that belong to curves along which a variable moves.
 
         A saddle is a place where configuration curves cross or nearly do. An arm is one of
-        the four branches of curves that leave it: it is named by the index of the saddle,
-        and the quadrant of the branch. A chain is a curve as a row of boxes, and can begin
-        or end on an arm.
+        the four branches of curves that leave a saddle. The index of the saddle and the
+        quadrant of the branch name the arm. A chain is a curve as a row of boxes, and can
+        begin or end on an arm.
         """
         moving_arms = []
         for arms_at_ends, is_constant in zip(

@@ -144,9 +144,9 @@ class Construction:
 
     A link that one pair joins to links placed before rotates by the angle of this pair,
     which is a variable. A link that two pairs join to links placed before is put on both
-    axes, which gives one equation: the arc between the axes equals the arc of the link.
-    Variables are numbered: first the unknown angles, then the inputs, then the angles that
-    follow from the inputs through toothed wheels.
+    axes. The equation of this link says that the arc between the axes equals the arc of the
+    link. Variables are numbered: first the unknown angles, then the inputs, then the angles
+    that follow from the inputs through toothed wheels.
 
     Attributes
     ----------
@@ -192,8 +192,8 @@ class Construction:
         """By link index: its reference link, and the degrees of its orientation.
 
         The orientation of a link, relative to a link placed before (its reference), is a
-        trigonometric polynomial in the variables. It has one degree in each variable. The
-        degrees of the closure equations follow from these degrees.
+        trigonometric polynomial in the variables. Such a polynomial has one degree in each
+        variable. The degrees of the closure equations follow from these degrees.
         """
         no_degrees = np.zeros(len(self.pairs), dtype=np.intp)
         placements = {self.root: LinkPlacement(self.root, no_degrees)}
@@ -298,11 +298,11 @@ def _place_on_two_axes(
 ) -> LinkPlacement:
     """Return the degrees of the orientation of a link that is put on two axes U and W.
 
-    The orientation is a polynomial in the cosines and sines of the variables. It has one
-    degree for each variable. U and W are the axes of two pairs (joints) in links placed
-    before, the parents. The orientation of the link is U a^T + W b^T + (U x W) n^T, with
-    constant vectors a, b and n. Degrees of products add up. So U x W has the degrees of U
-    plus the degrees of W, and no other term has more.
+    The orientation is a polynomial in the cosines and sines of the variables. Such a
+    polynomial has one degree for each variable. U and W are the axes of two pairs (joints)
+    in links placed before, the parents. The orientation of the link is
+    U a^T + W b^T + (U x W) n^T, with constant vectors a, b and n. Degrees of products add
+    up. So U x W has the degrees of U plus the degrees of W, and no other term has more.
 
     Parameters
     ----------
@@ -572,10 +572,11 @@ def placing_orders(
 ) -> Iterator[PlacingOrder]:
     """Yield all orders in which one or two pairs join each body to bodies before it.
 
-    Proofs place rigid bodies in such an order. The search runs backwards: it removes a body
-    that one or two pairs join to the rest, then another one, until only the root remains.
-    Placing is the reverse. Example: bodies 0, 1, 2, 3 in a ring with the root 0. They can
-    be removed in the sequence 2 (joined to 1 and 3), 1 (joined to 0), 3 (joined to 0).
+    Proofs place rigid bodies in such an order. The search runs backwards: it removes one
+    body after another, each joined to the rest by one or two pairs. At last only the root
+    remains. Placing is the reverse. Example: bodies 0, 1, 2, 3 in a ring with the root 0.
+    They can be removed in the sequence 2 (joined to 1 and 3), 1 (joined to 0), 3 (joined to
+    0).
 
     Orders that place every body by the same pairs are equivalent, for example with 3
     removed before 1. Only one of them is yielded.

@@ -96,8 +96,8 @@ class CircleContact:
         )
         # By the definition of forwards, the contact is forwards from the first centre. If
         # one circle is inside the other (`sense` 1), both centres are on the same side of
-        # the contact, so it is also forwards from the second one. If the circles are side
-        # by side (`sense` -1), the second centre is beyond the contact.
+        # the contact. The contact is then forwards from the second centre. If the circles
+        # are side by side (`sense` -1), the second centre is beyond the contact.
         return tangent_at_first, self.sense * tangent_at_second
 
 

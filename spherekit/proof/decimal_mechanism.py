@@ -77,8 +77,8 @@ class DecimalMechanism(DecimalGeometry):
 
     Each sliding contact of circles is replaced by a coupler: a link joined by R pairs at
     the centres of both circles. The links and R pairs of the mechanism, together with the
-    couplers and their R pairs, are the *structure*. The indices of links and pairs in the
-    structure differ from the indices in the mechanism, which has contacts instead.
+    couplers and their R pairs, are the *structure*. Links and pairs have other indices in
+    the structure than in the mechanism.
 
     Attributes
     ----------

@@ -269,9 +269,9 @@ def _contact_starts(
 ) -> Array:
     """Return the arc lengths (2,) at which the variables of a contact are 0.
 
-    A file with link sizes states these arc lengths. With a reference pose instead, wheels
-    start to roll where they touch in the pose. The float64 geometry only approximates these
-    points, so they are computed again with more digits.
+    A file with link sizes states these arc lengths. If the file has a reference pose,
+    wheels start to roll where they touch in this pose. The float64 geometry only
+    approximates these points, so they are computed again with more digits.
 
     Parameters
     ----------
@@ -399,9 +399,9 @@ class Linkage:
         self._tree = find_spanning_tree(ends)
         tree_pairs = [pair for pair, _, _ in self._tree]
         self._loop_pairs = np.setdiff1d(range(len(all_kinematics)), tree_pairs)
-        # A sense is 1 if a path passes a pair from its first to its second link, -1 in the
-        # opposite direction, and 0 if the path does not pass the pair.
-        # (links, pairs): the path from the ground to each link.
+        # A sense is 1 if a path passes a pair from its first to its second link, and -1 in
+        # the opposite direction. It is 0 if the path does not pass the pair. (links,
+        # pairs): the path from the ground to each link.
         path_senses = _find_path_senses(mechanism, self._tree)
         # (loops, pairs): the path around each loop.
         loop_senses = _find_loop_senses(mechanism, self._loop_pairs, path_senses)

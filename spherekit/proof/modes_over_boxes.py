@@ -394,7 +394,8 @@ class EquationSystem:
         points = np.concatenate(points_of_starts)
         # For each point the index of its set.
         set_of_point = np.repeat(np.arange(len(given)), self.bound)
-        # Numbers above 1 in magnitude are stored as their inverse, so none is infinite.
+        # `ChartRoots` stores numbers above 1 in magnitude as their inverse, so that none is
+        # infinite.
         roots = ChartRoots.from_points(points, row=set_of_point)
         return self._step_along_tangent(roots, np.array(values_of_starts), given)
 
@@ -515,10 +516,10 @@ def count_modes(
     m, inputs = centres.shape
     is_proven = np.ones(m, dtype=bool)
     unknowns = (systems[0].equations.unknown_count,)
-    # One row for each real mode of the systems solved so far: index of the box; then for
-    # all unknowns the angle (rad) at its centre, cosine and sine, derivatives with respect
-    # to the inputs, and the largest deviation (rad) from linear motion. Unknowns of later
-    # systems are 0.
+    # One row for each real mode of the systems solved so far: the index of the box, then
+    # numbers for all unknowns. These are the angle (rad) at the centre of the box, its
+    # cosine and sine, its derivatives with respect to the inputs, and its largest deviation
+    # (rad) from linear motion. Unknowns of later systems are 0.
     modes = np.zeros(
         m,
         [

@@ -77,7 +77,7 @@ class SurfaceDerivatives:
     Balls are numbers with a bound of their error. F(z) = 0 are the n - 1 equations of a
     mechanism in n variables z. Near a crossing of curves, the derivatives F' are nearly
     singular: l F' is nearly 0 for a constant unit vector l. The equations are therefore
-    replaced by F(z) = g l with a new unknown number g, and two coordinates u and v of z are
+    replaced by F(z) = g l with a new unknown number g. Two coordinates u and v of z are
     given. The points z for all u and v form a surface, with the configurations at g = 0.
 
     Attributes
@@ -107,7 +107,7 @@ class SurfaceCurvatures:
     Balls are numbers with a bound of their error. F(z) = 0 are the n - 1 equations of a
     mechanism in n variables z. Near a crossing of curves, the derivatives F' are nearly
     singular: l F' is nearly 0 for a constant unit vector l. The equations are therefore
-    replaced by F(z) = g l with a new unknown number g, and two coordinates u and v of z are
+    replaced by F(z) = g l with a new unknown number g. Two coordinates u and v of z are
     given. The points z for all u and v form a surface, with the configurations at g = 0.
 
     Attributes
@@ -196,8 +196,8 @@ class ReducedEquation:
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
         constant unit vector l (`left_null_vector`). The equations are therefore replaced by
-        F(z) = g l with a new unknown number g, and two coordinates u and v of z are given.
-        So z and g are functions of u and v. Where g is 0, z is a configuration.
+        F(z) = g l with a new unknown number g. Two coordinates u and v of z are given. So z
+        and g are functions of u and v. Where g is 0, z is a configuration.
 
         u and v are the coordinates along the first two columns of `frame`. If F(z) = g l
         has an error, the result also contains the step of Newton's method that removes this
@@ -232,8 +232,8 @@ class ReducedEquation:
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
         constant unit vector l (`left_null_vector`). The equations are therefore replaced by
-        F(z) = g l with a new unknown number g, and two coordinates u and v of z are given.
-        So z and g are functions of u and v. Where g is 0, z is a configuration.
+        F(z) = g l with a new unknown number g. Two coordinates u and v of z are given. So z
+        and g are functions of u and v. Where g is 0, z is a configuration.
 
         The given z has an error F(z) - g l. A step of Newton's method, with constant u and
         v, removes this error. The results also say by how much the step changes z and g,
@@ -274,12 +274,12 @@ class ReducedEquation:
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
         constant unit vector l (`left_null_vector`). The equations are therefore replaced by
-        F(z) = g l with a new unknown number g, and two coordinates u and v of z are given.
-        So z and g are functions of u and v. Where g is 0, z is a configuration.
+        F(z) = g l with a new unknown number g. Two coordinates u and v of z are given. So z
+        and g are functions of u and v. Where g is 0, z is a configuration.
 
         The coordinates are u = a . z and v = b . z, with constant vectors a and b. Let z'
         and g' be the changes of z and g by Newton's step, or their derivatives along u or
-        v. They solve three sets of linear equations with one matrix (`_border`):
+        v. z' and g' solve three sets of linear equations with one matrix (`_border`):
 
             Newton's step:   F' z' - g' l = -residual,   a . z' = 0,   b . z' = 0,
             along u:         F' z' - g' l = 0,           a . z' = 1,   b . z' = 0,
@@ -309,8 +309,8 @@ class ReducedEquation:
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
         constant unit vector l (`left_null_vector`). The equations are therefore replaced by
-        F(z) = g l with a new unknown number g, and two coordinates u and v of z are given.
-        So z and g are functions of u and v. Where g is 0, z is a configuration.
+        F(z) = g l with a new unknown number g. Two coordinates u and v of z are given. So z
+        and g are functions of u and v. Where g is 0, z is a configuration.
 
         The coordinates are u = a . z and v = b . z, with constant vectors a and b. A given
         z has an error r = F(z) - g l, which a step of Newton's method with constant u and v
@@ -352,8 +352,8 @@ class ReducedEquation:
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
         constant unit vector l (`left_null_vector`). The equations are therefore replaced by
-        F(z) = g l with a new unknown number g, and two coordinates u and v of z are given.
-        So z and g are functions of u and v. Where g is 0, z is a configuration.
+        F(z) = g l with a new unknown number g. Two coordinates u and v of z are given. So z
+        and g are functions of u and v. Where g is 0, z is a configuration.
 
         The coordinates are u = a . z and v = b . z; a and b are the first two columns of
         `frame`. z' and g' are changes of z and g in some direction. `slopes` (k, n) are the
@@ -382,8 +382,8 @@ class ReducedEquation:
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
         constant unit vector l (`left_null_vector`). The equations are therefore replaced by
-        F(z) = g l with a new unknown number g, and two coordinates u and v of z are given.
-        So z and g are functions of u and v. Where g is 0, z is a configuration.
+        F(z) = g l with a new unknown number g. Two coordinates u and v of z are given. So z
+        and g are functions of u and v. Where g is 0, z is a configuration.
 
         If g is 0 at the point where its slopes are 0, and has a saddle there, curves of
         configurations cross. Newton's method solves F(z) = g l and grad g = 0 together.
@@ -423,8 +423,8 @@ class ReducedEquation:
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
         constant unit vector l (`left_null_vector`). The equations are therefore replaced by
-        F(z) = g l with a new unknown number g, and two coordinates u and v of z are given.
-        So z and g are functions of u and v. Where g is 0, z is a configuration.
+        F(z) = g l with a new unknown number g. Two coordinates u and v of z are given. So z
+        and g are functions of u and v. Where g is 0, z is a configuration.
 
         Curves g(u, v) = 0 can cross only where the gradient of g is 0. All z that satisfy
         F(z) = g l form a surface. The step has two parts, which are added:
@@ -473,8 +473,8 @@ class ReducedEquation:
         F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a
         crossing of curves, the derivatives F' are nearly singular: l F' is nearly 0 for a
         constant unit vector l (`left_null_vector`). The equations are therefore replaced by
-        F(z) = g l with a new unknown number g, and two coordinates u and v of z are given.
-        So z and g are functions of u and v. Where g is 0, z is a configuration.
+        F(z) = g l with a new unknown number g. Two coordinates u and v of z are given. So z
+        and g are functions of u and v. Where g is 0, z is a configuration.
 
         The given z and g satisfy F(z) = g l only approximately. Both are corrected with
         constant u and v. The result is g, with its slopes, at the corrected z.

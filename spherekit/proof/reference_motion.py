@@ -335,9 +335,9 @@ class _SignChange:
         """Return whether a switch changes back at once to the side that it has just left.
 
         A switch is a place in a load where the formula changes with a sign, such as dry
-        friction. Then the motion cannot continue on either side, for example because
-        friction stops it. `last_switch` is the index of the switch that changed at the end
-        of the previous step. None if no switch changed there.
+        friction. If the switch changes back at once, the motion cannot continue on either
+        side. `last_switch` is the index of the switch that changed at the end of the
+        previous step. None if no switch changed there.
         """
         return self.is_at_start and self.switch == last_switch
 

@@ -215,15 +215,15 @@ def _certify_root(
     x
         (k,) the approximation (rad), real or complex, as balls of radius 0.
     real
-        Whether x is real. Then the solution is real, too: its conjugate is also a solution
-        in the ball, which has only one. If x is not real, the solution must be proven not
-        to be real: some imaginary part exceeds the radius of the solution.
+        Whether x is real. If so, the solution is proven to be real, because its conjugate
+        is a solution in the same ball. If x is not real, the solution must be proven not to
+        be real: some imaginary part exceeds the radius of the solution.
     """
     values, slopes = _evaluate(equations, x, known_angles)
     # Radius of the ball in which the solution is proven to be the only one.
     unique_radius = _choose_uniqueness_radius(equations, x, slopes)
-    # The ball contains complex numbers even if x is real, so that its only solution is
-    # unique among complex solutions, too.
+    # The ball contains complex numbers even if x is real, so that no other complex solution
+    # is near.
     balls_about_x = np.array(
         [_widen_angle(angle, unique_radius, real=False) for angle in x]
     )

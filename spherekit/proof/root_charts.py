@@ -493,9 +493,9 @@ def _bound_changes(
 
     P depends on the unknowns z and the given variables g. A change of a derivative of P is
     bounded by two terms. The first has the computed second derivatives at the root, times
-    the changes of z and g. The second is a remainder, by Bernstein's inequality: a
-    derivative of any order is at most C = `derivative_bound` times the degree in each
-    variable with respect to which P is differentiated.
+    the changes of z and g. The second is a remainder, bounded by Bernstein's inequality. A
+    derivative of P is at most C = `derivative_bound` times the product of the degrees in
+    its variables.
 
     Parameters
     ----------
@@ -615,7 +615,7 @@ class RootTubes:
 
     A root is a solution of the equations for k unknown angles, which may be complex. Its
     coordinate z for an angle is e^(i angle) or the inverse, with a magnitude of at most 1
-    at the approximation. So roots at infinity are finite, too.
+    at the approximation. So roots at infinity have finite coordinates.
 
     While the inputs q vary over a box with the centre q0, the root z(q) moves. The tube
     surrounds it: the axis of the tube is z0 + rates (q - q0), with the approximate root z0

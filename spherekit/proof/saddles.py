@@ -422,11 +422,11 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
     rank: there is a direction l with l F' = 0, in which no small change of z changes F.
     With two coordinates u and v given, F(z) = g l defines all variables z and the number g.
 
-    The level is the value of g at its saddle point, which Newton's method approximates. g
-    is convex in u and concave in v, so the level differs from the value at the
-    approximation by at most the slopes there times the size of the rectangle. The precision
-    is increased until the sign of the level is known, or to the last one of
-    `LEVEL_PRECISIONS_BITS`.
+    The level is the value of g at its saddle point, which Newton's method approximates.
+    Since g is convex in u and concave in v, the slopes at the approximation bound the
+    error. The level differs from the value there by at most these slopes times the size of
+    the rectangle. The precision is increased until the sign of the level is known, or to
+    the last one of `LEVEL_PRECISIONS_BITS`.
 
     Parameters
     ----------
@@ -517,7 +517,7 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
     The inner height h is the part `INNER_HEIGHT_RATIO` of the half height of the rectangle.
     For each v beyond h, g is negative at u = 0, positive at both sides and convex in u. So,
     for each such v, g has exactly one zero with u > 0 and one with u < 0. These are the
-    four arms.
+    four arms. At u = 0 only v = h and v = -h are tested, because g is concave in v.
 
     Between -h and h the curves may cross, or bend from one arm to another. The last test is
     that the saddle point of g is between -h and h. The value of g there decides whether the

@@ -119,8 +119,8 @@ def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
     near the inverse of F'N at the centre.
 
     Each equation is a trigonometric polynomial. Its derivative of any order is at most a
-    constant C times the degrees of the equation in the variables of the derivative: with
-    respect to the variables 1 and 2 it is at most C d_1 d_2.
+    constant C times the degrees of the equation in the variables of the derivative. For
+    example, C d_1 d_2 bounds the derivative with respect to the variables 1 and 2.
 
     Parameters
     ----------
@@ -338,7 +338,7 @@ def find_stationary_points(
     result = StationaryPoints()
     # Successive stretches in which the derivative of the rate has the same sign are joined
     # to a run. The rate passes zero at most once in a run, so only its signs at both ends
-    # of the run matter; at the joints between stretches they may stay open.
+    # of the run matter.
     run_start = chain.pieces[0]
     run_start_sign = 0
     run_derivative = 0
@@ -429,8 +429,8 @@ def _examine_stretch(
     )
     sign_at_end = 0
     # Stretches shorter than this are not cut. The limit is lower if the rate or its
-    # derivative has a sign at the start only: a shorter part at the start then has this
-    # sign, too. If only the sign at the end is open, cutting does not help.
+    # derivative has a sign at the start only. A shorter part at the start then has the same
+    # sign. If only the sign at the end is open, cutting does not help.
     shortest = SHORTEST_FLAT_STRETCH_RAD
     if derivative_sign:
         # An arc about the end gives the sign of the rate there. Only the bounds at its
@@ -454,7 +454,7 @@ def _examine_stretch(
 def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
     """Return a part of a curve as undecided, with a bound of a variable's change in it.
 
-    A stretch is a part of a curve of configurations. It starts at the centre of an arc of
+    A stretch is a part of a curve of configurations, and starts at the centre of an arc of
     the curve (`stretch.piece`). The stretch is undecided: the proof does not show whether
     the variable is stationary in it.
 
@@ -520,9 +520,9 @@ def _find_middle_piece(
 ) -> CertifiedArc | None:
     """Return a certified arc with its centre in a stretch, to cut the stretch in two.
 
-    A stretch is a part of a curve of configurations, from the centre of a certified arc to
-    a configuration in the box of this arc. A certified arc is proven to be the only arc in
-    its box.
+    A stretch is a part of a curve of configurations, from the centre of a certified arc
+    (`stretch.piece`) to a configuration in the box of this arc. A certified arc is proven
+    to be the only arc in its box.
 
     Parameters
     ----------
@@ -589,7 +589,7 @@ def _enclose_zero(
 def _bound_differences_from_middle(stretch: _Stretch) -> Floats:
     """Return how much each variable in a stretch of a curve differs from the middle point.
 
-    A stretch is a part of a curve of configurations. It leads from the centre of an arc
+    A stretch is a part of a curve of configurations, from the centre of an arc
     (`stretch.piece`) to a computed end. The middle point is half way on the straight line
     from the centre to the end. Distances from the middle point are bounded along the
     columns of the frame of the arc: the tangent at the start, then the normals.

@@ -385,7 +385,7 @@ class TubeTest:
     ----------
     degrees
         (k, v) trigonometric degrees d of each equation along each coordinate of the frame:
-        the sum over the variables of the degree in a variable, times the magnitude of its
+        the sum of the degrees in the variables, each times the magnitude of the variable's
         component along the coordinate.
     third_bound
         (k,) numbers C: the third derivative of an equation with respect to the coordinates
