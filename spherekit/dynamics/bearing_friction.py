@@ -151,8 +151,8 @@ def diagnose_indeterminate_forces(
     ]
     from scipy.linalg import qr
 
-    # Pivoting chooses the axial force with the largest part in the space that the pairs
-    # chosen before leave.
+    # QR with pivoting chooses the pairs one after another, each with the largest axial
+    # force in the remaining space.
     basis_change, triangle, order = qr(balanced[axial_columns].T, pivoting=True)
     chosen = np.count_nonzero(np.abs(np.diag(triangle)) >= np.sqrt(MAX_UNDETERMINED_PART))
     chosen_columns = [axial_columns[k] for k in order[:chosen]]

@@ -396,8 +396,7 @@ class EquationOfMotion:
             square root of the inertia matrix M = R R.
         rate_weights
             (m, variables) or (n, m, variables) weights of the rates of the pair variables
-            in the rate of each coordinate. With one degree of freedom and the shape
-            (1, variables), rows must be in order along the motion. See `compute_motion`.
+            in the rate of each coordinate, see `compute_motion`.
         whole_turns
             (n, variables) multiples of 2 pi (rad) that the states leave out, but on which
             loads such as springs may depend.

@@ -176,8 +176,7 @@ def check_engine_and_tolerance(mechanism: Mechanism, engine: str, tolerance: flo
 
     The engine is ``"numpy"``, ``"compiled"`` or ``"auto"`` (the faster one). The tolerance
     (rad) applies to the result of a simulation. Its smallest value depends on the engine.
-    For ``"auto"`` it is the smallest value of the compiled engine, which can be more
-    accurate.
+    For ``"auto"`` this is the smallest value of the compiled engine.
     """
     if engine not in ENGINE_CHOICES:
         raise SolveError(
@@ -364,7 +363,8 @@ def _simulate_by_choice(
             reason = NO_SERIES_MESSAGE
     except (EngineError, PlanError) as refusal:
         reason = refusal.fault
-    # NumPy finishes the simulation. The forecast is reported if it was the reason.
+    # NumPy finishes the simulation. The forecast is reported if it was the reason for
+    # NumPy.
     if not reason:
         forecast = forecast or {
             "numpy": collocation.seconds,

@@ -88,7 +88,7 @@ def derive_multi_dof_equation(
     motion_rates = coordinate_rates.motion_rates(speeds)
     scaled_speeds = motion_rates.scaled_speeds
     variable_rates = motion_rates.variable_rates
-    # The rates of the coordinates themselves need no elimination.
+    # The rates of the variables that are coordinates are these speeds.
     for pair, speed in zip(structure.assembly.inputs, speeds, strict=True):
         variable_rates[mechanism.variables_of(pair)[0]] = speed
 

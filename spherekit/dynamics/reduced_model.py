@@ -621,8 +621,7 @@ class StoredModel:
         """Return points of the model as rows, one for each point.
 
         The points may be arrays of several axes. Coordinates, derivatives and times are
-        broadcast together by the rules of NumPy. All points may have the same time, for
-        example.
+        broadcast together by the rules of NumPy.
 
         Parameters
         ----------

@@ -497,8 +497,8 @@ class CurveSampler(Sampler):
         self.by = ("q" if self.is_by_input else "s",)
         self.low = np.zeros(1)
         self.high = np.array([self.laps_per_period * self.lap_length])
-        # Growth of the variables over one period of the model. `curve.rise` is that over
-        # one lap in the sense of the arc length, in which q may fall.
+        # Growth of the variables over one period of the model. `curve.rise` is the growth
+        # over one lap along the curve, on which q may fall.
         self.rise = curve.rise * self.input_sense * self.laps_per_period
 
     def label_pole_functions(
@@ -628,8 +628,8 @@ class CurveSampler(Sampler):
         # Index of the nearest stored direction. There are `SENSE_SAMPLES` over one lap of a
         # closed curve, or over the whole of an open curve (`lap_length`).
         nearest = np.rint(x / self.lap_length * SENSE_SAMPLES).astype(int)
-        # On a closed curve the directions repeat after one lap. If an axis is reversed
-        # after one lap, they repeat after two.
+        # On a closed curve the directions repeat after one lap, or after two laps if an
+        # axis is reversed after one.
         if self.periodic:
             nearest %= SENSE_SAMPLES * self.laps_per_period
         for pole, direction in directions.items():

@@ -435,8 +435,8 @@ def _close_start(
 def _check_angle_sizes(name: str, values: Floats) -> None:
     """Raise `SolveError` if an angle (rad) is too large to be accurate.
 
-    The rounding error of a float64 grows with its size. Beyond `MAX_START_ANGLE_RAD` it is
-    too large for a configuration.
+    The rounding error of a float64 grows with its size. Beyond `MAX_START_ANGLE_RAD` this
+    error is too large for a configuration.
     """
     largest = float(max_abs(values))
     if largest > MAX_START_ANGLE_RAD:
@@ -474,7 +474,7 @@ def _find_configuration(
         raise SolveError(f"{name}: the input at the start is {q}; give finite numbers")
     _check_angle_sizes(name, q)
     # The cache computes the configuration only the first time. Masses and loads do not
-    # matter for it.
+    # matter for the configuration.
     geometry = kinematics_only(mechanism)
     values, turns = _START_CONFIGURATIONS.get(
         geometry,
@@ -616,6 +616,6 @@ def _list_table_knots(mechanism: Mechanism, until: float) -> Iterable[float]:
     """
     for load in mechanism.loads:
         if isinstance(load, TorqueTable):
-            # This raises an error if the table does not cover the simulated time.
+            # `at` raises an error if the table does not cover the simulated time.
             load.at(np.array([0.0, until]))
             yield from load.knots(0.0, until)

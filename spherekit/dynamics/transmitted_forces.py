@@ -253,7 +253,8 @@ class NewtonEuler:
         # mean distance of contacts from O.
         self.length = float(np.mean(distances)) if distances else 1.0
         # A wrench (6,) is a moment about O followed by a force. These are the wrenches of a
-        # torque of 1 N m at each pair. Torques of loads and drives are multiples of them.
+        # torque of 1 N m at each pair. Torques of loads and drives are multiples of these
+        # wrenches.
         self.unit_torque_wrenches = np.stack(
             [_unit_torque_wrench(pair) for pair in mechanism.pairs]
         )
@@ -517,7 +518,8 @@ def _unit_torque_wrench(pair: Pair) -> Floats:
     """Return the moment and force (6,), in pair axes, of a torque of 1 N m at a pair.
 
     A wrench is a moment about O followed by a force. The torque is about the axis z of an R
-    pair. At a contact a force along the tangent x causes it, so it is about the normal y.
+    pair. At a contact the torque is that of a force along the tangent x, so the torque is
+    about the normal y.
     """
     wrench = np.zeros(6)
     wrench[2 if pair.kind.has_axis else 1] = 1.0
@@ -915,8 +917,8 @@ def velocity_wrenches(
 
     A wrench is a moment about the centre O followed by a force: here gyroscopic moments and
     centripetal forces. For a link with the angular velocity w and the angular acceleration
-    a, the wrench is L(a) + w x L(w). L(w) are the angular momentum about O and the momentum
-    that belongs to w; L is linear. The acceleration a is not zero although the rates of the
+    a, the wrench is L(a) + w x L(w). L is a linear map: L(w) are the angular momentum about
+    O and the momentum of the link. The acceleration a is not zero although the rates of the
     coordinates are constant.
 
     Parameters
