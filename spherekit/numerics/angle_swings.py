@@ -14,8 +14,8 @@ class AngleSwings:
     """The widest swing of an angle in each of n assembly modes (ways to assemble).
 
     A swing is the difference of the largest and the smallest angle over successive samples,
-    with full revolutions counted. If the angle is unknown at samples in between, a mode has
-    several swings.
+    with full revolutions counted. Samples at which the angle is unknown divide the samples
+    of a mode into pieces, each with a swing.
 
     Attributes
     ----------
@@ -52,10 +52,8 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
     -------
     The widest swing of each mode, and the samples at its ends.
     """
-    # Of a closed path, all k samples are appended once more. So a swing that passes the end
-    # continues: path sample k is sample 0 again, k + 1 is sample 1, and so on. The appended
-    # angles are NaN in modes whose first piece does not continue the last one, and in modes
-    # with a single piece. So no swing is counted twice.
+    # A swing can pass the end of a closed path. The samples are therefore followed twice:
+    # path sample k is sample 0 again, k + 1 is sample 1, and so on.
     path = _repeat_closed_paths(angles) if is_closed_path else angles
     # (path samples, n) change of each angle since the sample before. NaN if either angle is
     # unknown.
@@ -86,7 +84,7 @@ def _repeat_closed_paths(angles: Floats) -> Floats:
 
     Samples at which the angle is unknown divide the path into pieces. If the angle is the
     same at the first and the last sample, the last piece continues with the first. In the
-    repeated path both are one piece.
+    repeated path they are one piece.
 
     Parameters
     ----------
@@ -96,8 +94,10 @@ def _repeat_closed_paths(angles: Floats) -> Floats:
     Returns
     -------
     (2 k, n) the angles twice. The second half is NaN in modes whose first and last piece do
-    not meet, and in modes with a single piece.
+    not meet, and in modes whose angles are all known.
     """
+    # If all angles of a mode are known, the single piece contains each swing already.
+    # Repeated revolutions would be added up to a larger swing.
     pieces_meet = np.abs(wrap(angles[-1] - angles[0])) < SAME_ANGLE_RAD
     has_several_pieces = np.any(np.isnan(angles), axis=0)
     repetition = np.where(pieces_meet & has_several_pieces, angles, np.nan)
@@ -124,19 +124,19 @@ class PathSwing(NamedTuple):
 def _find_widest_swing(growth: Floats, begins_piece: Bools) -> PathSwing:
     """Return the widest swing of an angle within a piece of a path.
 
-    A piece is a part of the path in which the angle is known. Sweeps call this function
-    very often, so callers do the work that can be done for many designs at once.
+    A piece is a part of the path in which the angle is known. A sample with an unknown
+    angle is a piece by itself, with the swing 0.
 
     Parameters
     ----------
     growth
         (k,) angles (rad) relative to the first sample, with full revolutions counted.
     begins_piece
-        (k,) whether a piece of the path begins at a sample, as it does at the first one.
+        (k,) whether a piece of the path begins at a sample. True at the first sample.
     """
     piece_starts = np.flatnonzero(begins_piece)
     piece_stops = np.append(piece_starts[1:], len(growth))
-    # `reduceat` finds the least and the greatest angle of each piece.
+    # `reduceat` returns the least and the greatest angle of each piece.
     lowest = np.minimum.reduceat(growth, piece_starts)
     highest = np.maximum.reduceat(growth, piece_starts)
     widest = np.argmax(highest - lowest)

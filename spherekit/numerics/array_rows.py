@@ -30,8 +30,8 @@ class ArrayRows:
     def assign_rows(self, rows: Indices, new: Self) -> None:
         """Replace some rows of the arrays in place by the rows of another such object.
 
-        Nested `ArrayRows` and arrays in dictionaries are changed too. Arrays in tuples are
-        not, so classes with such a field must not use this method.
+        Nested `ArrayRows` and arrays in dictionaries are changed too. The class must not
+        have a field with arrays in a tuple.
 
         Parameters
         ----------
@@ -52,7 +52,7 @@ class ArrayRows:
 
     @classmethod
     def concatenate(cls, parts: Sequence[Self]) -> Self:
-        """Return an object with the rows of all parts (other objects) in their order.
+        """Return an object with the rows of all parts (of this class) in their order.
 
         Fields that are not arrays are taken from the first part.
         """
@@ -77,13 +77,14 @@ def _transform_fields(
     """Combine the values that one field has in several records.
 
     A record is an `ArrayRows` object: a dataclass of arrays with common rows. Dictionaries
-    and plain tuples are combined item by item. All other values, also named tuples, belong
-    to all rows. Such values are taken from the first record.
+    and plain tuples are combined item by item. All other values belong to all rows, and are
+    taken from the first record.
 
     Parameters
     ----------
     values
-        The value of the field in each record, all of one structure.
+        The value of the field in each record, all of one structure. Dictionaries of all
+        fields by name are combined in the same way.
     combine_arrays
         Returns one array for the arrays of all records.
     combine_records
@@ -101,6 +102,7 @@ def _transform_fields(
             )
             for key in first
         }
+    # A named tuple belongs to all rows.
     is_plain_tuple = type(first) is tuple
     if is_plain_tuple:
         return tuple(

@@ -17,9 +17,8 @@ The second argument is the indices (m,) of these functions.
 MAX_ITERATIONS = 80
 """Largest number of function values per bracket.
 
-Halving without interpolation takes about 53 to reach the rounding error of a bracket that
-does not contain
-0. Smaller: brackets of discontinuous functions may not become narrow.
+Halving alone takes about 53 to reach the rounding error of a bracket without 0. Smaller:
+brackets of discontinuous functions may not become narrow.
 """
 
 MIN_BRACKET_WIDTH = 1e-300
@@ -98,7 +97,7 @@ def find_bracketed_zeros(
         resolution = resolution[is_unfinished]
 
         # Inverse quadratic interpolation through the three points, if Chandrupatla's
-        # criterion says that the interpolant is monotone in the bracket. Otherwise halving.
+        # criterion says that the interpolant is monotone in the bracket, else halving.
         (xa, fa), (xb, fb), (xc, fc) = points[..., active]
         with np.errstate(all="ignore"):
             xi = (xa - xb) / (xc - xb)
@@ -106,8 +105,8 @@ def find_bracketed_zeros(
             is_safe = (phi**2 < xi) & ((1.0 - phi) ** 2 < 1.0 - xi)
             fraction = fa / (fb - fa) * (fc / (fb - fc))
             fraction += (xc - xa) / (xb - xa) * (fa / (fc - fa)) * (fb / (fc - fb))
-            # The next point keeps the distance `resolution` from both ends. Otherwise the
-            # bracket would shrink from one side only.
+            # The next point keeps the distance `resolution` from both ends. A point closer
+            # to an end would narrow the bracket from one side only.
             margin = np.minimum(resolution / width, 0.5)
             fraction = np.clip(np.where(is_safe, fraction, 0.5), margin, 1.0 - margin)
     zero = np.where(np.abs(a[1]) < np.abs(b[1]), a, b)[0]

@@ -165,8 +165,8 @@ class PiecewiseChebyshev:
         """Return the functions (m, n) at positions (n,), in any cells.
 
         Positions outside the range count as the nearest end of the range. Each position
-        takes the coefficients of its own cell. This is faster than `evaluate` for few
-        functions at positions in many cells.
+        takes the coefficients of its own cell. For few functions at positions in many
+        cells, this method is faster than `evaluate`.
         """
         cell = self._find_cells(x)
         low = self.edges[cell]
@@ -225,9 +225,8 @@ def fit_cells(
 ) -> CellFits:
     """Return Chebyshev series of functions on several cells.
 
-    Functions that take long to compute are replaced by such series. A cell is an interval
-    of one variable, or a box in several variables. The function is called once, with the
-    samples of all cells.
+    A cell is an interval of one variable, or a box in several variables. The function is
+    called once, with the samples of all cells.
 
     Parameters
     ----------
@@ -244,7 +243,8 @@ def fit_cells(
     Returns
     -------
     Coefficients (cells, degree + 1, ..., F) with one axis of orders per variable, absolute
-    deviations (cells, k, F), and the largest absolute sample of each cell, without NaN.
+    deviations (cells, k, F), and the largest absolute sample of each cell. NaN samples are
+    ignored.
     """
     variables = bounds.shape[2]
     grid = grid_points([chebyshev_nodes(degree)] * variables)
@@ -306,7 +306,7 @@ def _transform_grid_samples(grid_samples: Floats, degree: int, variables: int) -
     tensor = grid_samples.reshape(cell_count, *[degree + 1] * variables, -1)
     for axis in range(1, variables + 1):
         # The sum runs over the axis of nodes. The new axis of orders comes last, and is
-        # moved to its place.
+        # moved to the place of the nodes.
         transformed = np.tensordot(tensor, fitting_matrix(degree), (axis, 1))
         tensor = np.moveaxis(transformed, -1, axis)
     return tensor
@@ -455,8 +455,7 @@ def fitting_matrix(degree: int) -> Floats:
 def trim_series(series: Floats, threshold: float) -> Floats:
     """Return a series without its last terms of absolute size up to the threshold.
 
-    A shorter series is faster to evaluate. Terms are removed from the end while their
-    absolute size is at most the threshold. The first two terms always remain.
+    A shorter series is faster to evaluate. The first two terms always remain.
     """
     (large,) = np.nonzero(np.abs(series) > threshold)
     return series[: np.max(large + 1, initial=2)]

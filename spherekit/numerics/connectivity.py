@@ -45,8 +45,8 @@ def order_chains(count: int, links: Indices, directed: bool = False) -> list[Ind
         (L, 2) pairs of items that are neighbours in a chain. An item has at most two
         neighbours.
     directed
-        Whether the second item of each pair follows the first. Otherwise a chain may begin
-        at either end.
+        Whether the second item of each pair follows the first. An undirected chain may
+        begin at either end.
 
     Returns
     -------
@@ -58,9 +58,9 @@ def order_chains(count: int, links: Indices, directed: bool = False) -> list[Ind
     first, second = links.T
     graph = coo_matrix((np.ones(len(links)), (first, second)), (count, count)).tocsr()
 
-    # The search begins at an end of each open chain. This is an item without predecessor
+    # The search begins at an end of each open chain: an item without predecessor
     # (directed), or with a single neighbour (undirected). Items are sorted by the number of
-    # predecessors or neighbours. So ends of open chains come before items of closed chains.
+    # predecessors or neighbours, so ends of open chains come before items of closed chains.
     linked_items = second if directed else links.ravel()
     neighbour_counts = np.bincount(linked_items, minlength=count)
     items_by_neighbours = np.argsort(neighbour_counts, kind="stable")

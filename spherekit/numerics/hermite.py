@@ -16,8 +16,8 @@ def cubic_hermite(
 ) -> Floats:
     """Return the values of cubic Hermite polynomials inside cells.
 
-    A cell is an interval of the variable. Its polynomial has these values and derivatives
-    at both ends.
+    A cell is an interval of the variable. The polynomial of a cell has the given values and
+    derivatives at both ends.
 
     Parameters
     ----------
@@ -48,9 +48,9 @@ def quintic_hermite(
 ) -> Floats:
     """Return the values of quintic Hermite polynomials inside cells.
 
-    A cell is an interval of the variable. Its polynomial has these values, first and second
-    derivatives at both ends. If a second derivative is unknown (NaN), the cubic polynomial
-    takes its place, which needs none.
+    A cell is an interval of the variable. The polynomial of a cell has the given values,
+    first and second derivatives at both ends. If a second derivative is unknown (NaN), the
+    cubic polynomial is taken, which needs only values and first derivatives.
 
     Parameters
     ----------

@@ -103,7 +103,7 @@ def remove_repetitions(column: Array | Interleaved) -> tuple[Array, int]:
 
     A column is interleaved if the rows of several subjects alternate, such as the poles at
     each sample. Rows are repeated if all subjects share one array, as with the sample
-    number. The repetition count is otherwise 1.
+    number. The repetition count is 1 for all other columns.
     """
     if isinstance(column, Interleaved) and len({id(part) for part in column.parts}) == 1:
         return np.asarray(column.parts[0]), len(column.parts)
@@ -129,7 +129,7 @@ class Span(NamedTuple):
     -----
     A column can have the rows of k subjects (such as poles) in turn: row 0 of each subject,
     then row 1 of each, and so on. A span must begin with the first subject and end with the
-    last one. So `rows.start`, `rows.stop` and `first_output_row` are then multiples of k.
+    last one, so `rows.start`, `rows.stop` and `first_output_row` are multiples of k.
     """
 
     rows: slice
@@ -170,8 +170,8 @@ class _PartCopy(NamedTuple):
     """A part of a table column, and the output rows to which the part is written.
 
     A table can have the rows of several subjects, such as poles (axes of relative rotation
-    of two links). The rows of the subjects alternate. A part of a column has the rows of
-    one subject. Columns of all other tables are a single part.
+    of two links). The rows of the subjects alternate in a column. A part of a column has
+    the rows of one subject. A column of any other table is a single part.
 
     Attributes
     ----------
@@ -179,14 +179,13 @@ class _PartCopy(NamedTuple):
         The part: an array, or a lazy column that a source computes.
     output
         View of the rows of the output array that belong to this part.
-    subject_count
-        Number of parts of the column, one for each subject. A row number of the column,
-        divided by this count, is the row number in the part.
+    spans
+        Which rows of the part are copied, and to which rows of `output`.
     """
 
     part: Array | LazyColumn
     output: Array
-    subject_count: int
+    spans: Sequence[Span]
 
 
 def copy_columns(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span]) -> None:
@@ -206,57 +205,55 @@ def copy_columns(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span])
     # The key is the identity (`id`) of the source, because not every source is hashable.
     lazy_copies_by_source: defaultdict[int, list[_PartCopy]] = defaultdict(list)
     for column, output in columns:
-        # A column can have the rows of several subjects (such as poles) in turn: row 0 of
-        # each subject, then row 1 of each, and so on. It is divided into parts, one for
-        # each subject. With two subjects, row 20 of the column is row 10 of a part.
-        for part_copy in _divide_into_parts(column, output):
+        # A column with the rows of several subjects (such as poles) has a part for each
+        # subject. Any other column is a single part.
+        for part_copy in _divide_into_parts(column, output, spans):
             part = part_copy.part
             if isinstance(part, LazyColumn):
                 lazy_copies_by_source[id(part.source)].append(part_copy)
             else:
-                part_spans = _count_in_part(spans, part_copy.subject_count)
-                _copy_spans(part, part_copy.output, part_spans)
+                _copy_spans(part, part_copy.output, part_copy.spans)
     for lazy_copies in lazy_copies_by_source.values():
-        # `_compute_and_copy` also converts the row numbers of the spans.
-        _compute_and_copy(lazy_copies, spans)
+        _compute_and_copy(lazy_copies)
 
 
-def _divide_into_parts(column: Column, output: Array) -> list[_PartCopy]:
-    """Return the parts of a column, each with the output rows that it fills.
+def _divide_into_parts(
+    column: Column, output: Array, spans: Sequence[Span]
+) -> list[_PartCopy]:
+    """Return the parts of a column, each with its output rows and its rows to copy.
 
     A part has the rows of one subject, such as one of several poles. With three parts, rows
-    0, 3, 6, ... of the output belong to the first part, rows 1, 4, 7, ... to the second,
-    and rows 2, 5, 8, ... to the third.
+    0, 3, 6, ... of the column and of the output belong to the first part, rows 1, 4, 7, ...
+    to the second, and rows 2, 5, 8, ... to the third.
+
+    Parameters
+    ----------
+    column, output
+        The column, and the array to which its rows are copied.
+    spans
+        Which rows are copied, and to where, as row numbers of the whole column and output.
     """
     if not isinstance(column, Interleaved):
-        return [_PartCopy(column, output, subject_count=1)]
+        return [_PartCopy(column, output, spans)]
     count = len(column.parts)
+    part_spans = _count_in_part(spans, count)
     return [
-        _PartCopy(part, output[subject::count], subject_count=count)
+        _PartCopy(part, output[subject::count], part_spans)
         for subject, part in enumerate(column.parts)
     ]
 
 
-def _compute_and_copy(part_copies: Sequence[_PartCopy], spans: Sequence[Span]) -> None:
+def _compute_and_copy(part_copies: Sequence[_PartCopy]) -> None:
     """Compute lazy columns of one source, and copy them as soon as they are computed.
 
     A source is an object that computes rows slice by slice, and calls a function with the
-    values of each slice. The rows of several subjects (such as poles) can alternate in a
-    column of a table. Then the source computes the rows of one subject, a part of the
-    column. For example, with two subjects row 20 of the column is row 10 of the first part.
+    values of each slice.
 
     Parameters
     ----------
     part_copies
-        The parts of columns that the source computes, and where their rows are written.
-    spans
-        Which rows are copied, as row numbers of the whole column.
+        The lazy columns, each with the rows that are copied and the output for them.
     """
-    # The spans as row numbers of a part. They depend only on the number of subjects.
-    spans_in_part = {
-        part_copy.subject_count: _count_in_part(spans, part_copy.subject_count)
-        for part_copy in part_copies
-    }
 
     def copy_computed_rows(computed_rows: slice, values: Sequence[Array]) -> None:
         """Copy the values of all parts in the rows that the source has computed.
@@ -264,13 +261,9 @@ def _compute_and_copy(part_copies: Sequence[_PartCopy], spans: Sequence[Span]) -
         The source calls this function after each slice of rows. Only the rows that were
         asked for (spans) are copied to the output.
         """
-        # The spans as indices of `values`, whose index 0 is the first computed row.
-        spans_in_values = {
-            subject_count: _spans_of_values(part_spans, computed_rows)
-            for subject_count, part_spans in spans_in_part.items()
-        }
         for part_copy, part_values in zip(part_copies, values, strict=True):
-            value_spans = spans_in_values[part_copy.subject_count]
+            # The spans as indices of `part_values`, whose first row is the first computed.
+            value_spans = _spans_of_values(part_copy.spans, computed_rows)
             _copy_spans(part_values, part_copy.output, value_spans)
 
     lazy_columns = [cast(LazyColumn, part_copy.part) for part_copy in part_copies]
@@ -285,10 +278,10 @@ def _copy_spans(values: Array, output: Array, spans: Sequence[Span]) -> None:
 
 
 def _count_in_part(spans: Sequence[Span], subject_count: int) -> list[Span]:
-    """Return spans (ranges of rows) of a column, counted in the rows of one part.
+    """Return spans (ranges of rows) of a column as row numbers of one of its parts.
 
-    The rows of all parts alternate. Each part therefore has 1 / `subject_count` of the
-    rows.
+    The rows of all parts alternate, so each part has 1 / `subject_count` of the rows. With
+    two parts, row 20 of the column is row 10 of the first part.
     """
     return [
         Span(

@@ -13,8 +13,8 @@ FRACTIONS = np.linspace(0.0, 1.0, 17)[:, None]
 """(17, 1) positions in a cell or bracket that are sampled, as fractions of its width.
 
 The first one is 0 and the last one is 1. The next bracket is the neighbourhood of the
-smallest sample, an eighth of the width. More fractions: minima in a
-cell are less easily missed, with more function values.
+smallest sample, an eighth of the width. More fractions: minima in a cell are less easily
+missed, with more function values.
 """
 
 BRACKET_RATIO = 1e-9
@@ -77,8 +77,7 @@ def find_local_minima(
     # Three successive samples with the smallest in the middle are a bracket of a minimum.
     # Comparisons with NaN are false.
     is_minimum = (center < before) & (center <= after) & (center <= limit)
-    # Rounding errors of a constant function must not count as minima, so a minimum has to
-    # be deeper than they are.
+    # A minimum has to be deeper than the rounding errors of a constant function.
     is_minimum &= np.minimum(before, after) - center > MIN_DEPTH_RATIO * center
     (index,) = np.nonzero(is_minimum)
     # `index` counts `before`, so the two neighbours of a minimum are the samples at `index`
@@ -108,9 +107,8 @@ def minimize_in_brackets(
     low, high
         (n,) ends of the brackets.
     width
-        The brackets are narrowed until none is wider. Far from zero, neighbouring
-        floating-point numbers are further apart than the default. There a bracket as wide
-        as `LEAST_BRACKET_SPACINGS` of their distances is narrow enough.
+        The brackets are narrowed until none is wider than this, or than
+        `LEAST_BRACKET_SPACINGS` times the distance of neighbouring floating-point numbers.
     """
     brackets = np.arange(len(low))
     # The spacing of the floating-point numbers is largest at the end with the larger size.

@@ -99,7 +99,7 @@ def find_sign_changes(
     """Return where a function changes its sign, and where this could not be decided.
 
     Two zeros close together are separated if the function between them exceeds its error.
-    Otherwise they are inside a doubtful interval.
+    Closer zeros are inside a doubtful interval.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def find_sign_changes(
     smooth_width
         Width of a cell in which samples resolve a smooth function. Narrower cells are not
         cut again after `MAX_FRUITLESS_HALVINGS` successive halvings without a settled half.
-        Wider cells may be too wide for their samples, so they do not count.
+        Halvings of wider cells do not count, because samples may be too sparse there.
 
     Returns
     -------
@@ -133,8 +133,8 @@ def find_sign_changes(
     sampled_cells = 0
     fruitless_halvings = np.zeros(len(cells), dtype=int)
     # In a narrow cell the few check positions may happen to show too small a rounding
-    # error. The extremum of a double zero would then seem to differ from zero. A cell
-    # therefore inherits the largest rounding error of the cells that contain it.
+    # error, so that a double zero would seem to differ from zero. A cell therefore inherits
+    # the largest rounding error of the cells that contain it.
     inherited_errors = np.zeros(len(cells))
     for depth in range(MAX_SIGN_CHANGE_HALVINGS + 1):
         sampled_cells += len(cells)
@@ -222,9 +222,7 @@ class _CellContent:
         Whether the cell should be halved. This is so if the polynomial does not fit, or if
         its error hides whether an extremum is zero.
     rounding_error
-        Error of the polynomial if it consists of rounding errors only, otherwise 0. The
-        error is passed on to the halves of the cell, since rounding errors do not decrease
-        there.
+        Error of the polynomial if it consists of rounding errors only, otherwise 0.
     """
 
     zeros: Floats

@@ -118,8 +118,9 @@ class TensorChebyshev:
                     cell_series.append(series)
                     cell.set_link(-len(cell_bounds))
                     continue
-                # Halves must not be narrower than allowed. Widths are halved exactly, so
-                # any factor between 1 and 2 distinguishes them.
+                # Halves must not be narrower than allowed. A width is the smallest one
+                # times a power of 2, so any factor between 1 and 2 separates cells that can
+                # be halved.
                 is_wide = width_fractions[axis] > 1.5 * MIN_CELL_FRACTION
                 # The largest value is NaN, and not positive, if no sample is finite.
                 exists = fits.largest_values[number] >= 0.0
@@ -154,8 +155,8 @@ class TensorChebyshev:
     def find_cell(self, x: Sequence[float]) -> int:
         """Return the index of the cell that contains a position (m,), -1 if none does.
 
-        The box of all positions was halved again and again. This gives a binary tree, which
-        ends in the cells. The search goes down this tree. The position must be in the box.
+        The box was halved again and again into cells, which gives a binary tree. The search
+        goes down this tree. The position must be in the box.
 
         Each row of `splits` is one halving. It has the axis along which a box is halved,
         the coordinate of the cut, and the links to its lower and upper half. A positive
@@ -170,7 +171,7 @@ class TensorChebyshev:
             axis, middle, lower_link, upper_link = self._python_splits[link]
             link = upper_link if x[axis] >= middle else lower_link
             if link <= 0:
-                # This is k for a link of -1 - k, and -1 for a link of 0.
+                # The result is k for a link of -1 - k, and -1 for a link of 0.
                 return -1 - link
 
     def find_cells(self, x: Floats) -> Indices:
@@ -190,9 +191,8 @@ class TensorChebyshev:
     def _python_splits(self) -> list[tuple[int, float, int, int]]:
         """The rows of `splits` as Python numbers, which are faster to read one by one.
 
-        A search for the cell of a position follows these rows. A row is a halving of a
-        cell: the axis and the coordinate at which it is cut, and the links to the lower and
-        the upper half.
+        A row is a halving of a cell: the axis and the coordinate of the cut, and the links
+        to the lower and the upper half.
         """
         return [
             (int(axis), middle, int(lower_link), int(upper_link))
@@ -229,8 +229,8 @@ class _PendingCell:
         """Set the link (a number) that leads from the halved larger cell to this cell.
 
         The link is the index of a split if this cell is halved, and -1 - k if it is the
-        finished cell k. 0 states that the cell is not part of the domain. No link needs
-        this index for a split, because split 0 halves the whole box.
+        finished cell k. The link is 0 if the cell is not part of the domain. Split 0 halves
+        the whole box, which is not a half of a larger cell.
         """
         self.parent_split[self.link_index] = link
 
@@ -291,11 +291,8 @@ class CellSums:
         (K,) sums.
         """
         # Each pass sums over the first remaining axis of orders. With two variables, n
-        # orders and K sums, `remaining` has these shapes:
-        #   at first              (n, n, K)
-        #   after variable 1      (n * K,)
-        #   after variable 2      (K,)
-        # Local names and functions of `math` save time, which matters for a single value.
+        # orders and K sums, `remaining` has these shapes: at first (n, n, K) after variable
+        # 1 (n * K,) after variable 2 (K,) Local names and functions of `math` save time.
         remaining = self._coefficients_by_cell[cell]
         order_count = self._order_count
         orders = self._orders
@@ -315,8 +312,7 @@ def _spread_positions(count: int, variables: int) -> Floats:
 
     The error of an approximation is measured at these positions. The positions are a
     sequence without randomness: multiples of (1/g, 1/g^2, ...) modulo 1, scaled to the
-    cube. Here g is the real root of g^(m + 1) = g + 1. For one variable it is the golden
-    ratio.
+    cube. Here g is the real root of g^(m + 1) = g + 1.
 
     Parameters
     ----------
@@ -343,7 +339,7 @@ def _spread_positions(count: int, variables: int) -> Floats:
 def _worst_direction(series: Floats, width_fractions: Floats) -> int:
     """Return the index of the variable in which a Chebyshev series converges worst.
 
-    The cell of the series is then halved across this direction. Large coefficients of the
+    The cell of the series is to be halved across this direction. Large coefficients of the
     two highest orders of a variable show slow convergence.
 
     Parameters

@@ -75,8 +75,8 @@ class Zeros:
         """Return the zeros of a periodic function in [0, period), each only once.
 
         Both ends of the range are the same point, the seam. A zero there may have been
-        found near 0, near the period, or near both, but is reported only once. If it was
-        found near 0, it keeps this position. Otherwise it is moved to 0.
+        found near 0, near the period, or near both, but is reported only once. A zero found
+        near 0 keeps its position. A zero found only near the period is moved to 0.
 
         For example, with the period 360 and zeros at 1e-9, 90 and 360, those at 1e-9 and 90
         remain.
@@ -85,8 +85,8 @@ class Zeros:
         first_place = np.min(self.places, initial=seam_width)
         has_zero_at_start = first_place < seam_width
         seam_position = first_place if has_zero_at_start else 0.0
-        # Zeros near the period are moved to the seam position. If several zeros are there
-        # now, `merge` leaves all but the first one out.
+        # Zeros near the period are moved to the seam position. `merge` keeps the first of
+        # several zeros there.
         is_at_end = self.places > period - seam_width
         places = np.where(is_at_end, seam_position, self.places)
         return Zeros.merge(places, self.double, seam_width)
@@ -174,7 +174,7 @@ def find_zeros(function: DifferentiableFunction, grid: Floats) -> Zeros:
     def flattened_function(x: Floats, _: Indices) -> Floats:
         """Return the values at positions, with tiny ones replaced by zero."""
         # Near a zero of high order the function is below the rounding errors in a wide
-        # range, and no bracket would become narrow. There it counts as exactly zero.
+        # range, and no bracket would become narrow. Such values count as exactly zero.
         value = function(x)[0]
         return np.where(np.abs(value) < EXACT_ZERO_RATIO * floor, 0.0, value)
 
@@ -210,15 +210,15 @@ def _classify_cells(cells: Floats, margin: Floats) -> tuple[Bools, Bools]:
         both ends.
     margin
         (n,) bound of the difference between polynomial and function. Coefficients, and
-        steps from one to the next, must exceed it.
+        steps from one to the next, must exceed this bound.
 
     Returns
     -------
     is_empty
         (n,) whether the cell contains no zero.
     is_monotone
-        (n,) whether the polynomial clearly rises or falls throughout the cell. The function
-        is then taken to have at most one zero.
+        (n,) whether the polynomial clearly rises or falls throughout the cell, so that the
+        function is taken to have at most one zero.
     """
     # The outer Bernstein coefficients are the values at the ends. The inner ones follow
     # from the slopes.
@@ -248,8 +248,8 @@ def _add_end_zeros(
     """Return the zeros inside a range together with those at its two ends.
 
     If the function only touches zero at an end, it resembles a parabola there. Rounding may
-    have produced false zeros of this parabola near the end. They are replaced by one double
-    zero (a zero without a change of sign) at the end.
+    have produced false zeros near the end, which are replaced by one double zero (a zero
+    without a change of sign) at the end.
 
     Parameters
     ----------
@@ -288,9 +288,10 @@ def _find_end_zero(
 ) -> _EndZero | None:
     """Return the zero of a function at an end of its range, None if there is none.
 
-    Near the end the function is approximated by a parabola. This shows whether the function
-    crosses zero there or only touches it (double zero). Near a double zero, rounding can
-    produce false ("spurious") zeros. The result has the distance up to which they occur.
+    Near the end the function is approximated by a parabola, which shows whether the
+    function crosses zero or only touches it (double zero). Near a double zero, rounding can
+    produce false ("spurious") zeros. The result has the distance up to which such zeros
+    occur.
 
     Parameters
     ----------
@@ -316,10 +317,10 @@ def _find_end_zero(
 class EndParabola:
     """A parabola that approximates a function near an end of its range where it is zero.
 
-    The parabola shows whether the function only touches zero there (double zero). Rounding
-    errors can then produce false zeros near the end. Values count as zero up to a size that
-    the methods call `floor`. The signs of slope and curvature are not used: the methods
-    assume opposite signs, with which the parabola returns to zero.
+    The parabola shows whether the function only touches zero there (double zero). Near a
+    double zero, rounding errors can produce false zeros. Values count as zero up to a size
+    that the methods call `floor`. The signs of slope and curvature are not used: the
+    methods assume opposite signs, with which the parabola returns to zero.
 
     Attributes
     ----------
@@ -333,11 +334,10 @@ class EndParabola:
     def has_double_zero(self, floor: float) -> bool:
         """Return whether the parabola only touches zero near the end.
 
-        A parabola approximates a function near the end of its range.
-
-        Its values at the extremum and at the end differ by slope^2 / (2 curvature). If this
-        difference is at most `floor` (values below it count as zero), both count as one
-        zero.
+        The parabola approximates a function near an end of the function's range. The values
+        of the parabola at its extremum and at the end differ by slope^2 / (2 curvature).
+        The parabola counts as touching zero if this difference is at most `floor`. Values
+        up to `floor` count as zero.
         """
         return bool(self.slope * self.slope <= 2.0 * floor * self.curvature)
 
@@ -345,8 +345,8 @@ class EndParabola:
         """Return the distance from the end within which values can count as zero.
 
         Zeros found at smaller distances may be caused by rounding. At the distance t the
-        parabola is c t^2 / 2 - s t, with the curvature c and the slope s. It falls from
-        zero first, and then rises to `floor` at t = (s + sqrt(s^2 + 2 floor c)) / c.
+        parabola is c t^2 / 2 - s t, with the curvature c and the slope s. The parabola
+        falls from zero first, and rises to `floor` at t = (s + sqrt(s^2 + 2 floor c)) / c.
         """
         root = np.sqrt(self.slope * self.slope + 2.0 * floor * self.curvature)
         # The smallest positive number avoids a division by 0 for a straight line.
@@ -377,8 +377,8 @@ def _halve_cells(function: DifferentiableFunction, cells: Floats) -> tuple[Float
     a, b, value_a, value_b, slope_a, slope_b = cells
     middle = 0.5 * (a + b)
     value, slope = function(middle)
-    # In the middle of a cell of width h the polynomial is (f_a + f_b) / 2 + h (f_a' - f_b')
-    # / 8.
+    # In the middle of a cell of width h the polynomial is
+    # (f_a + f_b) / 2 + h (f_a' - f_b') / 8.
     hermite_value = 0.5 * (value_a + value_b) + (b - a) * (slope_a - slope_b) / 8.0
     error = np.abs(hermite_value - value)
     left = np.stack([a, middle, value_a, value, slope_a, slope])

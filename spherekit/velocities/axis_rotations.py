@@ -253,9 +253,9 @@ def append_profile_columns(
     profiles
         The profiles that have columns.
     expansion_point
-        (variables, n) float64 values near `values`. The series are then evaluated there in
-        float64 and extrapolated linearly. Complex or quad-precision `values` need this,
-        because the series do not accept them.
+        (variables, n) float64 values near `values`. With this point, the series are
+        evaluated there in float64 and extrapolated linearly. Complex or quad-precision
+        `values` need the point, because series accept only float64.
 
     Returns
     -------
@@ -298,13 +298,13 @@ def pair_rotations(
         The mechanism.
     design
         Expressions for some of its sizes: arcs and angles between R pairs. By default all
-        sizes are numbers. Profiles of contacts always have numbers.
+        sizes are numbers.
     any_profile
         Whether profiles other than circles are allowed. Their tangent, point and curvature
         at the contact are then symbols, called the columns of the profile because the
         values of each are a column of numbers.
     as_columns
-        Whether circles have such columns, too, instead of being written as rotations.
+        Whether circles have such columns, and are not written as rotations.
 
     Raises
     ------
@@ -326,10 +326,10 @@ def pair_rotations(
                 for end, track in enumerate(tracks[number])
             )
             sides[number] = first_side, second_side
-            # The chain leads to the contact frame and on to the second link. Both parts
-            # have two constants (rotation matrices that do not depend on variables), with a
-            # rotation by a variable between them. The constants on both sides of the
-            # contact frame become one.
+            # The chain leads to the contact frame and on to the second link. Each part has
+            # two constants (rotation matrices that do not depend on variables), with a
+            # rotation by a variable between them. The constants next to the contact frame
+            # become one.
             to_contact = first_side.chain
             from_contact = second_side.chain.reversed()
             first, before_contact = to_contact.constants

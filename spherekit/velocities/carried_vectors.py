@@ -61,8 +61,8 @@ class CarriedVector:
 
     The vector is the relative angular velocity of the two links of the pair (joint), per
     unit rate of the variable. The axis of an R pair (revolute joint) is fixed in its links.
-    The vector of a contact turns with a link, too. In addition, it changes relative to this
-    link as the contact moves along a profile (a curve of the link).
+    The vector of a contact turns with a link, and changes relative to this link as the
+    contact moves along a profile (a curve of the link).
 
     Attributes
     ----------
@@ -130,8 +130,9 @@ def carried_vectors(
         Expressions of all variables, on which the points of contacts depend.
     about_centres
         Whether the vector of two circles that roll on each other is the sum of the two
-        vectors about their centres. It takes fewer expressions than (k1 - k2) p, but loses
-        digits if the circles are small. Its length and bounds are not computed.
+        vectors about their centres. The sum takes fewer expressions than (k1 - k2) p, but
+        loses digits if the circles are small. The length and bounds of the sum are not
+        computed.
 
     Returns
     -------
@@ -159,7 +160,8 @@ def carried_vectors(
             vectors |= zip(owned, along_sides, strict=True)
         elif about_centres and not any(side.contact_symbols for side in sides):
             first, second = (carried.vector for carried in along_sides)
-            # The second vector turns relative to the first link at the rate first + second.
+            # The second vector is fixed in the second link. Seen from the first link, its
+            # derivative is (first + second) x second = first x second.
             vectors[owned[0]] = CarriedVector(
                 first + second, ends[0], slide=cross(first, second)
             )
@@ -235,9 +237,9 @@ def _contact_line(
     """Return the direction p to a contact point, which slides along a profile of a link.
 
     A profile is a curve on the unit sphere, fixed in the link. Seen from the link, p
-    changes as the contact moves along the profile. The derivative of p with respect to
-    arc length, called the slide, is the unit tangent. The length of the tangent's
-    derivative bounds how much the slide changes. Error bounds need this number.
+    changes as the contact moves along the profile. The derivative of p with respect to arc
+    length, called the slide, is the unit tangent. The length of the tangent's derivative
+    bounds how much the slide changes.
 
     Parameters
     ----------
@@ -293,8 +295,8 @@ def _rolling_vector(
         second derivative:           (k1 - k2) t' + 2 (k1 - k2)' t + (k1 - k2)'' p
 
     `slide_change_bound` of the result bounds the length of the second derivative by the sum
-    of the lengths of its terms. There is no expression of the last term. Its length is at
-    most ``|k1''| + |k2''|``, of which each profile knows the largest value.
+    of the lengths of its terms. The length of the last term is at most ``|k1''| + |k2''|``,
+    of which each profile knows the largest value.
 
     Parameters
     ----------
@@ -370,11 +372,12 @@ def _vector_along_circle(
 ) -> CarriedVector:
     """Return the vector of a contact that moves along a circle, per unit of arc length.
 
-    The vector is the angular velocity of the second link relative to the first. One link
-    carries the circle. Only the arc length along this circle changes. The other link then
-    touches the circle always at the same point of its own profile. So the other link turns
-    about the centre of the circle, as seen from the link with the circle. The length of the
-    vector is the angle about the centre per unit of arc length.
+    The vector is the angular velocity of the second link relative to the first. A contact
+    has two variables, the arc lengths along the profiles of its two links. Only the arc
+    length along the circle changes here, so the contact point is fixed on the other link.
+    Tangent, normal and point of the contact are fixed in the other link and, seen from the
+    link with the circle, turn about its centre. The length of the vector is the angle about
+    the centre per unit of arc length.
 
     Parameters
     ----------
@@ -403,10 +406,10 @@ def _vector_along_curve(
     angular velocity n + k p, with the curvature k of the profile. The rotation n moves the
     point along the profile. The rotation k p turns the tangent.
 
-    Only the arc length along this profile changes here. The other link therefore touches
-    with the same point of its own profile, and turns with the three axes. The vector is the
-    angular velocity of the second link relative to the first. So it is n + k p if the first
-    link carries the profile, otherwise -(n + k p).
+    Only the arc length along this profile changes here, so the contact point is fixed on
+    the other link. The other link therefore turns with the three axes. The vector is the
+    angular velocity of the second link relative to the first: n + k p if the first link
+    carries the profile, -(n + k p) if the second does.
 
     Let primes be derivatives with respect to arc length, as seen from the link with the
     profile. Because n' = -k t and p' = t,

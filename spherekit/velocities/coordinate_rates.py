@@ -34,9 +34,9 @@ class MotionRates:
     Attributes
     ----------
     scaled_speeds
-        The rate of each input, divided by the determinant D of the velocity equations. A
-        rate of the motion is a sum over the inputs: of D times the rate while only this
-        input moves at unit rate, times the scaled speed of this input.
+        The rate of each input, divided by the determinant D of the velocity equations. Let
+        tau be a rate times D, while only one input moves at unit rate. The same rate during
+        the motion is the sum over the inputs of tau times the scaled speed.
     variable_rates
         The rate of each pair (joint) variable.
     w
@@ -74,8 +74,7 @@ class CoordinateRates(VelocityEquations):
             The mechanism with its inputs and its pairs.
         variables
             Expressions (rad) of all variables: angles of R pairs, and arc lengths along
-            profiles, which locate contact points. If `placed` is passed, the angles are not
-            used.
+            profiles, which locate contact points.
         placed
             Orientations of all links. By default they follow from the variables.
         """
@@ -83,8 +82,8 @@ class CoordinateRates(VelocityEquations):
         mechanism = structure.mechanism
         placed = placed or place_by_variables(mechanism, structure.pairs, variables)
         # If two circles roll on each other, the relative rotation is the sum of two
-        # rotations about their centres. This is shorter than an expression by the contact
-        # point.
+        # rotations about their centres. The sum is shorter than an expression by the
+        # contact point.
         super().__init__(mechanism, structure.pairs, placed, variables, about_centres=True)
 
     def _solve_groups(
@@ -94,9 +93,9 @@ class CoordinateRates(VelocityEquations):
 
         The loops of the mechanism are closed group by group. A group is a set of links that
         are placed together. The equations of each group are solved by Cramer's rule without
-        its division, so nothing is divided by a determinant that may be zero. The rates are
-        then multiplied by the determinant. The scale is the product of the determinants
-        of all groups.
+        its division, so nothing is divided by a determinant that may be zero, and the rates
+        are multiplied by the determinant. The scale is the product of the determinants of
+        all groups.
 
         Parameters
         ----------
@@ -104,8 +103,8 @@ class CoordinateRates(VelocityEquations):
             The rate of each driven pair (joint), by the index of the pair.
         offsets
             By the index of a pair, a vector (3,) that is subtracted from its angular
-            velocity in the loop equations. For accelerations it contains the terms that do
-            not depend on the unknowns. Pairs without an offset have zero.
+            velocity in the loop equations. For accelerations the offset contains the terms
+            that do not depend on the unknowns.
         """
         # Each driven pair has a single variable.
         rate_by_variable = {
@@ -138,9 +137,9 @@ class CoordinateRates(VelocityEquations):
         Groups of links are solved one after another. The known part comes from the
         variables whose rates are already known. Variables of later groups count as zero.
 
-        The loop equations can have a known vector for each pair, its offset, on the
-        right-hand side. For accelerations, for example, this vector has the terms that do
-        not depend on the unknowns. Each offset is subtracted from the known part.
+        The loop equations can have a known vector for each pair, its offset, which is
+        subtracted from the known part. For accelerations, the offset has the terms that do
+        not depend on the unknowns.
 
         Parameters
         ----------
@@ -174,8 +173,7 @@ class CoordinateRates(VelocityEquations):
     def scale(self) -> Expr:
         """The scale D, the determinant of the velocity equations.
 
-        Rates are homogeneous rates divided by D. D changes its sign where assembly modes
-        (ways to assemble the mechanism) meet. D is the same for all inputs.
+        Rates are homogeneous rates divided by D. D is the same for all inputs.
         """
         _, scale = self._rates_and_scales[-1]
         return scale
@@ -190,12 +188,12 @@ class CoordinateRates(VelocityEquations):
 
         Each loop is cut at one pair (joint), the key of the result. The frame of this pair
         is computed in two ways: from the first link of the pair and its variable, and from
-        the second link. Both frames coincide in a closed loop. The opening (closure
+        the second link. The two frames coincide in a closed loop. The opening (closure
         residual) is the rotation vector from the former frame to the latter.
 
         The size of the mechanism grows at the rate 1, while the variables stay constant.
-        The derivative of the opening is then the difference of the angular velocities of
-        both frames.
+        The derivative of the opening is the difference of the angular velocities of the two
+        frames.
         """
         residual_rates: dict[int, Exprs] = {}
         for pair, frames in self._closing_frames.items():
@@ -214,12 +212,11 @@ class CoordinateRates(VelocityEquations):
         """Return the homogeneous angular velocity of a link in axes fixed in the link.
 
         A homogeneous velocity is the velocity while one input has the rate 1 and the others
-        rest, times the determinant of the velocity equations. It stays finite where this
-        determinant is zero.
+        rest, times the determinant of the velocity equations.
 
         The components are along the columns of `LinkOrientation.basis`, three unit vectors
-        that are fixed in the link. They are not the axes in which the file describes the
-        link. Along the basis the expressions are shorter.
+        that are fixed in the link. Along the basis the expressions are shorter than along
+        the axes of the link.
 
         Parameters
         ----------
@@ -278,8 +275,8 @@ class CoordinateRates(VelocityEquations):
         """Return the rates of all variables and links for some rates of the inputs.
 
         For each input, `tau` has the rates of all variables, and `w` the angular velocities
-        of all links, while this input moves at unit rate. They are multiplied by the
-        determinant D of the velocity equations (`scale`). The rates of the inputs are
+        of all links, while this input moves at unit rate. `tau` and `w` are multiplied by
+        the determinant D of the velocity equations (`scale`). The rates of the inputs are
         therefore divided by D. The contributions of all inputs add up.
         """
         scaled_speeds = [speed * (1.0 / self.scale) for speed in speeds]
@@ -302,7 +299,7 @@ class CoordinateRates(VelocityEquations):
     def bias_accelerations(self, rates: Sequence[Expr], w: Sequence[Exprs]) -> list[Exprs]:
         """Return the angular accelerations (3,) of links while no input accelerates.
 
-        They are the part of the accelerations that comes from the velocities alone.
+        These accelerations come from the velocities alone.
 
         Parameters
         ----------
@@ -318,9 +315,9 @@ class CoordinateRates(VelocityEquations):
 def _frame_velocity(frame: Exprs, size: ExpressionNode) -> Exprs:
     """Return the angular velocity (3,) of a frame per unit rate of a size, in ground axes.
 
-    A size is an arc or an angle of the mechanism. If it changes, the frame turns. The
-    columns b of the frame (3, 3) have the derivatives b' = w x b with respect to the
-    size. Half the sum of b x b' over the three columns is w.
+    A size is an arc or an angle of the mechanism. The columns b of the frame (3, 3) have
+    the derivatives b' = w x b with respect to the size. Half the sum of b x b' over the
+    three columns is w.
     """
     entries = [*frame.ravel()]
     derivative = vector(differentiate(entries, {size: 1.0})).reshape(3, 3)

@@ -36,8 +36,8 @@ errors."""
 class DecimalRates:
     """Rates of n rows while one input moves at unit rate, and bounds of their errors.
 
-    They are computed from the decimal sizes of the file, for rows that are too near to a
-    dead centre for sizes rounded to float64. Rates are per unit rate of the input
+    The rates are computed from the decimal sizes of the file, for rows that are too near to
+    a dead centre for sizes rounded to float64. Rates are per unit rate of the input
     (rad/rad), and vectors are in ground axes. Derivatives are with respect to the input.
     Rates and axes are in quad precision, bounds in float64.
 
@@ -78,8 +78,8 @@ class DecimalRates:
         """Compute the rates of all rows of a motion in quad precision (33 digits).
 
         Near a dead centre, rounding the sizes to float64 can change every digit of the
-        rates. The file has the sizes as decimal numbers. Here these are used with 33
-        digits, first for the configurations and then for the rates.
+        rates. The decimal numbers of the file are therefore used with 33 digits, for the
+        configurations and for the rates.
 
         Parameters
         ----------
@@ -106,9 +106,7 @@ class DecimalRates:
         rotations: Array | None = None
         is_known = np.zeros(n, dtype=bool)
         for mode, rows in _rows_of_modes(motion, [modes[k] for k in sorted(numbers)]):
-            # The signs of the assembly mode choose between solutions. A dyad (two links
-            # joined by a pair) has two solutions. For other groups of links, the sign
-            # is the sign of the determinant of the closure equations.
+            # The signs of the assembly mode choose one solution for each group of links.
             placed = quad_assembly.place(
                 mode.signs, mode.group_signs, motion.inputs[rows], motion.values[rows]
             )
@@ -188,8 +186,8 @@ class DecimalRates:
         else:
             u = self.axes[:, pair]
             velocity_coefficient = dot(v, u)
-            # The axis is fixed in both links of the pair. Its change follows from the
-            # first one, whichever of the two links is first in the pole.
+            # The axis is fixed in both links of the pair, so its derivative follows from
+            # the angular velocity of either link.
             first_link, _ = self.ends[pair]
             direction_change = np.cross(self.w[:, first_link], u)
             conditioning = np.ones_like(speed)
@@ -251,8 +249,8 @@ class DecimalRates:
             direction_bound = direction_error
         else:
             # u = v / |v|, and du = (dv - (dv . u) u) / |v|. Three errors contribute to du:
-            # that of dv, and two that are multiplied by |dv|. These are the error of u and
-            # the relative error of |v|, and both are at most `direction_error`.
+            # the error of dv, and two that are multiplied by |dv|. The two are the error of
+            # u and the relative error of |v|, each at most `direction_error`.
             direction_error = v_error / speed
             change_error = (dv_error + 2.0 * direction_error * dv_size) / speed
             # If v may be zero within its error, any direction is possible, so the bound is
@@ -385,7 +383,7 @@ def _solve_rates(motion: Motion, driven: int, is_known: Bools, axes: Array) -> D
 def _solve_linear_systems(matrices: Array, right_sides: Array) -> Array:
     """Return the solutions x (n, m) of n systems matrices (n, m, m) x = right_sides.
 
-    numpy.linalg has no quad precision. So this is Gauss-Jordan elimination with partial
+    numpy.linalg has no quad precision. The method is Gauss-Jordan elimination with partial
     pivoting, for all n systems at once. The solution of an exactly singular system is not
     finite.
     """
@@ -395,8 +393,8 @@ def _solve_linear_systems(matrices: Array, right_sides: Array) -> Array:
     systems = np.arange(n)
     for k in range(m):
         # In each system the row with the largest entry in column k is exchanged with row k
-        # and divided by this entry. Multiples of it are subtracted from all other rows, so
-        # that column k becomes zero there.
+        # and divided by this entry. Multiples of row k are subtracted from all other rows,
+        # so that column k becomes zero there.
         pivot = k + np.argmax(np.abs(augmented[:, k:, k]).astype(float), axis=1)
         pivot_rows = augmented[systems, pivot].copy()
         augmented[systems, pivot] = augmented[:, k]

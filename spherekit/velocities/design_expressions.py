@@ -202,8 +202,8 @@ class DesignExpressions:
     def coordinate_rates(self) -> CoordinateRates:
         """The homogeneous rates of all variables while each input moves.
 
-        These are the rates times the determinant of the velocity equations. They are finite
-        even where the determinant vanishes.
+        Homogeneous rates are the rates times the determinant of the velocity equations.
+        They are finite even where the determinant vanishes.
         """
         return CoordinateRates(self.structure, self.variables, self._placed)
 
@@ -237,8 +237,8 @@ class DesignExpressions:
         pair variables have to change, so that the loops stay closed.
 
         A profile that is not a circle is described by symbols at its contact, the profile
-        columns: tangent, point, curvature, and the derivative of the curvature. They are
-        treated like further sizes.
+        columns: tangent, point, curvature, and the derivative of the curvature. Profile
+        columns are treated like further sizes.
 
         Parameters
         ----------
@@ -256,8 +256,8 @@ class DesignExpressions:
         EngineError
             If an expression contains the second derivative of the curvature of a profile.
         """
-        # In closed form, the pair variables are formulas of inputs and sizes. The loops
-        # then stay closed by themselves.
+        # In closed form, the pair variables are formulas of inputs and sizes, so the loops
+        # stay closed.
         if self.has_closed_form:
             return [differentiate(items, {size: 1.0}) for size in self.size_symbols]
         self._refuse_second_curvature_derivative(items)
@@ -282,7 +282,7 @@ class DesignExpressions:
 
         A profile that is not a circle has symbols for its curvature k at the contact and
         for dk/ds and d2k/ds2, with the arc length s. A size can move the contact. The
-        derivative of d2k/ds2 would then contain d3k/ds3, for which there is no symbol. Only
+        derivative of d2k/ds2 would contain d3k/ds3, for which there is no symbol. Only
         linearised motions contain d2k/ds2.
         """
         symbols_in_items = set(iterate_nodes(items))
@@ -335,8 +335,8 @@ class DesignExpressions:
         """Return the derivatives of expressions with respect to a pair variable.
 
         If the variable moves a contact along a profile (curve on a link), the tangent,
-        point and curvature of the profile at the contact change with the variable. Their
-        symbols are differentiated too.
+        point and curvature of the profile at the contact change with the variable. Each of
+        these quantities is a symbol with a rate.
         """
         rates: dict[ExpressionNode, Expr] = {self.configuration_symbols[variable]: 1.0}
         for side in self.structure.pairs.sides_with_symbols:
@@ -371,7 +371,6 @@ class DesignExpressions:
             )
         # The table states which method of this class returns the quantity, and with which
         # arguments. If the method returns a vector, the table has the index of a component.
-        # The method of an ambiguous name is `refuse_ambiguous_name`, which raises an error.
         row_quantity = table[name]
         value = getattr(self, row_quantity.method)(*row_quantity.arguments)
         if row_quantity.component is None:
@@ -388,8 +387,8 @@ class DesignExpressions:
 
         Names of quantities are names of links or pairs joined by underscores, which may
         also occur in the names themselves. For an ambiguous name, the table of quantities
-        refers to this method. It never returns, but has the return type of the other
-        methods.
+        refers to this method. This method never returns, but has the return type of the
+        other methods.
 
         Parameters
         ----------
@@ -438,8 +437,8 @@ class DesignExpressions:
     def determinant(self) -> Expr:
         """Return the determinant of the velocity equations.
 
-        It vanishes in configurations in which the inputs do not determine the rates of all
-        variables.
+        The determinant vanishes in configurations in which the inputs do not determine the
+        rates of all variables.
         """
         return self.coordinate_rates.scale
 
@@ -506,7 +505,7 @@ class DesignExpressions:
 
         A column is the angular velocity of the output's link, relative to its reference
         link, per unit rate of one input while the others rest. If there are two inputs and
-        the output is a pointing direction, a column is the rate of this direction instead.
+        the output is a pointing direction, a column is the rate of this direction.
         """
         link, base = self._output_links(name)
         velocities = [w[link] - w[base] for w in self._link_velocities]
@@ -518,8 +517,8 @@ class DesignExpressions:
     def condition_number(self, name: str) -> Expr:
         """Return the condition number of the Jacobian of an output.
 
-        It is the ratio of the largest to the smallest singular value of the matrix of
-        output velocities per unit rate of each input.
+        The condition number is the ratio of the largest to the smallest singular value of
+        the matrix of output velocities per unit rate of each input.
         """
         columns = self._output_jacobian(name)
         if len(columns) > 3:
@@ -532,14 +531,13 @@ class DesignExpressions:
         """Return the determinant of the square Jacobian of an output.
 
         With three inputs its columns are the angular velocities of the output per unit rate
-        of each input. With two inputs they are the rates of the direction in which the
-        output points. The determinant is then the area of the parallelogram of the two
-        rates, with a sign that depends on their order.
+        of each input. With two inputs the columns are the rates of the direction in which
+        the output points, and the determinant is the area of the parallelogram of the two
+        rates. The sign of the area depends on the order of the inputs.
         """
         first, second, *further_columns = self._output_jacobian(name)
         third = further_columns[0] if further_columns else self._output_direction(name)
-        # With two inputs the output must be a pointing direction, otherwise there is no
-        # determinant.
+        # With two inputs, only an output that is a pointing direction has a determinant.
         assert third is not None
         return dot(cross(first, second), third)
 
@@ -562,10 +560,10 @@ class DesignExpressions:
     def relative_loop_residual(self) -> Expr:
         """Return by how much the computed rates violate the loop equations.
 
-        If equations are redundant, the rates are computed from some of them, which are
-        independent at one configuration. At another configuration, these can depend on each
-        other. Then the computed rates violate the remaining equations. Otherwise the result
-        is zero up to rounding.
+        If equations are redundant, the rates are computed from equations that are
+        independent at one configuration. Where the chosen equations depend on each other,
+        the computed rates violate the remaining equations. At all other configurations the
+        result is zero up to rounding.
 
         Returns
         -------
@@ -580,8 +578,8 @@ class DesignExpressions:
             pair_velocities = rates.pair_velocities(tau)
             residual_square: Expr = 0.0
             # A chord is the pair at which a loop is cut. Its two links get their velocities
-            # along the two sides of the loop. These must differ by the velocity of the
-            # pair.
+            # along the two sides of the loop. The two velocities must differ by the
+            # velocity of the pair.
             for chord in rates.tree.chords:
                 first, second = rates.tree.ends[chord]
                 residual = w[first] - w[second] + pair_velocities[chord]
@@ -607,11 +605,10 @@ class DesignExpressions:
     def coefficient(self, link_name: str, other_name: str, kind: str, moving: int) -> Expr:
         """Return a velocity or acceleration coefficient of two links.
 
-        The velocity coefficient is their relative angular velocity per unit rate of the
-        moving input. If a pair (joint) joins the links, it is the rate of the pair's
-        variable, with a sign. Otherwise it is the length of the vector. The acceleration
-        coefficient is the derivative of the velocity coefficient with respect to the moving
-        input.
+        The velocity coefficient is the size of the relative angular velocity per unit rate
+        of the moving input. If a pair (joint) joins the links, the velocity coefficient is
+        the rate of the pair's variable, with a sign. The acceleration coefficient is the
+        derivative of the velocity coefficient with respect to the moving input.
 
         Parameters
         ----------
@@ -638,8 +635,7 @@ class DesignExpressions:
             first, _ = self.mechanism.ends[self.mechanism.variable_owners[variable]]
             sense = 1.0 if first == other else -1.0
             return self._variable_rates[moving][variable] * sense
-        # Two links that never move relative to each other have no direction of motion. In
-        # the direction below, their velocity would be divided by its length 0.
+        # Two links that never move relative to each other have no direction of motion.
         if self._rest_together(link_name, other_name, moving):
             return 0.0
         # The relative angular velocity is c u, with the coefficient c from above. The unit
@@ -655,9 +651,9 @@ class DesignExpressions:
 
         The pole axis is the axis of the relative rotation of the links. The unit vector
         times the velocity coefficient is the angular velocity of the first link relative to
-        the second, per unit rate of the moving input. The result is NaN if the links have
-        no relative motion, because all other inputs are locked. Where they rest only in
-        some configurations, it is NaN there, unless a pair (joint) joins the links.
+        the second, per unit rate of the moving input. The result is NaN if the links never
+        move relative to each other while the other inputs are locked. For links that no
+        pair (joint) joins, the result is NaN in all configurations in which the links rest.
 
         Parameters
         ----------
@@ -683,9 +679,8 @@ class DesignExpressions:
         The computed relative velocity of resting links is a rounding error, which also has
         a direction. The product of this direction and the result is NaN. Links rest if
         their relative velocity is less than `NO_MOTION` times a reference. The reference is
-        the velocity of one of the links, but at least 1. Runs of an analysis take the
-        link with the larger index. So does this method, so that runs and this method
-        give NaN in the same configurations.
+        the velocity of the link with the larger index, as in runs of an analysis, but at
+        least 1.
 
         Parameters
         ----------
@@ -701,8 +696,8 @@ class DesignExpressions:
             "maximum", 1.0, dot(reference_velocity, reference_velocity)
         )
         square = dot(relative_velocity, relative_velocity)
-        # For resting links the sign is -1, and its root is NaN. Otherwise the sign and its
-        # root are 1.
+        # For resting links the sign is -1, and its root is NaN. For other links the sign
+        # and its root are 1.
         return function("sqrt", sign_of(square - square_limit))
 
     def _relative_direction(self, link_name: str, other_name: str, moving: int) -> Exprs:
@@ -724,8 +719,8 @@ class DesignExpressions:
         """Return whether two links rest relative to each other at all configurations.
 
         One input (`moving`) moves while the others rest. Links rest together if the resting
-        inputs lock them to each other. The difference of their angular velocities is then
-        zero as an expression.
+        inputs lock them to each other. The difference of the angular velocities of such
+        links is zero as an expression.
         """
         w = self._link_velocities[moving]
         relative_velocity = (
@@ -799,8 +794,7 @@ class DesignExpressions:
         - the angle of the input;
         - the pair (joint) variables, if there are no formulas for them (closed form);
         - the profile columns: tangent, point and curvature of each profile at the contact.
-          They are functions of the arc length. Circles and mechanisms with a closed form
-          have none.
+          They are functions of the arc length.
 
         Parameters
         ----------
@@ -826,7 +820,8 @@ class DesignExpressions:
     def generalized_force(self, moving: int) -> Expr:
         """Return the generalised force of all loads on an input (N m).
 
-        It is the power of the loads while this input has the rate 1 and the others rest.
+        The generalised force is the power of the loads while this input has the rate 1 and
+        the others rest.
 
         Parameters
         ----------
@@ -842,8 +837,8 @@ class DesignExpressions:
         rates = self.coordinate_rates
         load_state = self._load_state()
         # The rates in `rates` are multiplied by the determinant of the velocity equations
-        # (`scale`), to avoid divisions. So are the forces, and their sum is divided by it
-        # once.
+        # (`scale`), to avoid divisions. The forces have the same factor, so their sum is
+        # divided by the determinant.
         forces = (
             component_forces(components, load_state)[moving]
             for components in self._load_components
@@ -853,9 +848,8 @@ class DesignExpressions:
     def _load_state(self) -> LoadState:
         """Return the motion as expressions: everything on which loads can depend."""
         rates = self.coordinate_rates
-        # Angles of passive pairs are computed without whole revolutions. Loads such as
-        # springs also depend on the number of revolutions. `revolution_symbols` has the
-        # revolutions as angles (rad).
+        # Angles of passive pairs are computed without whole revolutions, on which loads
+        # such as springs depend. `revolution_symbols` has the revolutions as angles (rad).
         angles = self._angles()
         revolutions = {
             self._variable(pair): angle * (1.0 / TURN)
@@ -863,19 +857,21 @@ class DesignExpressions:
         }
         return LoadState(
             mechanism=self.mechanism,
-            placed=rates.placed,
+            placed=rates.placed,  # orientations of all links
             # For each input, the rates of all variables and the angular velocities of all
-            # links while it moves at unit rate, times a determinant.
+            # links while this input moves at unit rate, times the determinant of the
+            # velocity equations (`scale`), which avoids divisions.
             tau=rates.tau,
             w=rates.w,
             variables=angles,
             revolutions=[revolutions.get(v, 0.0) for v in range(len(angles))],
-            # Rates of all variables at the rates of the inputs.
+            # Rates of all variables at the rates of the inputs in the sample, without the
+            # factor `scale`.
             rates=rates.motion_rates(self._speeds).variable_rates,
             # The last symbol of a sample.
             time=self.sample_symbols[-1],
-            # Some loads jump or have a kink where an expression (a condition) is zero. They
-            # depend on its sign.
+            # Some loads jump or have a kink where an expression (a condition) is zero. Such
+            # loads depend on the sign of the condition.
             sign_of_condition=sign_of,
             # A torque given by a table is a symbol.
             table_torque=self.table_symbols.__getitem__,
@@ -885,10 +881,10 @@ class DesignExpressions:
         """Raise `ModelError` if friction of loads follows from reactions of pairs (joints).
 
         The expressions of this class become a kernel, a compiled function that evaluates
-        many designs at once. It does not solve for reactions, but runs of the designs do.
-        The message therefore advises to use the option `--reduce`, which makes such runs
-        and reads their tables. The example in the message reads the torque at the input
-        with the index `moving`.
+        many designs at once. A kernel does not solve for reactions, but runs of the designs
+        do. The message therefore advises to use the option `--reduce`, which makes such
+        runs and reads their tables. The example in the message reads the torque at the
+        input with the index `moving`.
         """
         # What to read, as the option expects it: "analysis.table: expression". The
         # analysis eksergian is the one for a single input.

@@ -131,9 +131,9 @@ class LastSample:
     sign: float
 
     def numbers(self) -> list[Any]:
-        """Return eight numbers of the path (v and dv have three each) and the sign.
+        """Return eight numbers of the path and the sign, for a file.
 
-        They are written to a file.
+        v and dv have three numbers each.
         """
         path = self.path
         columns = [path.coordinate, path.sense, *path.v, *path.dv]
@@ -207,12 +207,11 @@ def apply_continuous_signs(
     Parameters
     ----------
     field
-        Poles at the n rows of the motion, whose directions have arbitrary signs. They are
-        multiplied by signs in place.
+        Poles at the n rows of the motion, whose directions have arbitrary signs.
     motion, request
         The configurations, and the request of the poles.
     sign_continuation
-        Signs at the end of the previous block of rows. It is updated in place.
+        Signs at the end of the previous block of rows, updated in place.
     """
     n = len(motion)
     # Some poles need no sign here: the axis of a pair has its sign already, and two links
@@ -235,8 +234,8 @@ def apply_continuous_signs(
     v_error = np.array([field.velocity_coefficient_error[pole] for pole in poles])
     dv_error = np.array([field.acceleration_coefficient_error[pole] for pole in poles])
 
-    # The relative velocity of links at rest is a rounding error. In place of v, the
-    # direction itself is then continued from row to row.
+    # The relative velocity v of links at rest is a rounding error. For such links the
+    # direction itself, in place of v, is continued from row to row.
     is_at_rest = (norm_columns(v) <= v_error) & (norm_columns(dv) <= dv_error)
     along_v = np.where((coefficients * sense < 0.0) & ~is_at_rest, -1.0, 1.0)
     continued_v = np.where(is_at_rest[:, None], directions, sense * v)
@@ -245,8 +244,7 @@ def apply_continuous_signs(
     # coefficients along these directions are not negative.
     paths = np.swapaxes([along_v[:, None] * directions, continued_v, continued_dv], 1, 2)
 
-    # (modes, samples). If the motion has selected rows of another motion, these all count
-    # as rows of one mode.
+    # (modes, samples) whether a row has a configuration.
     has_configuration = ~motion.failed.reshape(-1, motion.samples)
     if motion.is_path:
         compared_rows_by_mode: dict[int, ComparedRows] = {}
@@ -286,8 +284,7 @@ def signs_by_axis_sums(axis_sums: Floats) -> SignFunction:
 
     The direction of a pole (the axis about which two links turn relative to each other) is
     known up to its sign. If the angle between the direction and the vector of its assembly
-    mode is obtuse, the sign is -1, otherwise 1. So the sign does not depend on other rows.
-    It jumps where the direction is at right angles to the vector.
+    mode is obtuse, the sign is -1, otherwise 1.
 
     Parameters
     ----------
@@ -301,8 +298,8 @@ def signs_by_axis_sums(axis_sums: Floats) -> SignFunction:
 
         Each direction is turned to the side of the axis sum of its mode.
 
-        `modes` is the index of the assembly mode, one for all rows or (k,). `rows` is not
-        used; other functions of the type `SignFunction` need it.
+        `modes` is the index of the assembly mode, one for all rows or (k,). `rows` has no
+        effect.
         """
         x, y, z = np.atleast_2d(axis_sums[modes]).T
         is_opposite = x * directions[0] + y * directions[1] + z * directions[2] < 0.0
@@ -314,23 +311,24 @@ def signs_by_axis_sums(axis_sums: Floats) -> SignFunction:
 def signs_by_first_axis_sums(
     motion: Motion, has_configuration: Bools, sign_continuation: SignContinuation
 ) -> SignFunction:
-    """Return a function of signs that depend only on the first row of each assembly mode.
+    """Return a function that gives pole directions a sign by the first row of each mode.
 
     The direction of a pole (axis of the relative rotation of two links) is known up to its
-    sign. If the rows are no path, the sign cannot be continued from row to row. Instead,
-    each assembly mode (way to assemble the links) has one constant vector, the sum of all
-    pair axes at its first row. The sign is such that the scalar product of a direction with
-    this vector is not negative.
+    sign. The rows are no path along which the sign could be continued. Each assembly mode
+    (way to assemble the links) therefore has one constant vector, the sum of all pair axes
+    at its first row. The returned function takes directions. Its signs (1 or -1) are such
+    that the scalar product of a direction, times the sign, with this vector is not
+    negative.
 
     Parameters
     ----------
     motion
         Rows of all assembly modes, mode after mode.
     has_configuration
-        (modes, samples) whether a row has a configuration. Others failed.
+        (modes, samples) whether a row has a configuration.
     sign_continuation
-        The vectors of modes from earlier blocks of rows. Vectors of new modes are added in
-        place.
+        The vectors of modes that occurred in earlier blocks of rows, which these modes
+        keep. Vectors of new modes are added in place.
     """
     axis_sums = np.zeros((len(motion.assembly_modes), 3))
     for mode_index, is_valid in enumerate(has_configuration):
@@ -350,8 +348,8 @@ def _first_axis_sum(
     """Return the vector (3,) that decides the signs of directions at the start of a mode.
 
     A direction along a pole has an arbitrary sign, and is turned to the side of this
-    vector. It is the sum of the axes and contact points of all pairs at the first row of
-    the assembly mode. This row may be in an earlier block, so the sum is stored.
+    vector. The vector is the sum of the axes and contact points of all pairs at the first
+    row of the assembly mode. This row may be in an earlier block, so the sum is stored.
     """
     if mode not in sign_continuation.first_axis_sums:
         (frames,) = motion.rows(np.array([first_row])).frames
@@ -382,19 +380,18 @@ def continue_signs(
     evaluate_poles
         Returns at rows (k,) the directions of the poles, the angular velocities v of their
         second links relative to the first, and the derivatives of v with respect to the
-        input, each (3, poles, k). v and its derivatives contain the sense of the input.
-        The scalar products of v and these directions are not negative; the signs apply
-        to them.
+        input, each (3, poles, k). v and its derivatives contain the sense of the input. The
+        scalar products of v and these directions are not negative. The signs apply to these
+        directions.
     sign_continuation
-        Signs at the end of the previous block. It is updated.
+        Signs at the end of the previous block, updated in place.
     """
     signs = np.ones((len(poles), len(motion)), dtype=np.int8)
 
     def look_up_signs(directions: Floats, rows: Any, modes: Any) -> Array:
         """Return the signs (poles, k) at k rows from those that were computed for all rows.
 
-        The other arguments have no effect here; other functions of the type `SignFunction`
-        need them.
+        `directions` and `modes` have no effect.
         """
         return signs[:, rows]
 
@@ -406,8 +403,8 @@ def continue_signs(
     directions, v, dv = evaluate_poles(all_rows)
     has_several_inputs = motion.inputs.shape[1] > 1
     if has_several_inputs:
-        # dv is the derivative with respect to one input, not along the path of all
-        # inputs. So it is replaced by 0.
+        # dv is the derivative with respect to one input, not along the path of all inputs,
+        # so dv is replaced by 0.
         dv = np.zeros_like(v)
     coordinate = motion.sample.astype(float) if has_several_inputs else motion.inputs[:, 0]
     has_direction = all_finite(directions, 0)
@@ -469,8 +466,8 @@ def _add_signs_at_rest(
 
     A pole is the axis of the relative rotation of two links. The sign of its direction
     normally follows their relative angular velocity. Where the links rest, the direction
-    may still be known. Its sign is then chosen such that the direction is close to that at
-    the nearest moving row, rather than to its opposite.
+    may still be known. The sign of such a direction is chosen so that its angle with the
+    direction at the nearest moving row is not obtuse.
 
     Parameters
     ----------
@@ -508,15 +505,15 @@ def _continue_along_path(
 ) -> Floats:
     """Return the continuous signs (k,) of a pole direction along a path of samples.
 
-    A pole is the axis of the relative rotation of two links. Its sign changes where the
-    relative angular velocity v passes through zero and reverses. Long motions are computed
-    in blocks of samples. The first sign of a block follows in the same way from the last
-    sample of the previous block.
+    A pole is the axis of the relative rotation of two links. The sign of its direction
+    changes where the relative angular velocity v passes through zero and reverses. Long
+    motions are computed in blocks of samples. The first sign of a block follows in the same
+    way from the last sample of the previous block.
 
     Parameters
     ----------
     sign_continuation
-        Last samples of the previous block. It is updated in place.
+        Last samples of the previous block, updated in place.
     key
         Three numbers: the number of the assembly mode and the indices of the two links.
     start_sign
@@ -578,8 +575,8 @@ def _interpolate_in_gaps(path: VelocityPath, gaps: Indices) -> Floats:
     """Return a velocity v at positions between samples, by cubic Hermite polynomials.
 
     The polynomials use v and the derivative of v with respect to the coordinate of the
-    path. If the input changes its sense between two samples, the derivatives cannot be
-    used. v is then interpolated by a straight line.
+    path. Between two samples with opposite senses of the input, the derivatives cannot be
+    used, and v is interpolated by a straight line.
 
     Parameters
     ----------

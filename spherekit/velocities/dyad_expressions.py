@@ -122,7 +122,7 @@ def place_by_inputs(
     # The driven pairs place the links of each body relative to its first link.
     steps = find_spanning_tree(mechanism.ends, assembly.body_of_link, assembly.inputs)
     orientations = place_by_variables(mechanism, structure.pairs, variables, steps)
-    # Each dyad then becomes part of the first body of its group. `_close_dyad` changes
+    # Each dyad becomes part of the first body of its group. `_close_dyad` changes
     # `orientations` in place.
     triple_squares = [
         _close_dyad(structure, group, sign, orientations)
@@ -232,8 +232,8 @@ def _close_dyad(
 def _axis_frame(a: Exprs, b: Exprs) -> Exprs:
     """Return the columns a + b, a - b and a x b (3, 3) of two unit vectors.
 
-    They are perpendicular to each other and serve as a frame of a and b. If a and b nearly
-    coincide, few digits are lost, unlike with a, b and a x b.
+    The columns are perpendicular to each other and serve as a frame of a and b. If a and b
+    nearly coincide, few digits are lost, unlike with a, b and a x b.
     """
     return np.stack([a + b, a - b, cross(a, b)], axis=1)
 
@@ -243,8 +243,7 @@ def _inverse_axis_frame(a: Exprs, b: Exprs) -> Exprs:
 
     The unit vectors a and b (3,) are two axes of a body. A rotation leads them to new
     directions a' and b'. Its matrix is [a' + b', a' - b', a' x b'] times this inverse. Sums
-    and differences are used instead of a and b. They keep their digits if a and b are
-    nearly equal or nearly opposite.
+    and differences keep their digits if a and b are nearly equal or nearly opposite.
 
     Let s = a + b, d = a - b and n = a x b. The three are perpendicular to each other,
     because s . d = |a|^2 - |b|^2 = 0. So the rows of the inverse are
@@ -276,7 +275,7 @@ def _arc_between(first: BodyAxis, second: BodyAxis) -> HalfAngle:
 
     A body is a set of links that do not move relative to each other. The two axes may be in
     the same link or in different links of the body. For unit vectors a and b, the sine and
-    cosine are |a - b| / 2 and |a + b| / 2. These formulas are accurate for small arcs, too.
+    cosine are |a - b| / 2 and |a + b| / 2. The formulas are accurate for small arcs, too.
     """
     if first.orientation is second.orientation:
         # Both axes are in one link. In link axes they are numbers, and so is the arc.
@@ -320,9 +319,9 @@ def make_closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | N
     """Return formulas of all pair (joint) variables as functions of inputs and signs.
 
     A dyad is two links in series between two other links. It can be closed in two ways, and
-    a sign chooses one of them. If its links are too short or too long, it cannot be closed.
-    The square of the triple product of its three axes, computed from the arcs of its links,
-    is then negative.
+    a sign chooses one of them. If its links are too short or too long to close the dyad,
+    the square of the triple product of its three axes, computed from the arcs of its links,
+    is negative.
 
     Parameters
     ----------
@@ -381,10 +380,10 @@ def write_arguments(q: Floats, signs: Integers, out: Floats) -> Floats:
 def find_out_of_reach(triple_squares: Floats) -> Bools:
     """Return a mask (n,) of configurations in which a dyad certainly cannot be closed.
 
-    A dyad (two links joined by a pair) cannot be closed if its links are too short or too
-    long. The square of the triple product of its axes, computed from its arcs, is then
-    negative. A small square means that the dyad is nearly stretched or folded. The axes of
-    later dyads then have large errors, so later dyads are not judged.
+    If the links of a dyad (two links joined by a pair) are too short or too long to close
+    the dyad, the square of the triple product of its axes is negative. A small square means
+    that the dyad is nearly stretched or folded. The axes of later dyads have large errors
+    in this case, so later dyads are not judged.
 
     Parameters
     ----------
@@ -406,8 +405,8 @@ def pair_angle(
 ) -> Expr:
     """Return the angle of an R pair (revolute joint), rad in (-pi, pi].
 
-    It is the angle about the axis, from the zero direction of the pair in its first link to
-    the zero direction in its second link.
+    The angle is counted about the axis, from the zero direction of the pair in its first
+    link to the zero direction in its second link.
 
     Parameters
     ----------

@@ -82,10 +82,11 @@ def assign_elimination_orders(
     """Choose elimination orders, and assign each configuration to one of them.
 
     An elimination order says which variables are eliminated from the velocity equations of
-    which loop, one loop after another. It is well conditioned at a configuration if the
-    inverse that it leads to is not much larger than the smallest left inverse. The first
-    order is chosen for all configurations whose equations are regular. Each further order
-    is chosen for the configurations at which no order so far is well conditioned.
+    which loop, one loop after another. An order is well conditioned at a configuration if
+    the inverse to which the order leads is not much larger than the smallest left inverse.
+    The first order is chosen for all configurations whose equations are regular. Each
+    further order is chosen for the configurations at which no order so far is well
+    conditioned.
 
     Parameters
     ----------
@@ -110,12 +111,12 @@ def assign_elimination_orders(
         return np.asarray(sizes <= MAX_AMPLIFICATION * least_sizes[rows])
 
     assigned: list[tuple[EliminationOrder, Indices]] = []
-    # Singular equations have an infinite inverse, and every order is equally bad there.
-    # These configurations therefore choose no order, unless there are no others.
+    # Every order is equally bad at configurations with singular equations. No order is
+    # chosen for these configurations, unless there are no others.
     is_singular = np.isinf(least_sizes)
     has_choice = ~is_singular if not np.all(is_singular) else is_singular
-    # `remaining` are the indices of the configurations without an order yet. For those in
-    # `left_over` no order is chosen, or there is none.
+    # `remaining` are the indices of the configurations for which an order is still to be
+    # chosen. No order is chosen for the configurations in `left_over`.
     remaining = np.flatnonzero(has_choice)
     left_over: list[Indices] = [np.flatnonzero(~has_choice)]
     while len(remaining) and len(assigned) < MOST_ORDERS:
@@ -128,13 +129,13 @@ def assign_elimination_orders(
         order = choose_elimination_order(jacobians[chosen_rows], passive)
         is_suited = find_suited(order, remaining)
         if not np.any(is_suited):
-            # The order is badly conditioned at all of these configurations. The next one is
-            # chosen for the first of them alone.
+            # The order is badly conditioned at all remaining configurations. Another order
+            # is chosen for the first of them alone.
             order = choose_elimination_order(jacobians[remaining[:1]], passive)
             is_suited = find_suited(order, remaining)
         if order is None or not np.any(is_suited):
-            # This configuration is left without an order. So each pass removes at least one
-            # configuration, and the loop ends.
+            # The first configuration is left without an order, so that each pass removes at
+            # least one configuration.
             left_over.append(remaining[:1])
             remaining = remaining[1:]
         else:
@@ -143,8 +144,8 @@ def assign_elimination_orders(
     if not assigned:
         return []
 
-    # Not all pivots are tried in the choice. So an order that was chosen for other
-    # configurations may still suit a configuration that is left over.
+    # An order that was chosen for other configurations may still suit a configuration that
+    # is left over.
     remaining = np.concatenate([*left_over, remaining])
     for number, (order, rows) in enumerate(assigned):
         is_suited = find_suited(order, remaining)
@@ -160,11 +161,11 @@ def choose_elimination_order(
 ) -> EliminationOrder | None:
     """Choose one elimination order for several configurations.
 
-    This is Gaussian elimination of the Jacobians, with a choice of the pivot in each step.
-    A pivot is a loop with the variables (at most three) for which its equations are solved.
-    The same pivots are used for all configurations. A pivot is good if the axes of its
-    variables are far from linearly dependent at all of them, and if the step needs few
-    products.
+    The method is Gaussian elimination of the Jacobians, with a choice of the pivot in each
+    step. A pivot is a loop with the variables (at most three) for which its equations are
+    solved. The same pivots are used for all configurations. A pivot is good if the axes of
+    its variables are far from linearly dependent at all configurations, and if the step
+    needs few products.
 
     Parameters
     ----------
@@ -185,8 +186,7 @@ def choose_elimination_order(
     columns = list(passive)
     pivots: list[Pivot] = []
     # By loop, its possible pivots. A pivot changes only the equations of loops that contain
-    # its variables. The candidates of other loops are not computed again; otherwise the
-    # number of decompositions would grow with the square of the number of loops.
+    # its variables. To save time, the candidates of other loops are kept.
     candidates: dict[int, list[PivotCandidate]] = {}
     while columns:
         # (loops, variables): whether the equations of a loop contain a variable.
@@ -210,9 +210,8 @@ def choose_elimination_order(
         loops.remove(loop)
         columns = [c for c in columns if c not in chosen]
         # Express the variables of the pivot by the others, and insert them into the loops
-        # that remain. The pseudo-inverse also serves pivots with fewer than three
-        # variables. The three equations of the loop then repeat each other, and a solution
-        # of the independent ones solves all three.
+        # that remain. A pivot with fewer than three variables has three equations that
+        # depend on each other. The pseudo-inverse solves these as well.
         axes = remaining[:, loop][:, :, chosen]
         solved = np.linalg.pinv(axes) @ remaining[:, loop]
         remaining[:, loops] -= remaining[:, loops][..., chosen] @ solved[:, None]
@@ -264,8 +263,8 @@ def _judge_candidates(
 def _axes_independence(vectors: Floats) -> Floats:
     """Return how independent vectors are: 1 at right angles, 0 if linearly dependent.
 
-    It is the volume that the vectors span (the product of their singular values), divided
-    by the product of their lengths.
+    Independence is the volume that the vectors span (the product of their singular values),
+    divided by the product of their lengths.
 
     Parameters
     ----------
@@ -336,7 +335,7 @@ def _elimination_cost(
     """Return the approximate number of products to eliminate the variables of a pivot.
 
     A pivot is a loop with the variables for which its equations are solved. The solution
-    contains the other variables of the loop. It is inserted into all other loops that
+    contains the other variables of the loop, and is inserted into all other loops that
     contain a variable of the pivot.
 
     Parameters
@@ -377,8 +376,8 @@ def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floa
     """Return the Frobenius norms of the inverses that an elimination order yields.
 
     The velocity equations of all loops are solved in a fixed order of pivots. A pivot is a
-    loop with the variables for which it is solved. If the inverse is much larger than
-    necessary, the order amplifies rounding errors and is not used.
+    loop with the variables for which it is solved. An inverse that is much larger than
+    necessary shows that the order amplifies rounding errors.
 
     Parameters
     ----------
@@ -396,8 +395,8 @@ def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floa
     with np.errstate(all="ignore"):
         inverses = _eliminated_inverses(jacobians, order)
         variables = [variable for _, chosen in order for variable in chosen]
-        # A singular pivot matrix consists of rounding errors and gives huge factors. These
-        # can cancel by chance, so the size alone does not show the fault.
+        # A singular pivot matrix consists of rounding errors and gives huge factors. Huge
+        # factors can cancel by chance, so the size alone does not show the fault.
         errors = np.abs(inverses @ jacobians[:, :, variables] - np.eye(len(variables)))
         is_inverse = np.max(errors, axis=(1, 2)) <= MAX_LEFT_INVERSE_ERROR
         sizes = np.linalg.norm(inverses, axis=(1, 2))
@@ -407,8 +406,7 @@ def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floa
 def _eliminated_inverses(jacobians: Floats, order: EliminationOrder) -> Floats:
     """Return left inverses of closure Jacobians by elimination in a fixed order.
 
-    `spherekit.velocities.loop_inverse.loop_inverse` does the same with expressions. Here
-    numbers are used to test an order.
+    The inverses serve to test an order before expressions are written in this order.
 
     Parameters
     ----------
@@ -449,8 +447,9 @@ def _eliminated_inverses(jacobians: Floats, order: EliminationOrder) -> Floats:
 def _solving_matrix(coefficients: Floats) -> Floats:
     """Return the matrices that solve the equations of a loop for some of its variables.
 
-    With three variables this is the inverse of the coefficients. With fewer variables, some
-    of the three equations follow from other loops. The solution is then by least squares.
+    With three variables the matrix is the inverse of the coefficients. With fewer
+    variables, some of the three equations follow from other loops, and the solution is by
+    least squares.
 
     Parameters
     ----------

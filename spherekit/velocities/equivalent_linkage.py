@@ -150,8 +150,7 @@ class EquivalentLinkage:
 
         The linkage has R pairs only. It replaces a mechanism with contacts of circles. A
         sliding contact becomes a link between the centres of both circles. A rolling
-        contact gives no pair here. Its only effect is that it couples the angles of other
-        pairs, which is described elsewhere.
+        contact gives no pair.
 
         Each rotation from link to link is a constant rotation, the rotation by the variable
         of the pair, and another constant rotation. The constant rotations depend on the
@@ -160,8 +159,8 @@ class EquivalentLinkage:
         Parameters
         ----------
         euler_angles
-            Three Euler angles (rad) for each constant rotation, in the order of the pairs.
-            They are numbers, or symbols for which other sizes are inserted later.
+            Three Euler angles (rad) for each constant rotation, in the order of the pairs:
+            numbers, or symbols for which other sizes are inserted later.
         """
         all_rotations: list[Exprs] = []
         for start in range(0, len(euler_angles), 3):

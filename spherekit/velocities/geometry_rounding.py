@@ -119,6 +119,8 @@ class GeometryRounding:
     @cached_property
     def w_error(self) -> Floats:
         """(links, n) bounds of the errors of the angular velocities `w`."""
+        # Tilts of axes change the coefficients of the velocity equations (first term), and
+        # the axes on the path to each link (second term).
         tilt_error = self._first_misfit * self._turn + self.axis_error * self._speed
         return self.gap * self.w_spread + tilt_error
 
@@ -192,8 +194,8 @@ class GeometryRounding:
         direction = direction * (1.0 + second_order)
 
         # The velocity coefficient v . u. If the links hardly move relative to each other, v
-        # has no usable direction. The direction is then taken from the plan. Its error
-        # is not counted here, and the spreads along u are replaced by the spreads of w.
+        # has no usable direction, and u is taken from the plan. In such rows the error of u
+        # is not counted, and the spreads along u are replaced by the spreads of w.
         has_no_direction = ~(direction < USABLE_DIRECTION)
         # `axis` is the error of the direction along which both coefficients are measured.
         axis = np.where(has_no_direction, 0.0, direction)
@@ -224,7 +226,7 @@ class GeometryRounding:
             )
             derivative_bound += second_order * np.max(self.w_error, axis=0)
         else:
-            # It is (dv - (dv . u) u) / |v|, in which dv, u and |v| have errors.
+            # The derivative is (dv - (dv . u) u) / |v|, in which dv, u and |v| have errors.
             derivative_bound += (
                 dv_tilt_error + dv_second_order + axis * (dv_size + dv_across)
             ) / speed

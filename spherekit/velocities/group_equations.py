@@ -70,8 +70,10 @@ class EquationChoice(NamedTuple):
     variable
         Index of a variable of the loop. The component is along the vector of this variable:
         the angular velocity of its pair at unit rate. None stands for the direction
-        perpendicular to the vectors of two variables that occur in no other loop. The rates
-        of these two drop out of this component.
+        perpendicular to the vectors of two variables that occur in no other loop. The
+        component along this direction does not contain the rates of these two variables.
+        All directions turn with the mechanism, so independent components usually remain
+        independent.
     """
 
     loop_index: int
@@ -82,8 +84,8 @@ class EquationChoice(NamedTuple):
 class LoopVectorEquation:
     """The velocity equation of a loop: sum of a_v x_v + c = 0, which has three components.
 
-    It says that the angular velocities of the pairs (joints) around the loop add up to
-    zero. x_v are the unknown rates of the variables v.
+    The equation says that the angular velocities of the pairs (joints) around the loop add
+    up to zero. x_v are the unknown rates of the variables v.
 
     Attributes
     ----------
@@ -104,9 +106,9 @@ class LoopVectorEquation:
     def normal_to_private(self) -> Exprs:
         """Return the direction perpendicular to the vectors of both private variables.
 
-        The equation is the vector equation of a loop. Private variables are two that are
-        eliminated from it. Its component along the returned direction does not contain
-        them.
+        Private variables are two variables of a loop that are eliminated from its vector
+        equation. The component along the returned direction does not contain the private
+        variables.
         """
         first, second = self.private
         return cross(self.vectors[first], self.vectors[second])
@@ -180,8 +182,8 @@ class GroupEquations:
             The mechanism, its groups in solving order, and one of these.
         compute_vectors
             Returns the vectors (variables, 3) of all variables at a closed configuration,
-            at which independent equations are chosen. It is called only if equations repeat
-            each other.
+            at which independent equations are chosen. Called only if equations repeat each
+            other.
 
         Raises
         ------
@@ -208,8 +210,9 @@ class GroupEquations:
                     variables += self._variables_of(pair)
             exclusive_variables.append(variables)
         group_variables = [v for pair in self.pairs for v in self._variables_of(pair)]
-        # Equations that repeat each other are chosen one by one if they are few. Only if
-        # they are many, two variables of each loop are eliminated first.
+        # From a few equations that repeat each other, independent ones are chosen without
+        # an elimination. In all other groups, two variables of each loop are eliminated
+        # first.
         is_eliminating = not group.redundant or len(group_variables) > MAX_DETERMINANT_SIZE
         self.private_variables = [
             variables[:2] if is_eliminating and len(variables) > 1 else []
@@ -270,9 +273,9 @@ class GroupEquations:
     def _equation_rows(self, vectors: Floats) -> dict[EquationChoice, Floats]:
         """Return the coefficients of the unknown rates in all scalar velocity equations.
 
-        The velocity equation of a loop is a vector equation. Its components along several
-        directions are scalar equations. The caller chooses independent ones from them.
-        `unknowns` are the variables for whose rates this group is solved.
+        The velocity equation of a loop is a vector equation. The components along several
+        directions are scalar equations. `unknowns` are the variables for whose rates this
+        group is solved.
 
         Parameters
         ----------
@@ -282,9 +285,9 @@ class GroupEquations:
 
         Returns
         -------
-        For each equation its coefficients (unknowns,). They are divided by the norm of the
-        coefficients of all variables, so that equations can be compared. Equations in which
-        all coefficients are rounding errors are left out.
+        For each equation its coefficients (unknowns,). The coefficients are divided by the
+        norm of the coefficients of all variables, so that equations can be compared.
+        Equations in which all coefficients are rounding errors are left out.
         """
         row_by_equation: dict[EquationChoice, Floats] = {}
         # A loop lists its pairs, each with the sense 1 or -1 in which it is passed.
@@ -296,13 +299,12 @@ class GroupEquations:
             # The velocity equation of the loop: the sum of these vectors times rates is
             # zero.
             loop_vectors = senses[:, None] * vectors
-            # The directions of the components. For example, the component at right angles
-            # to the vectors of two variables does not contain these variables.
+            # The directions of the components.
             directions = self._equation_directions(loop_index, senses, vectors)
             for equation, direction in directions.items():
                 # The coefficients of all variables in this component of the equation.
                 row = loop_vectors @ direction
-                # Of these, the equation keeps those of the variables with unknown rates.
+                # The result has only the coefficients of the unknowns.
                 if not _is_rounding_error(row, direction):
                     row_size = float(np.linalg.norm(row))
                     row_by_equation[equation] = row[self.unknowns] / row_size
@@ -315,11 +317,10 @@ class GroupEquations:
 
         The equation is a sum of vectors times rates. If two variables of the loop occur in
         no other loop (private variables), there is one direction, perpendicular to their
-        vectors. The component along this direction does not contain the two rates. (The
-        other two components only determine the two rates, later.) If the loop has no
-        private variables, there is one direction along the vector of each variable. From
-        all directions the caller chooses some with independent components. The directions
-        turn with the mechanism, so components usually remain independent as it moves.
+        vectors. The component along this direction does not contain the two rates. If the
+        loop has no private variables, there is one direction along the vector of each
+        variable. The directions turn with the mechanism, so components usually remain
+        independent as the mechanism moves.
 
         Parameters
         ----------
@@ -377,7 +378,7 @@ class GroupEquations:
         The equation of each loop is sum of a_v x_v + c = 0. a_v are the vectors and x_v the
         rates of its unknown variables, and c is a known vector. Components of these vector
         equations form a square system for the unknown rates. Cramer's rule gives D x_v with
-        the determinant D, without a division. So the result is finite where D is zero.
+        the determinant D, without a division, so the result is finite where D is zero.
 
         Parameters
         ----------
@@ -410,13 +411,9 @@ class GroupEquations:
             # in the column of the unknown. It is expanded along this column.
             column = [row[k] for row in matrix_cofactors]
             rates[variable] = -1.0 * dot(known_terms, column)
-        # Each loop can have two private variables, which occur in no other loop. They were
-        # eliminated from the `unknowns`, and follow from the other rates. A dyad (two links
-        # joined by a pair) has one loop with three variables. One of them is left in the
-        # `unknowns`. For a dyad there are formulas with smaller rounding errors, which need
-        # only the vectors of the loop.
-        #
-        # The functions below return rates that are multiplied by the determinant, too.
+        # The private variables of each loop are not among the `unknowns`. Their rates times
+        # the determinant follow from the other rates. For a dyad (two links joined by a
+        # pair) there are formulas with smaller rounding errors.
         is_dyad = len(loops) == 1 and len(self.unknowns) == 1
         for loop in loops:
             if not loop.private:
@@ -435,8 +432,8 @@ class GroupEquations:
         The loops are those of a group of links that are placed together. The angular
         velocities of the pairs (joints) around a loop add up to zero. The variables v of
         pairs of this group have unknown rates x_v with the vectors a_v. The vector c is
-        known. With each equation its private variables are returned: they occur in no other
-        loop, so that they can be eliminated first.
+        known. With each equation its private variables are returned, which occur in no
+        other loop.
 
         Parameters
         ----------
@@ -473,7 +470,8 @@ class GroupEquations:
           components of the vector equations. Only these are returned. A chosen component is
           along the vector of a variable of the loop, or at right angles to the vectors of
           both private variables.
-        - Otherwise a loop with private variables gives one equation, without these two.
+        - If no equations were chosen, a loop with private variables gives one equation,
+          without these two.
         - Any other loop gives three equations, along the ground axes.
 
         Parameters
@@ -507,13 +505,11 @@ class GroupEquations:
 def _is_rounding_error(coefficients: Floats, direction: Floats) -> bool:
     """Return whether all coefficients of a scalar velocity equation are rounding errors.
 
-    Such an equation determines nothing. An example is a component along the normal of a
-    plane in which all axes of the loop lie. The coefficients are judged relative to the
-    length of the direction.
+    Such an equation determines nothing. The coefficients are judged relative to the length
+    of the direction.
 
     The direction itself can be a rounding error: the cross product of two parallel axes.
-    Both numbers are then about 1e-16, and their ratio means nothing. So shorter directions
-    count as `MIN_DIRECTION_SIZE` long.
+    Directions shorter than `MIN_DIRECTION_SIZE` therefore count as this long.
 
     Parameters
     ----------
@@ -587,8 +583,7 @@ def _solve_private_rates_of_dyad(loop: LoopVectorEquation, third: int) -> dict[i
 
         D x = b . (c x d),   D y = -a . (c x d).
 
-    The caller has already computed z. These formulas do not use z, because digits may
-    cancel in the sum z d + c.
+    The formulas do not use z, because digits may cancel in the sum z d + c.
 
     Parameters
     ----------

@@ -50,7 +50,8 @@ def find_group_loops(
     # The pairs that join no leaf.
     inner_pairs = [k for k, bodies in enumerate(ends) if not leaves.keys() & set(bodies)]
     # Pairs with few variables come first into the tree. Sliding contacts, with two
-    # variables each, then close the loops, where both variables occur in one loop only.
+    # variables each, come last and close the loops, so that both variables occur in one
+    # loop only.
     tree: list[int] = []
     for k in sorted(inner_pairs, key=lambda k: len(mechanism.variables_of(group.pairs[k]))):
         labels = component_labels(len(group.bodies), [ends[j] for j in tree])
@@ -87,7 +88,7 @@ def _find_leaves(group: Group) -> dict[int, list[int]]:
     A group is a set of bodies that are closed together. A leaf is a body with two pairs,
     which join it to two different bodies, its neighbours.
 
-    The loops of the group are chosen such that each leaf is in one loop only. Then the
+    The loops of the group are chosen such that each leaf is in one loop only, so that the
     rates of its two pairs can be eliminated from the equations of this loop. The loop
     consists of the leaf and a path between its neighbours that meets no other leaf. Such a
     path exists under two conditions, which are checked here:
@@ -99,7 +100,7 @@ def _find_leaves(group: Group) -> dict[int, list[int]]:
     """
     leaves: dict[int, list[int]] = {}
     # Of two neighbours, the body that is tried first becomes a leaf. Any order of the
-    # bodies is possible. Here it is from the last to the first.
+    # bodies is possible.
     for body in reversed(range(len(group.bodies))):
         body_pairs = [k for k, ends in enumerate(group.ends) if body in ends]
         neighbours: set[int] = set()

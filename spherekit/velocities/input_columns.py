@@ -54,8 +54,8 @@ FIELD_PARTS = (*(x.name for x in POLE_QUANTITIES), *POLE_ERRORS, "w", "dw")
 class ColumnList:
     """Expressions that become the output columns of a compiled function (kernel).
 
-    Equal expressions usually share one column, which saves time. The sign of some columns
-    is changed after the evaluation. These columns are not shared.
+    Equal expressions usually share one column, which saves time. Columns whose sign is
+    changed after the evaluation are not shared.
 
     Attributes
     ----------
@@ -117,9 +117,9 @@ class InputColumns:
     column_indices
         Indices of the columns by name of the field (`FIELD_PARTS`), then by pole or link.
     reversible_poles
-        Poles whose direction may be reversed: those that are not the axis of a pair. Their
-        direction is the direction of v or the opposite one. The choice is made later
-        (`direction_signs.py`).
+        Poles whose direction may be reversed: poles that are not the axis of a pair. The
+        direction of such a pole is the direction of v or the opposite one, chosen after the
+        evaluation.
     velocity_components
         Distinct expressions of the components of w of all links.
     uncertainty
@@ -168,7 +168,7 @@ class InputColumns:
             self._rates, self._w
         )
         self._dw = sum_along_paths(tree, pair_accelerations)
-        # The sums of velocities and of accelerations around the loops. They are zero up to
+        # The sums of velocities and of accelerations around the loops, which are zero up to
         # rounding.
         self.rate_residual = self._loop_residual(self._w, pair_velocities)
         self.acceleration_residual = self._loop_residual(self._dw, pair_accelerations)
@@ -181,9 +181,9 @@ class InputColumns:
     ) -> Expr:
         """Return the norm of the residual of the equations of all loops.
 
-        A chord is the pair (joint) that closes a loop. Its two links get their vectors
-        along the two sides of the loop. These vectors must differ by the vector of the
-        chord. The residual shows the rounding errors of the solution.
+        A chord is the pair (joint) that closes a loop. The two links of the chord get their
+        vectors along the two sides of the loop. The two vectors must differ by the vector
+        of the chord. The residual shows the rounding errors of the solution.
 
         Parameters
         ----------
@@ -367,9 +367,8 @@ class InputColumns:
         for (name, pole_or_link), items in shared_parts.items():
             self.column_indices[name][pole_or_link] = columns.add_shared(items)
 
-        # Sometimes only the angular velocities of links are used. A second list has nothing
-        # but their components, so it is faster to evaluate than all columns. Equal
-        # components share one entry.
+        # A second list has only the components of the angular velocities of links. The list
+        # is faster to evaluate than all columns. Equal components share one entry.
         components = ColumnList()
         # `_w` has the angular velocity (3,) of each link. The result (links, 3) has indices
         # into `velocity_components`.
@@ -492,8 +491,7 @@ class InputColumns:
 
         A pole is the axis of the relative rotation of two links, with two opposite
         directions. For the `reversible_poles`, the sign is chosen after the columns were
-        evaluated. The caller multiplies the result by the signs. The result is a view, so
-        this changes `columns`.
+        evaluated. The result is a view, so that signs can be applied to `columns` in place.
 
         Parameters
         ----------
@@ -540,9 +538,9 @@ class InputColumns:
     def has_uncertain_poles(self) -> bool:
         """Whether poles are undefined for every configuration, or axes nearly coincide.
 
-        A pole is the axis about which one link rotates relative to another. It is undefined
-        if links that no pair joins rest relative to each other. Axes nearly coincide if
-        they differ by rounding only.
+        A pole is the axis about which one link rotates relative to another. A pole is
+        undefined if links that no pair joins rest relative to each other. Axes nearly
+        coincide if they differ by rounding only.
         """
         for i, j in self.reversible_poles:
             v = self._w[j] - self._w[i]
@@ -634,12 +632,10 @@ class InputColumns:
     def _relative_pole_parts(self, i: int, j: int) -> dict[str, Iterable[Expr]]:
         """Return the quantities of the pole of links i and j, which no pair joins.
 
-        The pole has the direction u of v, the angular velocity of link j relative to
-        link i per unit rate of the moving input. dv is the derivative of v with respect
-        to this input. The error bounds of u and of its derivative are added to the
-        error sum of the row, which decides whether the row is certified in float64. If
-        the links rest relative to each other at every configuration, u is NaN and the
-        coefficients are 0.
+        The pole has the direction u of v, the angular velocity of link j relative to link i
+        per unit rate of the moving input. dv is the derivative of v with respect to this
+        input. The error bounds of u and of its derivative are added to the error sum of the
+        row, which decides whether the row is certified in float64.
 
         Returns
         -------
@@ -676,9 +672,9 @@ class InputColumns:
         derivative_error = motion.dv_error + transverse
         unit_derivative_error = (derivative_error + transverse) * inverse_length
         # The error of du is limited by `MAX_DIRECTION_DQ_ERROR`, the error of u by
-        # `MAX_CERTIFIED_ERROR_RAD`. The ratio of both limits converts an error of du to
-        # an equally serious error of u. `unit_derivative_error` is at most twice
-        # `derivative_error` times `inverse_length`, which is used here.
+        # `MAX_CERTIFIED_ERROR_RAD`. The ratio of both limits converts an error of du to an
+        # equally serious error of u. `unit_derivative_error` is at most twice
+        # `derivative_error` times `inverse_length`. This bound takes its place here.
         turn_uncertainty = (
             derivative_error
             * inverse_length

@@ -28,7 +28,7 @@ class MovingLink:
 
     Vectors have components along three unit vectors fixed in the link (its basis, see
     `LinkOrientation`). Velocities are multiplied by the determinant D of the velocity
-    equations. So they need no division, and stay finite where D is zero.
+    equations, so that they need no division.
 
     Attributes
     ----------

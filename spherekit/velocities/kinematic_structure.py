@@ -109,17 +109,17 @@ class KinematicStructure:
         input_pairs
             Names of the pairs that are inputs.
         pairs
-            Rotations of the pairs, by default the rotations of the pairs of the
-            mechanism. They can contain symbols for sizes. They also list the pairs that
-            follow the inputs through wheels (`followers`).
+            Rotations of the pairs, by default the rotations of the pairs of the mechanism.
+            The rotations can contain symbols for sizes. `pairs.followers` are the pairs
+            that follow the inputs through wheels.
         closed
             (variables,) a closed configuration (rad). If equations repeat each other,
             those that are independent at this configuration are chosen. By default a
             configuration is computed if necessary.
         by_rank
             Whether the rank of the velocity equations has shown that there is one degree of
-            freedom for each input, although counting links and pairs gives fewer. Otherwise
-            this is examined at configurations, if counting does not give it.
+            freedom for each input, although counting links and pairs gives fewer. By
+            default the rank is examined if counting gives fewer.
 
         Raises
         ------
@@ -179,8 +179,8 @@ class KinematicStructure:
 
         The velocity equation of a loop is a vector equation: a sum of axes times rates is
         zero. Two private variables (in no other loop) are eliminated by the component along
-        the normal of both axes. If the axes coincide in a link, there is no normal. Then
-        the equations determine only the sum or the difference of both rates.
+        the normal of both axes. If the axes coincide in a link, there is no normal, and the
+        equations determine only the sum or the difference of the two rates.
         """
         for group in self.groups:
             for private_variables in group.private_variables:
@@ -200,9 +200,8 @@ class KinematicStructure:
     def _have_coincident_axes(self, first_variable: int, second_variable: int) -> bool:
         """Return whether two variables turn about the same axis of a common link.
 
-        Such variables cannot be eliminated from the equations together.
-
-        Axes that contain symbols for sizes of the mechanism count as different.
+        Such variables cannot be eliminated from the equations together. Axes that contain
+        symbols for sizes of the mechanism count as different.
         """
         first_axes = self.fixed_vectors(first_variable)
         second_axes = self.fixed_vectors(second_variable)
@@ -223,8 +222,8 @@ class KinematicStructure:
 
         - R pair (revolute joint): the vector is the axis, which is fixed in both links.
         - Sliding contact: there is one variable for each of the two profiles, the arc
-          length to the contact point. Its vector is fixed in the link of the profile if
-          that is a circle.
+          length to the contact point. Its vector is fixed in the link of the profile if the
+          profile is a circle.
         - Rolling contact: there is one variable. Its vector is fixed in no link.
 
         Returns

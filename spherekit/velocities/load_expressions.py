@@ -79,7 +79,7 @@ class LoadState:
 
         Returns
         -------
-        The full value, and the value without whole revolutions. They differ only for
+        The full value, and the value without whole revolutions. The two differ only for
         angles. Sines are computed from the second value, which is more accurate after many
         revolutions.
         """
@@ -153,7 +153,8 @@ def component_forces(
         is_force_at_centre = arm is not None and not any(arm)
         if number and not is_force_at_centre:
             orientation = load_state.placed[number]
-            # The moment in ground axes. That of a force is the arm times the force.
+            # The moment in ground axes. The moment of a force is the cross product of arm
+            # and force.
             moment_vector = _ground_moment(orientation, axes, arm, components_sum)
             powers = (dot(w[number], moment_vector) for w in load_state.w)
             forces = [*map(add, forces, powers)]
@@ -207,7 +208,8 @@ def _ground_moment(
     if not all(isinstance(entry, float) for entry in arm):
         return cross(orientation.direction(vector(list(arm))), components)
     # `direction` replaces components that are 0 or 1 up to rounding by exact values, which
-    # shortens products. This needs a unit vector, so the length is applied afterwards.
+    # shortens products. Only a unit vector can be passed, so the length is applied
+    # afterwards.
     length = float(np.linalg.norm(arm))
     return cross(orientation.direction(np.array(arm) / length) * length, components)
 

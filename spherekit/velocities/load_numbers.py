@@ -41,15 +41,15 @@ def replace_numbers(part: Any, replace_number: Callable[[Any], Any]) -> Any:
     The nested data (tuples and dataclasses) are visited recursively. With all numbers
     replaced by symbols, one function applies to many designs. With all numbers replaced by
     0, the results show whether two mechanisms differ in numbers only. The original texts of
-    expressions contain the old numbers, so they are removed.
+    expressions contain the old numbers, so the texts are removed.
 
     Parameters
     ----------
     part
         A number, an expression node, or any nested part of `MassesAndLoads`.
     replace_number
-        Returns the new number or expression for a number or an expression node. It is
-        called in a fixed order.
+        Returns the new number or expression for a number or an expression node. Called in a
+        fixed order.
     """
     if isinstance(part, tuple):
         return tuple(replace_numbers(item, replace_number) for item in part)

@@ -19,9 +19,10 @@ def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
     """Return a left inverse of the velocity equations by Gauss-Jordan elimination.
 
     Each loop has three equations: the sum of the variables' vectors times their rates is 0.
-    A pivot is a loop with the variables for which its equations are solved. These are
-    three, or fewer if some of the equations follow from other loops. The solution is then
-    inserted into all other loops. Entries are symbolic expressions.
+    A pivot is a loop with the variables for which its equations are solved: three
+    variables, or fewer if some equations of the loop follow from other loops. The solution
+    is inserted into all other loops. The pivots contain all variables but the inputs.
+    Entries are symbolic expressions.
 
     Parameters
     ----------
@@ -34,7 +35,7 @@ def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
     Returns
     -------
     (variables, loops, 3) change of each variable per unit right-hand side of each equation.
-    It is 0 for variables that no pivot contains.
+    The change is 0 for inputs.
     """
     loops, _, variable_count = equations.shape
     # The identity matrix beside the equations becomes the inverse.
@@ -45,12 +46,13 @@ def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
     for loop, variables in pivots:
         # (m, 3) the vectors of the m variables of the pivot.
         axes = rows[loop][:, variables].T
-        # The columns of these variables are not used any more. With zeros, the products
-        # below are shorter.
+        # The columns of these variables are not used any more. Zeros make the products
+        # below shorter.
         rows[loop][:, variables] = 0.0
-        # The three equations of the loop are solved for the m variables. The m new rows
-        # replace the three equations. Each row gives the rate of one variable. The matrix
-        # `axes_inverse` (m, 3) turns a vector into its components along the axes.
+        # The three equations of the loop are solved for the m variables, and m rows with
+        # the rate of one variable each replace the equations. (If m < 3, 3 - m of the
+        # equations follow from other loops.) The matrix `axes_inverse` (m, 3) turns a
+        # vector into its components along the axes.
         axes_inverse = _axes_inverse(axes)
         rows[loop] = axes_inverse @ rows[loop]
         # The solution is inserted into the equations of the other loops.
@@ -68,8 +70,8 @@ def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
 def _axes_inverse(axes: Exprs) -> Exprs:
     """Return the matrix (m, 3) that gives the components of a vector along m axes.
 
-    It is the inverse of the matrix with the axes as columns. For three axes a, b, c its
-    rows are b x c, c x a and a x b, divided by a . (b x c).
+    The matrix is a left inverse of the matrix with the axes as columns. For three axes a,
+    b, c the rows are b x c, c x a and a x b, divided by a . (b x c).
 
     Parameters
     ----------

@@ -60,8 +60,8 @@ def evaluate(
     request
         The poles to compute, from `spherekit.velocities.pole_request.request`.
     sign_continuation
-        Signs at the end of the previous block of the same motion, which are continued. It
-        is updated in place. By default the signs of this motion start anew.
+        Signs at the end of the previous block of the same motion, which are continued.
+        Updated in place. By default the signs of this motion start anew.
     route
         How the poles are computed. "equations" solves the velocity equations of the whole
         mechanism. "best" does the same, with more digits where float64 is doubtful. "first"
@@ -87,8 +87,8 @@ def evaluate(
         apply_continuous_signs(
             field, motion, request, sign_continuation or SignContinuation()
         )
-    # The report of a run counts the rows with this flag as computed by the velocity
-    # equations. On the route "equations" these are all rows.
+    # The report of a run takes this flag for "computed by the velocity equations". On this
+    # route the flag is therefore set in all rows, in whatever precision.
     if route == "equations":
         field.is_quad_precision[:] = True
     return field
@@ -116,7 +116,8 @@ def evaluate_unsigned(
 
     The routes "first" and "conditioned" use the plan for all poles. For each pole, "first"
     takes the first two great circles of the plan, "conditioned" the two best ones. The
-    other routes use the equations, and the plan only for directions that these leave open.
+    other routes use the equations, and the plan only for directions that the equations
+    leave open.
 
     Parameters
     ----------
@@ -124,9 +125,8 @@ def evaluate_unsigned(
         As for `evaluate`.
     order
         The order in which variables are eliminated from the velocity equations, for all
-        rows. By default an order is chosen that is regular at as many rows as possible: in
-        these rows it never divides by nearly zero. The remaining rows are then computed
-        with orders that suit them.
+        rows. By default an order is chosen that never divides by nearly zero in as many
+        rows as possible. The remaining rows are computed with orders that suit them.
     """
     links = range(len(motion.mechanism.links))
     # All links are computed. Their largest rate is the scale of relative errors.
@@ -210,7 +210,7 @@ def _add_pole(
     pole
         Two links that move relative to each other.
     get_planned_poles
-        Returns the poles by the plan. They replace directions that the velocity equations
+        Returns the poles by the plan, which replace directions that the velocity equations
         leave open, or all directions on the routes "first" and "conditioned".
     """
     n = len(row_velocities.status)
@@ -289,14 +289,14 @@ def _take_planned_direction(
     A pole is the axis about which two links turn relative to each other. The plan finds
     poles one after another, as intersections of great circles. The coefficients, which are
     components along the direction, and the error bounds change with the direction. The
-    derivative of the direction stays if it is the axis of a pair, or in rows in which the
-    velocity equations give a direction too. Otherwise it becomes NaN. Further quantities
-    that change their sign with the direction become NaN.
+    derivative of the direction becomes NaN in rows in which the velocity equations leave
+    the direction open, unless the direction is the axis of a pair. Further quantities that
+    change their sign with the direction become NaN.
 
     Parameters
     ----------
     columns
-        The quantities of the pole at all n rows. They are changed in place.
+        The quantities of the pole at all n rows, which are changed in place.
     row_velocities
         Angular velocities of the links at these rows.
     pole
@@ -379,9 +379,8 @@ def make_certified_field(
         pole_status=dict.fromkeys(computed_poles, motion.status),
         is_quad_precision=np.zeros(n, dtype=bool),
         is_certified=np.ones(n, dtype=bool),
-        # Near a dead centre, the rounding of sizes to float64 can spoil the results. Rows
-        # there are computed from the decimal numbers of the file instead. Certified rows
-        # are accurate without this.
+        # Certified rows are accurate without the decimal sizes of the file, which other
+        # rows near a dead centre need.
         is_decimal=np.zeros(n, dtype=bool),
         # The bound is not computed for certified rows, whose errors are below fixed limits.
         relative_error_bound=np.zeros(n),
@@ -402,8 +401,8 @@ def make_certified_field(
 def add_locked_pole(field: PoleField, motion: Motion, pole: Pole) -> None:
     """Add the pole of two links that cannot move relative to each other.
 
-    While all inputs but the moving one are locked, the two links are one body. So there is
-    no axis of relative rotation. Quantities that are 0 without relative motion, such as the
+    While all inputs but the moving one are locked, the two links are one body, without an
+    axis of relative rotation. Quantities that are 0 without relative motion, such as the
     relative angular velocity, are 0, and all others, such as directions, are NaN. In rows
     that failed, all quantities are NaN.
 

@@ -57,7 +57,7 @@ class PoleQuantity:
         a bound, and "reported" if a run also reports the largest bound of all rows.
     locked_value
         Value for two links that cannot move relative to each other, because the other
-        inputs are locked. It is 0, which is exact, or NaN if the quantity is not defined.
+        inputs are locked: 0, which is exact, or NaN if the quantity is not defined.
     """
 
     name: str
@@ -147,9 +147,8 @@ direction."""
 def axis_pairs(plan: Plan) -> dict[Pole, int]:
     """Return the poles of bodies that are the axis or contact line of a pair (joint).
 
-    A pole is the axis about which one body rotates relative to another.
-
-    By pole, the result has the indices of these pairs.
+    A pole is the axis about which one body rotates relative to another. By pole, the result
+    has the indices of these pairs.
     """
     return {step.pole: step.pair for step in plan.steps if isinstance(step, PrimaryPole)}
 

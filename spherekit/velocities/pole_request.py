@@ -59,8 +59,8 @@ class Request:
 class MechanismKey:
     """A mechanism as the key of a cache, compared by identity (the same object in memory).
 
-    This is faster than a comparison of the contents. Two equal mechanisms that are
-    different objects have different keys.
+    Identities are compared faster than contents. Equal mechanisms in two objects have
+    different keys.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -100,8 +100,8 @@ def request(
     mechanism
         The mechanism.
     input_pair
-        Name of the input that moves. The others are locked, and links that cannot move
-        relative to each other then form one body without poles.
+        Name of the input that moves. The other inputs are locked. Links that cannot move
+        relative to each other form one body without poles.
     poles
         Pairs of link indices for which pole directions are requested.
     rates

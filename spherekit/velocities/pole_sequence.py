@@ -49,14 +49,16 @@ MAX_DIRECTION_ERROR_RAD = 1.0
 class CircleIntersection:
     """Two great circles that intersect in a pole, at n rows (configurations).
 
-    A pole is the axis about which one link rotates relative to another.
+    A pole is the axis about which one link rotates relative to another. Two known great
+    circles through a pole determine the pole. For example, the poles that two links have
+    with each other and with a third link lie on one great circle.
 
     Attributes
     ----------
     first_normal, second_normal
         (3, n) normals of the planes of the two great circles, of any length.
     error
-        (n,) bound of the error of their intersection (rad).
+        (n,) bound of the error of the intersection of the circles (rad).
     """
 
     first_normal: Floats
@@ -102,7 +104,7 @@ class PlannedPoles:
             those with the smallest errors at each row (configuration).
         axis_separations
             (n,) by pole, an additional error (rad) for a pole that is the common axis of
-            several pairs. It is positive if the rounded axes of these pairs differ.
+            several pairs. The error is positive if the rounded axes of these pairs differ.
         """
         self.plan = plan
         self.motion = motion
@@ -130,8 +132,8 @@ class PlannedPoles:
         step
             The pole and the pair.
         separation
-            (n,) additional error (rad). It is infinite or NaN if the bodies do not move
-            relative to each other.
+            (n,) additional error (rad), infinite or NaN if the bodies do not move relative
+            to each other.
         """
         self.directions[step.pole] = self._pair_axis(step.pair)
         self.errors[step.pole] = np.fmin(EPS + separation, MAX_DIRECTION_ERROR_RAD)
@@ -157,13 +159,11 @@ class PlannedPoles:
         of j and k, for any third body k. It also lies in the contact plane of a sliding
         pair between i and j, which contains the point of contact and is at right angles to
         the common tangent of the profiles. The route "first" takes the first two great
-        circles, to compare with the choice by errors. Otherwise the circle with the
-        smallest error is chosen at each row, and then the circle that has the most accurate
-        intersection with it. Not all pairs of circles are compared.
+        circles. Other routes choose at each row the circle with the smallest error, and the
+        circle that has the most accurate intersection with the chosen one.
 
         The error of an intersection is the sum of the errors of both normals, divided by
         the sine of the angle between them. The sign of the pole may change from row to row.
-        Callers make it continuous.
 
         Parameters
         ----------
@@ -184,8 +184,8 @@ class PlannedPoles:
             for a, b in known_pole_pairs
         ]
         # For a sliding pair `_pair_axis` returns the common tangent of the profiles, which
-        # is the normal of the contact plane. It is known up to rounding, which is added
-        # below.
+        # is the normal of the contact plane. The tangent is known up to rounding, which is
+        # added below.
         normals += [self._pair_axis(pair) for pair in contacts]
         normal_errors = [self.errors[a] + self.errors[b] for a, b in known_pole_pairs]
         normal_errors += [np.zeros(n)] * len(contacts)
@@ -196,8 +196,8 @@ class PlannedPoles:
         circles = np.stack(normals[:count])
         length = norm_columns(circles)
         errors = (np.stack(normal_errors[:count]) + EPS) / np.maximum(length, EPS)
-        # (n,) index of the first circle. If there are only two circles, they keep their
-        # order in all rows: the pole is their cross product, whose sign depends on it.
+        # (n,) index of the first circle. Two circles keep their order in all rows, because
+        # the sign of the pole, the cross product of the normals, depends on the order.
         first = np.zeros(n, dtype=np.intp)
         if count > 2:
             first = np.argmin(errors, axis=0)
@@ -219,10 +219,10 @@ class PlannedPoles:
     def _solve_block(self, step: BlockPoles) -> None:
         """Add the poles of a part of the mechanism, computed from velocity equations.
 
-        A pole is the axis of the relative rotation of two links. Most poles follow from
-        others, as intersections of great circles. The poles of this part do not. The part
-        has one degree of freedom. Its velocity equations therefore determine the rates of
-        all its pairs (joints) up to a factor, and so the directions of the poles.
+        A pole is the axis of the relative rotation of two links. The poles of this part do
+        not follow from other poles as intersections of great circles. The part has one
+        degree of freedom. Its velocity equations therefore determine the rates of all its
+        pairs (joints) up to a factor, and so the directions of the poles.
 
         Parameters
         ----------
@@ -250,7 +250,7 @@ class PlannedPoles:
         # (n, bodies, 3) angular velocities, up to a common factor.
         w = tree.body_rates(vectors, null_motion.rates)
         # The rates have unit length and satisfy the velocity equations J r = 0. With the
-        # row r added to J, the matrix has an inverse. Rounding changes J by about `EPS`. So
+        # row r added to J, the matrix has an inverse. Rounding changes J by about `EPS`, so
         # the rates change by up to `EPS` times the norm of the inverse.
         error_growth = np.linalg.norm(null_motion.inverse, axis=(1, 2))
         for pole in step.poles:
@@ -258,8 +258,7 @@ class PlannedPoles:
             v = (w[:, j] - w[:, i]).T
             # The error of v divided by its length is the angle of the direction error. The
             # second `EPS` avoids a division by zero if the bodies do not move relative to
-            # each other. The error is then the upper limit, because the direction is
-            # unknown.
+            # each other.
             error = EPS * error_growth / np.maximum(norm_columns(v), EPS)
             self.directions[pole] = _unit_vectors(v)
             self.errors[pole] = np.minimum(error, MAX_DIRECTION_ERROR_RAD)
@@ -267,8 +266,8 @@ class PlannedPoles:
     def link_rates(self, bodies: tuple[int, ...]) -> tuple[dict[int, Floats], Floats]:
         """Return the angular velocities of bodies per unit rate of the moving input.
 
-        They are computed from the directions of poles (axes of relative rotations), without
-        velocity equations. A body is a set of links that move together.
+        The velocities are computed from the directions of poles (axes of relative
+        rotations), without velocity equations. A body is a set of links that move together.
 
         The input turns a body b relative to a body a. The velocities of all bodies are
         first computed relative to body a. The velocity of the ground is then subtracted.
@@ -284,8 +283,7 @@ class PlannedPoles:
             (3, n) angular velocity of each body relative to the ground, in ground axes.
         error
             (n,) the largest error bound of the velocities relative to body a, each divided
-            by the size of its velocity. If nothing is known, it is
-            `MAX_DIRECTION_ERROR_RAD`.
+            by the size of its velocity. `MAX_DIRECTION_ERROR_RAD` if nothing is known.
         """
         a, b = self.plan.ends[self.plan.input]
         input_axis = self.directions[pole_of(a, b)]
@@ -318,7 +316,7 @@ class PlannedPoles:
 
             x = (u_ab x u_bk) . n / |n|^2.
 
-        If u_ak or u_bk has the opposite sign, the result x u_ak is the same.
+        The result does not depend on the signs of u_ak and u_bk.
 
         Parameters
         ----------
@@ -349,10 +347,9 @@ class PlannedPoles:
     def great_circles(self, pole: Pole) -> Floats:
         """Return the unit normals (n, 2, 3) of two great circles that meet in a pole.
 
-        They are drawn to show the construction of the pole (axis of the relative rotation
-        of two links). A great circle goes through the poles that both links have with a
-        third link. If the plan has computed the pole from two such circles, these are
-        returned. Otherwise two circles are chosen here.
+        The circles are drawn to show the construction of the pole (axis of the relative
+        rotation of two links). A great circle goes through the poles that both links have
+        with a third link.
 
         In place of links, the plan has bodies: sets of links that the locked inputs join.
         The result is NaN if fewer than two circles exist, if both links belong to one body,
@@ -414,9 +411,8 @@ class NullMotion:
         the scale of the motion are arbitrary.
     inverse
         (n, variables, equations + 1) left inverse of the matrix with the velocity equations
-        J in its first rows and `rates` as its last row. It also gives the derivative of the
-        rates r along the motion: r' = inverse (-J' r, 0). The reasons are that J r = 0, and
-        that r keeps its length.
+        J in its first rows and `rates` as its last row. The derivative of the rates r along
+        the motion is r' = inverse (-J' r, 0).
     """
 
     rates: Floats

@@ -24,7 +24,7 @@ class LinkOrientation:
 
     The rotation R = basis @ basis_from_link converts from link axes to ground axes. The
     factors are stored separately: a vector that is fixed in the link has constant
-    components along the columns of `basis`. This shortens expressions.
+    components along the columns of `basis`, which shortens expressions.
 
     Attributes
     ----------
@@ -72,9 +72,9 @@ def place_link(
     rotations by the k variables of the pair. The orientation of the new link is the
     orientation of the placed link times this chain.
 
-    An orientation is stored as two factors: the basis (expressions of the variables), and
-    the constant rotation `basis_from_link`, here C_k. So C_k can be multiplied with the
-    first constant of the next pair as numbers.
+    An orientation is `basis @ basis_from_link`: expressions of the variables, times a
+    constant rotation, here C_k. With two factors, C_k can be multiplied with the first
+    constant of the next pair as numbers.
 
     Parameters
     ----------
@@ -88,10 +88,10 @@ def place_link(
     """
     basis = start.basis
     basis_from_link = start.basis_from_link
-    # There is one more constant than rotations. The loop omits the last constant.
+    # There is one more constant than rotations. The loop omits the last constant C_k.
     for constant, rotation in zip(chain.constants, chain.rotations, strict=False):
-        # `constants` replaces entries that are 0, 1 or -1 up to rounding by exact values.
-        # Products with them are then left out.
+        # The function `constants` replaces entries that are 0, 1 or -1 up to rounding by
+        # exact values, so that products with these entries are left out.
         basis = basis @ constants(basis_from_link @ constant)
         # The basis now contains the constant factor of the placed link.
         basis_from_link = np.eye(3)
@@ -109,7 +109,7 @@ def place_link(
             ],
             axis=1,
         )
-    # Links with a smaller depth have shorter expressions.
+    # The depth is larger for longer expressions.
     depth = start.depth + 1
     return LinkOrientation(basis, chain.constants[-1], depth)
 
@@ -168,10 +168,9 @@ def place_by_variables(
 def sum_along_paths(tree: LoopTree, pair_vectors: Sequence[Exprs]) -> list[Exprs]:
     """Return, for each link, the sum (3,) of the vectors of pairs on the path to the link.
 
-    For example, angular velocities of pairs add up to the angular velocity of a link.
-
-    The path leads from the ground along pairs of the tree. A vector is subtracted if the
-    path runs from the second link of its pair to the first.
+    For example, angular velocities of pairs add up to the angular velocity of a link. The
+    path leads from the ground along pairs of the tree. A vector is subtracted if the path
+    runs from the second link of its pair to the first.
     """
     sums = [vector([0.0, 0.0, 0.0])] * tree.count
     for pair, parent, child in tree.placements:

@@ -73,8 +73,8 @@ def recompute_in_quad(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
     Parameters
     ----------
     kernel
-        The functions of all columns. They are evaluated by NumPy, because compiled
-        functions compute in float64 only.
+        The functions of all columns, evaluated by NumPy, because compiled functions compute
+        in float64 only.
     values
         (variables, n) configurations (rad), closed up to errors of float64.
     """
@@ -93,9 +93,8 @@ def recompute_in_quad(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
 def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
     """Compute at most `BATCH_ROWS` rows (configurations) in quad precision.
 
-    The loops are closed first. If this fails in a row, its columns are computed at the
-    original variables, and `is_closed` is False. The caller then adds the opening of its
-    loops to the error bounds.
+    The loops are closed first. In a row whose loops cannot be closed, the columns are
+    computed at the original variables, and `is_closed` is False.
 
     Parameters
     ----------
@@ -106,20 +105,20 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
     """
     x, is_closed = _close_loops(kernel, values)
     # Points on the profiles (contact curves of links) are further arguments. The curves can
-    # only be evaluated in float64, so this is done at `values`. From there the points are
+    # only be evaluated in float64. They are evaluated at `values`, and the points are
     # extrapolated to x, which is very near.
     extended = append_profile_columns(x, kernel.profiles, expansion_point=values)
     columns = kernel.all_columns.function(extended).astype(float)
-    # Among these numbers is the inverse of the loop equations. It has the movement of each
-    # passive variable (not an input) that closes a loop, per unit angle by which the loop
-    # is open about each of three axes.
+    # Numbers from which the accuracy of rows is judged. Among them is the inverse of the
+    # loop equations: for each loop and each of three axes, the movement of each passive
+    # variable (not an input) that closes the loop, per rad of opening about this axis.
     bounds = kernel.row_bounds.function(extended).astype(float)
     inverse = bounds[kernel.row_bounds.slices["inverse"]].reshape(
         len(kernel.passive_variables), 3 * kernel.loop_count, values.shape[1]
     )
     # Arcs and angles of links are rounded to float64. With the exact numbers, the loops
-    # would be open by tiny angles at this configuration. By how much would each column
-    # change if the variables moved to close the loops?
+    # would be open by tiny angles. The changes of columns per rad of opening serve as error
+    # bounds.
     opening_changes = _sum_opening_changes(kernel, x.astype(float), inverse)
     return QuadPrecisionRows(columns, bounds, opening_changes, is_closed)
 
@@ -152,9 +151,9 @@ def _close_loops(kernel: RowKernel, values: Floats) -> tuple[Array, Bools]:
     # (variables, n) the present iterate.
     x = start.copy()
     for _ in range(MAX_NEWTON_STEPS):
-        # A profile (contact curve of a link) that is not a circle is a float64 series. It
-        # is evaluated at `values` and extrapolated linearly to the present variables, which
-        # are near.
+        # A profile (contact curve of a link) that is not a circle is a float64 series. The
+        # series is evaluated at `values` and extrapolated linearly to the present
+        # variables, which are near.
         extended = append_profile_columns(x, kernel.profiles, expansion_point=values)
         # The variables that are not inputs (passive), after a step.
         passive_values = kernel.newton_step.function(extended)

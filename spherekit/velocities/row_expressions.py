@@ -38,7 +38,8 @@ class RowExpressions(VelocityEquations):
 
     The loops of a computed configuration are open by a small rotation, because of its
     closure residual and of the rounding of sizes. The bounds say by how much this changes
-    variables and axes. They use norms only, so they apply to openings in any direction.
+    variables and axes. The bounds use norms only, so they apply to openings in any
+    direction.
 
     Attributes
     ----------
@@ -89,12 +90,12 @@ class RowExpressions(VelocityEquations):
 
         The velocity equation of a loop says that the sum of the variables' vectors times
         their rates is 0. The vector of a variable is the relative angular velocity of the
-        links of its pair (joint) per unit rate. For an R pair (revolute joint) it is the
-        axis.
+        links of its pair (joint) per unit rate. For an R pair (revolute joint) the vector
+        is the axis.
 
-        The error bounds apply to variables and axes. These have errors for two reasons:
-        the loops of a computed configuration are not closed exactly, and the sizes of
-        the links are rounded.
+        The error bounds apply to variables and axes, which have errors for two reasons: the
+        loops of a computed configuration are not closed exactly, and the sizes of the links
+        are rounded.
 
         Parameters
         ----------
@@ -113,9 +114,8 @@ class RowExpressions(VelocityEquations):
         # The orientation of each link.
         placed = place_by_variables(mechanism, pairs, variables)
         # The base class sets `vectors` (of the variables), `tree` (the loops) and
-        # `closure_residual_square`. For two rolling circles it could form the vector from
-        # their centres. For small circles that loses digits, so the contact point is used
-        # here.
+        # `closure_residual_square`. Vectors about the centres of two rolling circles would
+        # lose digits for small circles.
         super().__init__(mechanism, pairs, placed, variables, about_centres=False)
         input_variables = [self.pair_variables[pair][0] for pair in inputs]
         self.passive_variables = [
@@ -136,8 +136,8 @@ class RowExpressions(VelocityEquations):
 
         The loops of a computed configuration are open by small rotations. The variables of
         the nearest closed configuration differ by the inverse J^+ of the loop equations
-        times the opening. All bounds follow from this by norms of rows of J^+. They are
-        expressions.
+        times the opening. All bounds are expressions that follow from this by norms of rows
+        of J^+.
         """
         tree = self.tree
         # The length of the row of J^+ of a variable is its largest movement per unit
@@ -215,14 +215,15 @@ class RowExpressions(VelocityEquations):
             The vector with its link, its length, the length of its slide, and a bound of
             the derivative of its slide.
         variable_shift
-            Bound of the movement of the variable per unit opening of all loops (rad per
-            rad).
+            Bound of the movement of the variable, divided by the opening of the loops (rad
+            per rad).
         """
         # `link_turns` are the rotations of the links per unit opening of all loops.
         turn = self.link_turns[carried.link] * self.opening_rad + self.tilt_rad
         shift = variable_shift * self.opening_rad
         vector_error = carried.length * turn + carried.slide_length * shift
-        # The largest length of the derivative of the slide with respect to the variable.
+        # Bound of the length of the derivative of the slide with respect to the variable.
+        # `total` is the sum of the bounds of its terms.
         slide_change = carried.slide_change_bound.total
         slide_error = carried.slide_length * turn + slide_change * shift
         return vector_error, slide_error
@@ -298,16 +299,13 @@ class RowExpressions(VelocityEquations):
 def curvature_uncertainties(rows: RowExpressions) -> list[Expr]:
     """Return, for each contact, a number that exceeds 1 if its curvatures are nearly equal.
 
-    Two profiles (contact curves) of equal curvature fit into each other, and then do not
-    determine their relative motion. The number is 2 `EQUAL_CURVATURE` / (k1 - k2), with the
-    curvatures k1 and k2 of the first and the second profile. A curvature is positive if the
-    profile is curved towards the first link. So k1 is positive if the first link is convex,
-    and k2 if the second link is hollow. If k2 exceeds k1, the hollow is too narrow for the
-    first link, and the links overlap. The number is then NaN.
+    Two profiles (contact curves) of equal curvature do not determine their relative motion.
+    The number is 2 `EQUAL_CURVATURE` / (k1 - k2), with the curvatures k1 and k2 of the
+    first and the second profile. A curvature is positive if the profile is curved towards
+    the first link. If k2 exceeds k1, the links would overlap, and the number is NaN.
 
     If the number exceeds 1, the row (configuration) is computed again more exactly. The row
     counts as undetermined if k1 - k2 is below `EQUAL_CURVATURE`; the factor 2 is a margin.
-
     Contacts of two circles are left out, because their curvatures are constant.
     """
     uncertainties: list[Expr] = []

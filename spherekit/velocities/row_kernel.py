@@ -126,9 +126,9 @@ class SingleRowOutputs(NamedTuple):
     """The outputs of the function for one configuration (row), as expressions or numbers.
 
     If the variables follow from the inputs by formulas (closed form), all outputs are for
-    these variables. Otherwise the function also performs a step of Newton's method.
-    `variables` are then the values after the step, and all other outputs belong to the
-    values before the step.
+    these variables. Otherwise the function performs a step of Newton's method: `variables`
+    are the values after the step, and all other outputs belong to the values before the
+    step.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class SingleRowOutputs(NamedTuple):
         converges, and there is exactly one solution near.
     uncertainty_sum
         Sum of the uncertainties: error bounds and condition numbers relative to the largest
-        allowed ones. If it is at most 1, none exceeds its limit.
+        allowed ones. If the sum is at most 1, none exceeds its limit.
     residual
         By how much the loops are open (rad).
     axis_sum
@@ -232,13 +232,13 @@ class RowKernel:
     closure_rounding_rad
         Loops with a smaller closure residual (rad) are closed up to rounding.
     can_certify_rows
-        Whether certified rows need no other check. It is false if poles are uncertain, or
-        if there are no passive variables, from whose equations the bounds follow.
+        Whether certified rows need no other check. False if poles are uncertain, or if
+        there are no passive variables, from whose equations the bounds follow.
     has_closed_form
         Whether all variables follow from the inputs and the signs of dyads.
     is_compiled
-        Whether heyoka compiles the functions. Their calls are long and release the lock of
-        the interpreter, so threads may call them at the same time.
+        Whether heyoka compiles the functions. Threads can call compiled functions at the
+        same time.
     column_count
         Number of columns.
     profiles
@@ -294,8 +294,7 @@ class RowKernel:
         # The results of a row are certified if their error bounds are small enough. The
         # bounds follow from the equations of the passive variables. Without such variables,
         # or if poles are undefined or their axes equal but for rounding
-        # (`has_uncertain_poles`), there are no sufficient bounds. Callers then compute
-        # the rows by `RowVelocities` instead.
+        # (`has_uncertain_poles`), there are no sufficient bounds.
         self.can_certify_rows = bool(self.passive_variables) and not any(
             columns.has_uncertain_poles for columns in self.input_columns
         )
@@ -324,12 +323,12 @@ class RowKernel:
     def _scalar_function(self) -> FloatFunction:
         """Function that takes and returns plain numbers, for a single configuration.
 
-        Formulas for all variables (a closed form) exist for some mechanisms. The arguments
-        are then the inputs and one sign for each dyad (two links and three R pairs), which
-        chooses one of its two solutions. Otherwise the arguments are all variables. The
-        first outputs are the variables: by the formulas, or after a step of Newton's method
-        from the arguments. All other outputs of `SingleRowOutputs` belong to the variables
-        by the formulas, or to the arguments themselves.
+        If there are formulas for all variables (a closed form), the arguments are the
+        inputs and one sign for each dyad (two links and three R pairs), which chooses one
+        of its two solutions. Otherwise the arguments are all variables. The first outputs
+        are the variables: by the formulas, or after a step of Newton's method from the
+        arguments. All other outputs of `SingleRowOutputs` belong to the variables by the
+        formulas, or to the arguments themselves.
         """
         other_outputs = self._single_row_expressions().flat_list()
         if self._closed_form is None:
@@ -365,16 +364,17 @@ class RowKernel:
 
         A row is certified if its loops are closed up to rounding and the sum of its
         uncertainties is at most 1. An uncertainty is a condition number or an error bound,
-        relative to the largest allowed one. If the sum is at most 1, so is each of them.
+        relative to the largest allowed one. If the sum is at most 1, so is each
+        uncertainty.
 
         Parameters
         ----------
         values
             If there are formulas for all variables (closed form): the inputs (rad), and for
             each dyad (two links and three R pairs) the sign +1 or -1 that chooses one of
-            its two solutions. Otherwise the variables near a closed configuration. Newton's
-            method then closes the loops. It stops if Kantorovich's theorem does not
-            guarantee exactly one solution near.
+            its two solutions. Otherwise the variables near a closed configuration, from
+            which Newton's method closes the loops if Kantorovich's theorem guarantees
+            exactly one solution near.
         """
         for _ in range(MAX_NEWTON_STEPS):
             try:
@@ -419,13 +419,12 @@ class RowKernel:
 
         - ``"uncertainties"``: error bounds or condition numbers, each divided by the
           largest allowed one.
-        - ``"uncertainty_sum"``: their sum. If it is at most 1, the row is certified as
-          accurate. Otherwise it is computed in another way.
+        - ``"uncertainty_sum"``: the sum of the uncertainties. If the sum is at most 1, the
+          row is certified as accurate.
         - ``"closure"``: by how much the loops are open, and the error of the variables
           (rad).
         - ``("velocities", k)``: components of the angular velocities of links while input k
-          moves. Where the relative velocity of two links passes zero, the direction of
-          their pole may reverse.
+          moves.
         - ``("errors", k)``: for each kind of error bound in `REPORTED_ERRORS`, the largest
           bound of any pole, while input k moves.
         """
@@ -446,14 +445,15 @@ class RowKernel:
     def _error_bounds_of_poles(self, columns: InputColumns, error_name: str) -> list[Expr]:
         """Return the expression of one kind of error bound for each pole.
 
-        A pole is the axis of the relative rotation of two links.
+        A pole is the axis of the relative rotation of two links. The expressions of all
+        results for a row are the columns of this kernel.
 
         Parameters
         ----------
         columns
-            The poles while one input moves, with the indices of their columns.
+            For one moving input, the indices of the columns of each quantity and pole.
         error_name
-            The kind of error bound, one of `REPORTED_ERRORS`.
+            The kind of error bound, one of `REPORTED_ERRORS`, such as "direction_error".
         """
         error_bounds: list[Expr] = []
         for column_indices in columns.column_indices[error_name].values():
@@ -479,8 +479,8 @@ class RowKernel:
         of a row (configuration) are accurate.
 
         The function also returns the square of the triple product of the axes of each dyad
-        (``"squares"``), computed from its arcs. It is negative if the dyad cannot be
-        closed.
+        (``"squares"``), computed from its arcs. The square is negative if the dyad cannot
+        be closed.
         """
         assert self._closed_form is not None
         closed_form = self._closed_form
@@ -509,7 +509,7 @@ class RowKernel:
     def newton_step(self) -> ColumnFunction:
         """The function that makes a step of Newton's method, which closes the loops.
 
-        Passive variables are those that no input sets. The function returns their new
+        Passive variables are variables that no input sets. The function returns their new
         values from the values of all variables.
         """
         return self._make_function({"passive_variables": self._rows.newton_step})
@@ -518,15 +518,14 @@ class RowKernel:
     def row_bounds(self) -> ColumnFunction:
         """Function of the numbers that tell how accurate a row (configuration) is.
 
-        `RowVelocities` uses them to judge rows that are not certified as accurate. The
-        kernel is then made for a single moving input. The numbers are:
+        The numbers are used to judge rows that are not certified as accurate, with a kernel
+        for a single moving input. The numbers are:
 
         - ``"condition_number"`` of the loop equations.
         - ``"kantorovich_number"``: if it is at most 1/2, exactly one solution is near.
-        - ``"curvature_uncertainty"``: if two profiles (contact curves) touch each other and
-          have nearly the same curvature, they hardly determine their motion. Each contact
-          has a positive number that then exceeds 1. This is the sum of these numbers. If
-          the sum is at most 1, no contact is doubtful.
+        - ``"curvature_uncertainty"``: the sum of a positive number for each contact. The
+          number exceeds 1 if the two profiles (contact curves) have nearly the same
+          curvature, with which they hardly determine their motion.
         - ``"inverse"`` of the loop equations: movement of each passive variable (not an
           input) that closes a loop which is open about a ground axis, per unit of this
           opening. Its shape (passive variables, loops, 3) is flattened.
@@ -603,17 +602,16 @@ def row_kernel(
 
 
 def choose_order(motion: Motion) -> EliminationOrder | None:
-    """Choose an elimination order that is regular at most rows of a motion.
+    """Choose an elimination order that is regular at as many rows as possible.
 
     The velocity equations are solved in a fixed order: which variables are eliminated from
-    the equations of which loop. The order is regular at a row (configuration) if no step
-    divides by nearly zero. With redundant equations, no order may be regular in all
-    assembly modes (ways to assemble the links).
+    the equations of which loop. The order is regular at a row (configuration of the motion)
+    if no step divides by nearly zero.
 
     Returns
     -------
-    The order. It is empty if all variables are inputs. None if no row has a configuration,
-    or if no order gives all variables.
+    The order, empty if all variables are inputs. None if no row has a configuration, or if
+    the equations cannot be solved for all other variables by any order.
     """
     if not motion.passive_variables:
         return []
@@ -625,8 +623,8 @@ def choose_order(motion: Motion) -> EliminationOrder | None:
         candidates = np.flatnonzero(~motion.failed)
     if not len(candidates):
         return None
-    # The order is chosen for some of the candidates, the references. They are at most
-    # `REFERENCES` rows, evenly spread.
+    # The order is chosen for at most `REFERENCES` candidates, evenly spread: the
+    # references.
     spread = np.unique(np.linspace(0, len(candidates) - 1, REFERENCES).astype(int))
     references = candidates[spread]
     orders_with_rows = assign_elimination_orders(

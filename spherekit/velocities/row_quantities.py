@@ -27,8 +27,8 @@ input (A_q), to the rate of an input (A_dq) and to a torque (B_torque)."""
 def sample_names(inputs: Sequence[str]) -> Names:
     """Return the names of the values that form a sample of a motion.
 
-    They are ``q``, ``dq``, ``ddq`` (angle, rate and acceleration of the input; rad, s) and
-    ``t`` (the time). With several inputs they are ``q_PAIR`` for each input, then
+    The names are ``q``, ``dq``, ``ddq`` (angle, rate and acceleration of the input; rad, s)
+    and ``t`` (the time). With several inputs the names are ``q_PAIR`` for each input, then
     ``dq_PAIR`` for each, then ``ddq_PAIR`` for each, then ``t``.
 
     Parameters
@@ -290,9 +290,9 @@ def _add_output_quantities(
     of the direction. With one input there is no condition number, because a single column
     always has 1.
 
-    The determinant exists for three inputs. With two inputs and a pointing output, it is
-    the determinant of the two columns and the direction. Its size is the area that the two
-    columns span.
+    The determinant exists for three inputs. With two inputs and a pointing output, the
+    determinant is that of the two columns and the direction. Its size is the area that the
+    two columns span.
 
     Parameters
     ----------
@@ -323,10 +323,10 @@ def _add_dynamic_quantities(
 ) -> None:
     """Add the quantities that depend on masses to a table.
 
-    They are the inertia matrix, driving torques, accelerations of inputs without torques,
-    derivatives of accelerations, and the kinetic energy. Each call of `add` states a name,
-    its unit, a method of `DesignExpressions` and the arguments of this method. A name ends
-    in the pair of its input. A matrix has two endings: the row, then the column.
+    The quantities are the inertia matrix, driving torques, accelerations of inputs without
+    torques, derivatives of accelerations, and the kinetic energy. Each call of `add` states
+    a name, its unit, a method of `DesignExpressions` and the arguments of this method. A
+    name ends in the pair of its input. A matrix has two endings: the row, then the column.
 
     Parameters
     ----------
@@ -340,7 +340,7 @@ def _add_dynamic_quantities(
     """
     has_one_input = len(inputs) == 1
     # With one input, the inertia is the equivalent inertia B: twice the kinetic energy at
-    # unit rate of the input. With several inputs, it is a matrix. Its entries are named
+    # unit rate of the input. With several inputs, the inertia is a matrix with entries
     # B_PAIR_by_PAIR.
     for (row, pair), (ending, column) in product(enumerate(inputs), moving_inputs):
         name = "B" if has_one_input else f"B_{pair}{ending}"
@@ -375,10 +375,9 @@ def _plan_groups(mechanism: Mechanism) -> Assembly:
 
     A group is a set of links that are closed together, such as a dyad.
 
-    Names of quantities do not depend on sizes. If counting links and pairs gives too few
-    degrees of freedom, the groups are planned as if the rank of the equations had shown
-    enough. No configuration is searched for this. So a file has the same quantities as its
-    designs, even if its own sizes do not close.
+    Names of quantities do not depend on sizes, so no configuration is computed. If counting
+    links and pairs gives too few degrees of freedom, the groups are planned as if the rank
+    of the equations had shown enough.
     """
     try:
         return plan_assembly(mechanism)

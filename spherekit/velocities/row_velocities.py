@@ -240,17 +240,16 @@ class RowVelocities:
 
         A pole is the axis of the relative rotation of two links. Until this call, the
         velocity equations gave the angular velocities. The plan of the poles is another
-        method: poles are intersections of great circles, one after another. Users can
-        choose this method to compare the results. It gives no derivatives, so the
-        derivatives of the angular velocities still come from the equations.
+        method: poles are intersections of great circles, one after another. The derivatives
+        of the angular velocities still come from the equations.
 
-        The error bounds of the equations do not apply to the plan. So this changes, in
-        place:
+        The error bounds of the equations do not apply to the plan. Three things are changed
+        in place:
 
         - No row counts as certified or as computed in quad precision any more.
-        - The difference between both methods is added to the error of the velocity
-          coefficient of each pole: the relative angular velocity per unit rate of the
-          input.
+        - All angular velocities are for an input that moves at unit rate. For each pole,
+          the difference of the relative angular velocities by both methods is added to the
+          error of the velocity coefficient.
         - Rows in which the plan gives a direction with an error above `USABLE_DIRECTION`
           (rad) become ILL_CONDITIONED.
 
@@ -303,9 +302,9 @@ class RowVelocities:
         # dw are the derivatives of the angular velocities of all links with respect to
         # the input.
         is_certified &= self._bound("dw_error") <= MAX_CERTIFIED_DW_ERROR
-        # Poles that are axes of pairs (joints) are known exactly. `_reversible_poles` are
-        # all others. Their directions follow from the relative angular velocities v of
-        # their links. If the links rest, the pole has no direction that could be wrong.
+        # Poles that are axes of pairs (joints) are known exactly. The directions of all
+        # other poles follow from the relative angular velocities v of their links. If the
+        # links rest, the pole has no direction that could be wrong.
         for pole in self._reversible_poles:
             errors = self.pole_errors[pole]
             v_size = norm_columns(self.relative_velocity(pole))
@@ -339,8 +338,8 @@ class RowVelocities:
         doubtful_rows = np.flatnonzero(~is_good & ~self.motion.failed)
         if not len(doubtful_rows):
             return []
-        # The least condition number that any order can give in each of these rows. It is
-        # infinite in singular configurations, where no order helps.
+        # The least condition number that any order can give in each of these rows, infinite
+        # in singular configurations.
         least_numbers = self._least_condition_numbers(doubtful_rows)
         # The usual order is good enough if its condition number is not much larger.
         has_good_order = condition_numbers[doubtful_rows] <= (
@@ -359,9 +358,9 @@ class RowVelocities:
         """Return the least condition numbers that any elimination order can give.
 
         An elimination order is the order in which variables are eliminated from the loop
-        equations. The least condition numbers (k,) are the condition numbers of the
-        exact inverse of the equations of the passive variables (which no input sets),
-        for k rows. At a singular configuration they are infinite, and no order helps.
+        equations. The least condition numbers (k,) are the condition numbers of the exact
+        inverse of the equations of the passive variables (which no input sets), for k rows.
+        The numbers are infinite at singular configurations.
         """
         jacobians = self.motion.linearisation.jacobian[rows]
         passive_equations = jacobians[:, :, list(self.motion.passive_variables)]
@@ -513,7 +512,8 @@ class RowVelocities:
             The two links of the pole (axis of relative rotation), or the index of the link,
             to which the quantity belongs.
         """
-        # Each component of the quantity, such as x, y and z of a vector, is a column.
+        # Indices of the columns of all components, such as x, y and z of a vector. The
+        # first axis of `opening_changes` has one entry per column.
         columns = self._column_indices[name][key]
         # (components, k) absolute changes, already summed over loops and axes.
         changes = quad_rows.opening_changes[columns]
@@ -522,17 +522,17 @@ class RowVelocities:
     def _link_rotations(self, rows: Indices, inverse: Floats) -> Floats:
         """Return the rotations of all links if a loop opens, in rad per rad of opening.
 
-        Rounding of sizes leaves the loops open by tiny rotations. The result says how this
-        turns the links, for error bounds.
+        Rounding of sizes leaves the loops open by tiny rotations, which turn the links. The
+        result is used for error bounds.
 
         Parameters
         ----------
         rows
             (k,) indices of configurations.
         inverse
-            (passive variables, directions, k) inverse of the loop equations. It is the
-            movement of the variables that are not inputs, per unit opening of a loop. A
-            loop can open in three directions, so there are three for each loop.
+            (passive variables, directions, k) inverse of the loop equations: the movement
+            of the variables that are not inputs, per unit opening of a loop. A loop can
+            open in three directions, so there are three for each loop.
 
         Returns
         -------
@@ -558,10 +558,9 @@ class RowVelocities:
         These rows are so near to a singularity that the rounding of the sizes to float64
         leaves no correct digit. The method computes w, the angular velocities of links per
         unit rate of the input, their derivatives dw with respect to the input, and the
-        poles (axes of relative rotation of two links). The columns, error bounds and
-        flags of the rows for which the computation succeeds are changed in place. Other
-        rows stay as they are. If `DecimalRates` cannot compute the mechanism, all rows
-        stay as they are.
+        poles (axes of relative rotation of two links). The columns, error bounds and flags
+        of the rows for which the computation succeeds are changed in place. Other rows stay
+        as they are.
 
         Parameters
         ----------
@@ -602,10 +601,9 @@ class RowVelocities:
             put_columns("w", link, decimal_rates.w[:, link].T.astype(float))
             put_columns("dw", link, decimal_rates.dw[:, link].T.astype(float))
 
-        # If a pair joins two links, its axis is their pole. It is known even where the
-        # relative angular velocity is zero, so the direction is then taken from the pair.
-        # The plan knows such pairs by the bodies that they join: links that do not move
-        # relative to each other, because all other inputs are locked, are one body.
+        # If a pair joins two links, their pole is the axis of the pair, which is known even
+        # where the relative angular velocity is zero. The plan has such pairs by bodies:
+        # sets of links that the locked inputs join.
         pair_by_body_pole = axis_pairs(plan)
         for pole, errors in self.pole_errors.items():
             body_pole = plan.pole(*pole)
@@ -623,8 +621,8 @@ class RowVelocities:
         """Return the direction errors of poles that are the common axis of several pairs.
 
         A pole is the axis of the relative rotation of two links. Several pairs (joints) in
-        series can have one line as their axis, which is then the pole. If the rounded axes
-        differ in their last digits, the pole depends on the rates of these pairs.
+        series can have one line as their axis, the pole. If the rounded axes differ in
+        their last digits, the pole depends on the rates of these pairs.
 
         Returns
         -------
@@ -642,9 +640,9 @@ class RowVelocities:
     def _separation_of_axes(self, links: Pole) -> Floats:
         """Return the angle (n,) in rad by which a pole can differ from its exact direction.
 
-        The pole is the common axis of several pairs, whose rounded axes differ. It has the
-        direction of the relative angular velocity v of its links. A change of v turns it by
-        at most the size of this change, divided by the size of v.
+        The pole is the common axis of several pairs, whose rounded axes differ. The pole
+        has the direction of the relative angular velocity v of its links. A change of v
+        turns the pole by at most the size of this change, divided by the size of v.
         """
         # v is a sum of rates times axes. Each axis changes by at most `SAME_AXIS_SINE`, the
         # largest sine between axes that count as equal, and `rate_size` is the sum of all
@@ -658,16 +656,17 @@ class RowVelocities:
         """Increase the errors of poles that are a common axis of several pairs, in place.
 
         A pole is the axis of the relative rotation of two links. Several pairs (joints) in
-        series can have one line as their axis, which is then the pole. If the rounded axes
-        differ, the line is not exactly known.
+        series can have one line as their axis, the pole. The line is not exactly known for
+        the `rounded_common_axes` of the plan, for which the rounded axes of the pairs
+        differ.
         """
         plan = self.request.plan
         for links, errors in self.pole_errors.items():
             if plan.pole(*links) not in plan.rounded_common_axes:
                 continue
             errors_of_axis = self._errors_of_common_axis(links)
-            # The direction error is kept. In some rows, directions are computed later by
-            # the plan, as intersections of great circles. There they have this error, too.
+            # The direction error is stored for rows in which the plan replaces the
+            # direction and its error later.
             self.axis_separations[links] = errors_of_axis["direction_error"]
             for name, error in errors_of_axis.items():
                 errors[name] += error
@@ -677,9 +676,9 @@ class RowVelocities:
 
         The pole (axis of the relative rotation of two links) is the axis of several pairs
         (joints). Each rounded axis (unit vector) can be wrong by `SAME_AXIS_SINE`. The
-        relative angular velocity v of the links is a sum of terms that are in proportion to
-        axes. So is its derivative dv with respect to the input. The direction of the pole
-        is u = v / |v|. The error bounds are:
+        relative angular velocity v of the links, and its derivative dv with respect to the
+        input, are sums of terms in proportion to axes. The direction of the pole is u = v /
+        |v|. The error bounds are:
 
         - of v and dv: `SAME_AXIS_SINE` times the sum of the sizes of the terms. The sums
           over all pairs of the mechanism are used, which are at least as large.
@@ -729,13 +728,13 @@ def _is_direction_accurate(errors: Mapping[str, Floats], v_size: Floats) -> Bool
     v_size
         (n,) length of v.
     """
-    # The error of du has these parts, each divided by |v|: error(dv) from dv, error(u) |dv|
-    # from u, and error(u) |dv| from |v|, because error(v) / |v| is error(u). Their sum is
-    # error(dv) + 2 error(u) |dv|. The acceleration coefficient dv . u has the error
-    # error(dv) + error(u) |dv|. Twice this error is not smaller than the sum.
+    # Three parts of the error of du are divided by |v|: error(dv), error(u) |dv| by both u
+    # together, and error(u) |dv| by the divisor |v|, because error(v) / |v| is error(u).
+    # Their sum is error(dv) + 2 error(u) |dv|. The acceleration coefficient dv . u has the
+    # error error(dv) + error(u) |dv|. Twice this error is not smaller than the sum.
     direction_dq_error = 2.0 * errors["acceleration_coefficient_error"] / v_size
-    # If the errors as fractions of their limits add up to at most 1, both are within
-    # limits. If v is zero, the sum is infinite or NaN, and the result is False.
+    # The errors of u and du are added as fractions of their limits. If the sum is at most
+    # 1, each error is within its limit. If v is zero, the sum is infinite or NaN.
     used_fractions = (
         errors["direction_error"] / MAX_CERTIFIED_ERROR_RAD
         + direction_dq_error / MAX_DIRECTION_DQ_ERROR
@@ -748,9 +747,8 @@ def _is_certainly_at_rest(
 ) -> Bools:
     """Return a mask (n,) of rows in which two links certainly have no relative motion.
 
-    The relative angular velocity v of the two links of a pole, and its derivative dv
-    with respect to the input, are then zero within small error bounds. Such a pole
-    needs no accurate direction.
+    In such rows the relative angular velocity v of the two links of a pole, and its
+    derivative dv with respect to the input, are zero within small error bounds.
 
     Parameters
     ----------
@@ -759,8 +757,7 @@ def _is_certainly_at_rest(
     v_size, dv_size
         (n,) lengths of v and dv.
     """
-    # These are bounds for the components of v and dv along any axis, so also for their
-    # lengths.
+    # The bounds for the components of v and dv along any axis also apply to their lengths.
     v_error = errors["velocity_coefficient_error"]
     dv_error = errors["acceleration_coefficient_error"]
     is_zero = (v_size <= v_error) & (dv_size <= dv_error)

@@ -77,8 +77,9 @@ def transmission_angle(
     """Return the transmission angle (rad, in [0, pi/2]) of a dyad.
 
     A dyad is two links that are joined by the middle one of three pairs (joints). Each link
-    is an arc between two axes. The transmission angle is the acute angle between the planes
-    of the two arcs. At 0 the dyad is stretched or folded, a singularity.
+    is a great-circle arc between the axes of its two pairs. The transmission angle is the
+    acute angle between the planes of the two arcs. At 0 the dyad is stretched or folded, a
+    singularity.
 
     Parameters
     ----------
@@ -146,9 +147,9 @@ VECTOR_NODES: VectorOperations[Expr, Expr] = VectorOperations(
 def transmission_angle_of_group(group: Group | None, axes: Floats) -> Floats:
     """Return the transmission angle of a group of links at n configurations.
 
-    Only a dyad (two links joined by a pair) has this angle: the acute angle between the
-    planes of the arcs of both links. All analyses compute it here, for the group that
-    `Assembly.joining_group` returns for the two links of an output.
+    Only a dyad (two links joined by a pair) has this angle. Each link is a great-circle arc
+    between the axes of its two pairs. The transmission angle is the acute angle between the
+    planes of the two arcs.
 
     Parameters
     ----------

@@ -62,7 +62,8 @@ TRANSMISSION_BATCH_ROWS = 4096
 class Transmission:
     """The transmission measure of one output of a mechanism.
 
-    It measures, from 0 to 1, how well locked inputs fix the output if the pairs have play.
+    The measure says, from 0 to 1, how well locked inputs fix the output if the pairs have
+    play.
 
     Attributes
     ----------
@@ -135,20 +136,19 @@ class Transmission:
         """Return the transmission (n,), from 0 at a singularity of type II to 1.
 
         At a singularity of type II the output can move although the inputs are locked. The
-        measure assumes that pairs have play. With locked inputs, the passive pairs can then
-        move at any rates x. Their relative velocities need not add up to 0 around a loop.
-        The sums are J x, with the loop equations J, and the play takes them up. The output
-        moves by A x. The transmission is large if small sums J x move the output only a
-        little:
+        measure assumes that pairs have play. With play, the passive pairs can move at any
+        rates x although the inputs are locked. The relative velocities of the pairs need
+        not add up to 0 around a loop. The sums are J x, with the loop equations J, and the
+        play takes the sums up. The output moves by A x. The transmission is large if small
+        sums J x move the output only a little:
 
             transmission = 1 / sqrt(1 + |A J^+|^2 / rho).
 
         Play whose sum around every loop is 0 does not appear in J x, but also moves the
         output, even if all pairs are locked. The number rho counts this motion. It is the
         resistance between the output link and its reference link if all pairs were electric
-        resistances 1. This is the sum of the squares of the currents in the pairs
-        (`_path_currents`). The transmission is NaN in rows in which an argument is not
-        finite.
+        resistances 1: the sum of the squares of the `_path_currents`. The transmission is
+        NaN in rows in which an argument is not finite.
 
         Parameters
         ----------
@@ -180,13 +180,11 @@ class Transmission:
             if directions is not None:
                 axes = directions[rows][:, :, None]
                 output_motion -= axes * np.sum(axes * output_motion, axis=1, keepdims=True)
-            # A J^+. If J is nearly singular, a motion of the passive pairs opens the loops
-            # by rounding errors only. Its inverse would be computed from these errors, so
+            # A J^+. If J is nearly singular, the inverse follows from rounding errors, so
             # such rows are computed by singular values.
             inverse = left_inverse(loops)
             motion_per_misfit = output_motion @ inverse
-            # The condition is negated because comparisons with NaN are false. So NaN counts
-            # as too large.
+            # The condition is negated, so that NaN counts as too large.
             is_weak = ~(max_abs(inverse, (1, 2)) < MAX_INVERSE_ENTRY)
             motion_per_misfit[is_weak] = _output_motion_per_opening(
                 output_motion[is_weak], loops[is_weak]
@@ -254,8 +252,9 @@ def passive_equations(
 
     - The one or two vectors of each pair are replaced by one or two orthonormal vectors
       with the same span.
-    - The equations of the loops are replaced by linear combinations. The rows of their
-      coefficients (loops, pairs) are orthonormal.
+    - The equations of the loops are replaced by linear combinations. The coefficients
+      `tree.cycles` (loops, pairs) have orthonormal rows, and follow from the graph of links
+      and pairs without a choice of loops.
 
     Parameters
     ----------
@@ -268,8 +267,8 @@ def passive_equations(
     passive = passive_variables(tree, driven)
     orthonormal_vectors = _orthonormal_vectors(tree, vectors)[:, passive]
     unit_vectors = np.swapaxes(orthonormal_vectors, 1, 2)  # (n, 3, passive)
-    # (loops, passive) coefficients of the linear combinations, from `tree.cycles` (loops,
-    # pairs).
+    # (loops, passive) coefficients of the linear combinations, from the orthonormal rows of
+    # `tree.cycles` (loops, pairs).
     pair_of_each = [tree.pair_of_variable[v] for v in passive]
     coefficients = tree.cycles[:, pair_of_each]
     equations = np.zeros((len(vectors), len(coefficients), 3, len(passive)))
@@ -284,8 +283,9 @@ def passive_equations(
 def input_authority(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> Floats:
     """Return how firmly locked inputs prevent any motion of the links.
 
-    The variables that no input locks are called passive. If a singular value of their loop
-    equations is 0, they can move although the inputs are locked.
+    The variables that no input locks are called passive. If a singular value of the loop
+    equations of the passive variables is 0, the links can move although the inputs are
+    locked.
 
     Parameters
     ----------
@@ -298,7 +298,7 @@ def input_authority(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> F
     Returns
     -------
     (2, n) the smallest singular value of the `passive_equations`, and its ratio to the
-    largest one. They are 0 if a link can move while the inputs rest, 1 without passive
+    largest one. Both are 0 if a link can move while the inputs rest, 1 without passive
     pairs, and NaN if the vectors are NaN.
     """
     authority = nans((2, len(vectors)))
@@ -325,15 +325,14 @@ def _orthonormal_vectors(tree: LoopTree, vectors: Floats) -> Floats:
     two. The results span the same velocities for each pair, but do not depend on the units
     of the variables. Zero vectors stay zero.
 
-    If both vectors of a contact are parallel, the second one becomes arbitrary. This only
-    occurs at configurations that do not determine the motion and have no result anyway.
+    If both vectors of a contact are parallel, the second one becomes arbitrary.
     """
     lengths = np.linalg.norm(vectors, axis=2, keepdims=True)
     units = vectors / np.where(lengths > 0.0, lengths, 1.0)
     for v, owner in enumerate(tree.pair_of_variable):
         if v and tree.pair_of_variable[v - 1] == owner:
             # The second vector of a contact loses its component along the first
-            # (Gram-Schmidt). It is a view, so `units` changes in place.
+            # (Gram-Schmidt). `second` is a view, so `units` changes in place.
             first = units[:, v - 1]
             second = units[:, v]
             second -= first * np.sum(first * second, axis=1, keepdims=True)
@@ -345,15 +344,15 @@ def _orthonormal_vectors(tree: LoopTree, vectors: Floats) -> Floats:
 def _output_motion_per_opening(output_motion: Floats, loop_equations: Floats) -> Floats:
     """Return how much the output moves per unit opening of the loops.
 
-    The passive pairs (joints that no input locks) have the rates x. The output then moves
-    by A x, and the loops open by J x. The result is A J^+. Near a singularity, J^+ could be
+    The passive pairs (joints that no input locks) have the rates x. The output moves by A
+    x, and the loops open by J x. The result is A J^+. Near a singularity, J^+ could be
     computed from rounding errors. The singular value decomposition J = U diag(s) V^T gives
 
         A J^+ = (A V) diag(1 / s) U^T.
 
     A column of V is a motion of the passive pairs, and the loops open by s in it. If s is
-    nearly 0 and the output does not move either, the motion does not matter. 1 / s is then
-    replaced by 0.
+    nearly 0 and the output does not move either, 1 / s is replaced by 0, because the motion
+    does not matter.
 
     Parameters
     ----------
@@ -381,9 +380,9 @@ def _invert_openings(openings: Floats, output_speeds: Floats) -> Floats:
     """Return 1 / opening for each motion of the passive pairs, but 0 for harmless motions.
 
     Passive pairs (joints) are not locked by an input. A motion that opens no loop is
-    possible although the inputs are locked. If the output moves in it, 1 / opening is
-    practically infinite, which shows that nothing prevents the motion. If the output rests,
-    only other links move. The motion is then harmless for this output.
+    possible although the inputs are locked. If the output moves in this motion, 1 / opening
+    is practically infinite, which shows that nothing prevents the motion. If the output
+    rests, the motion is harmless for this output.
 
     Parameters
     ----------

@@ -54,9 +54,9 @@ class ClosingFrames:
 def rotation_between(frame: Exprs, other_columns: Exprs) -> Exprs:
     """Return half the sum of b x c (3,) over the columns b, c of two matrices (3, 3).
 
-    If the second matrix is a frame that nearly coincides with the first, this is the
-    rotation vector between them to first order. If it is the derivative of the first frame,
-    this is the angular velocity of the frame.
+    If the second matrix is a frame that nearly coincides with the first, the result is the
+    rotation vector between them to first order. If the second matrix is the derivative of
+    the first frame, the result is the angular velocity of the frame.
     """
     return vector_sum(map(cross, frame.T, other_columns.T)) * 0.5
 
@@ -108,9 +108,9 @@ class VelocityEquations(ABC):
             Expressions (rad) of all pair variables, on which contacts depend.
         about_centres
             How the vector is computed if two circles roll on each other. True: as the sum
-            of two vectors along the axes of the circles. This takes fewer expressions, but
-            loses digits if the circles are small. False: as a multiple of the direction to
-            the contact point.
+            of two vectors along the axes of the circles. The sum takes fewer expressions,
+            but loses digits if the circles are small. False: as a multiple of the direction
+            to the contact point.
         """
         self.mechanism = mechanism
         self.pairs = pairs
@@ -119,11 +119,10 @@ class VelocityEquations(ABC):
         self.tree = LoopTree.of_mechanism(mechanism)
         # For each variable, `carried` has the vector, a link that carries the vector (the
         # vector turns with this link), and the derivative of the vector relative to this
-        # link. The vector of an R pair is fixed in the link. That of a contact moves in it.
+        # link. The vector of an R pair is fixed in the link.
         #
         # `contact_lines` has the direction to the contact point of each rolling contact,
-        # the axis of the relative rotation of both links. Contacts that are computed about
-        # centres are left out.
+        # the axis of the relative rotation of both links.
         self.carried, self.contact_lines = carried_vectors(
             mechanism, pairs, placed, variables, about_centres
         )
@@ -164,7 +163,8 @@ class VelocityEquations(ABC):
 
         A loop is closed by a pair, whose frame is reached along both sides of the loop: in
         its second link, and from its first link by the rotation of the pair. The dictionary
-        has by this pair the rotation between both frames. It is zero if the loop is closed.
+        has by this pair the rotation between both frames, which is zero if the loop is
+        closed.
         """
         return {
             pair: rotation_between(frames.by_pair, frames.by_second_link)
@@ -175,8 +175,8 @@ class VelocityEquations(ABC):
     def closure_residual_square(self) -> Expr:
         """Sum of the squares of the angles by which loops are open, rad2.
 
-        An angle x counts as 2 sin(x / 2). Even half a turn is then seen, for which the
-        `closure_residuals` would be zero.
+        An angle x counts as 2 sin(x / 2). Half a turn counts as 2, while its
+        `closure_residuals` are zero.
         """
         differences = (
             (frames.by_second_link - frames.by_pair).ravel()
@@ -197,9 +197,9 @@ class VelocityEquations(ABC):
         """Return the accelerations of variables and pairs (joints) at constant input rates.
 
         The relative angular velocity of a pair is the sum of a_v x_v over its variables v,
-        with their vectors a_v and rates x_v. Its time derivative has two parts. The
-        first is the sum of a_v dx_v, with the unknown accelerations dx_v. The second,
-        the bias, is the sum of da_v x_v. It follows from velocities alone.
+        with their vectors a_v and rates x_v. Its time derivative has two parts. The first
+        is the sum of a_v dx_v, with the unknown accelerations dx_v. The second, the bias,
+        is the sum of da_v x_v and follows from velocities alone.
 
         Parameters
         ----------
@@ -215,9 +215,8 @@ class VelocityEquations(ABC):
         pair_accelerations
             (3,) derivative of the relative angular velocity of each pair.
         """
-        # da_v x_v of each variable. The vector a_v turns with its link. At a contact, it
-        # also slides on the link in proportion to the rate of the variable. So its time
-        # derivative depends on the velocity of the link and on the rate.
+        # da_v x_v of each variable. The vector a_v turns with its link, and at a contact
+        # slides on the link in proportion to the rate of the variable.
         vector_derivatives = [
             carried.derivative(w[carried.link], rate) * rate
             for carried, rate in zip(self.carried, rates, strict=True)
@@ -227,8 +226,8 @@ class VelocityEquations(ABC):
             vector_sum(vector_derivatives[v] for v in variables)
             for variables in self.pair_variables
         ]
-        # Around each loop, the accelerations of the pairs add up to zero. So the sum of
-        # a_v dx_v is minus the sum of the bias.
+        # Around each loop, the accelerations of the pairs add up to zero, so the sum of a_v
+        # dx_v is minus the sum of the bias.
         variable_accelerations = self.solve_loops(
             {pair: part * -1.0 for pair, part in enumerate(bias)}
         )
