@@ -54,14 +54,14 @@ CHART_MEANINGS = {
     "zeta": "coordinate of the pole in the gnomonic chart (a projection of the sphere onto "
     "a plane): arctan(z/x), where x, y and z are the components of the pole in the axes "
     "of the chart",
-    "circle_1_epsilon": "slope, in the gnomonic chart, of the first of the two great "
-    "circles that determine the pole",
-    "circle_1_theta": "angle that distinguishes the first great circle of the pole from "
-    "other great circles with the same slope in the gnomonic chart",
-    "circle_2_epsilon": "slope, in the gnomonic chart, of the second of the two great "
-    "circles that determine the pole",
-    "circle_2_theta": "angle that distinguishes the second great circle of the pole from "
-    "other great circles with the same slope in the gnomonic chart",
+    "circle_1_epsilon": "slope angle, in the gnomonic chart, of the first of the two "
+    "great circles that determine the pole",
+    "circle_1_theta": "angle between the x axis of the chart and the plane of the first "
+    "great circle; positive if the circle is above the origin of the chart",
+    "circle_2_epsilon": "slope angle, in the gnomonic chart, of the second of the two "
+    "great circles that determine the pole",
+    "circle_2_theta": "angle between the x axis of the chart and the plane of the second "
+    "great circle; positive if the circle is above the origin of the chart",
 }
 """Meanings of the columns of the gnomonic chart. Axes of pairs have no great circles."""
 
@@ -102,10 +102,10 @@ class Poles(AbstractAnalysis):
     axodes
         Poles whose axodes are drawn: the cones that roll on each other.
     chart
-        Adds the coordinates of the poles in the gnomonic chart to the table. The value
-        names the ground axis at whose end the chart touches the sphere: ``x``, ``y``,
-        ``z``, or ``yes`` for the axis that the drawn chart uses, which is the one nearest
-        to the middle of the pair axes of the ground. With ``no``, nothing is added.
+        Adds the coordinates of the poles in the gnomonic chart to the table. With ``x``,
+        ``y`` or ``z``, the chart touches the sphere at the end of this ground axis. With
+        ``yes``, this is the axis that the drawn chart uses: the one nearest to the mean
+        direction of the pair axes on the ground. With ``no``, nothing is added.
     """
 
     name = "poles"

@@ -27,10 +27,11 @@ class Status(IntEnum):
 
 STATUS_MEANING = {
     Status.OK: "the loops close in this assembly mode, and all rates are finite",
-    Status.OUT_OF_REACH: "the links cannot be assembled at this input or pose, the "
-    "assembly mode ends at a dead centre before it, a joint limit excludes the pose "
-    "(column limiting names it), or with several inputs no motion leads here; "
-    "narrow the range, sample more finely, or change the arcs",
+    Status.OUT_OF_REACH: "there are four possible reasons: the links cannot be assembled "
+    "at this input or pose; the assembly mode ends at a dead centre before it; a joint "
+    "limit excludes the pose, and the column `limiting` names this limit; or, with several "
+    "inputs, no motion leads here. Narrow the range, sample more finely, or change the "
+    "arcs",
     Status.AT_SINGULARITY: "the loops close, but the rates of the inputs do not determine "
     "the motion in this configuration; choose another driven pair, or samples beside it",
     Status.MODE_LOST: "a configuration was found, but in another assembly mode; take more "

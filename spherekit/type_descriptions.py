@@ -65,15 +65,29 @@ def _python_sequence(item: str) -> str:
 def _python_alternatives(alternatives: Iterable[str]) -> str:
     """Return words for a union of Python types, such as ``a number, a string or None``.
 
-    If a member is described by several words such as ``a mapping of ...``, a comma precedes
-    the last ``or`` for clarity.
+    Members that are described by several words come last, for clarity. Before the last
+    member there is a comma if it is long: ``None, or a mapping (...)``.
     """
-    *first_words, last_words = alternatives
+    # `sorted` keeps the order of members of the same kind, and False precedes True.
+    *first_words, last_words = sorted(
+        alternatives, key=lambda words: "tuple" in words or _is_long(words)
+    )
     if not first_words:
         return last_words
-    is_compound = any("each item" in words or "mapping" in words for words in first_words)
-    joined = ", ".join(first_words)
-    return f"{joined}{',' if is_compound else ''} or {last_words}"
+    comma = "," if _is_long(last_words) else ""
+    return f"{', '.join(first_words)}{comma} or {last_words}"
+
+
+def _is_long(words: str) -> bool:
+    """Return whether the words for a type also describe the items of a container."""
+    return "each item" in words or "mapping" in words
+
+
+def _python_items(items: Sequence[str]) -> str:
+    """Return words for a tuple of fixed length, from the words for each item."""
+    if len(set(items)) == 1 and items[0] in _PLURALS:
+        return f"a tuple of {len(items)} {_PLURALS[items[0]]}"
+    return f"a tuple ({', '.join(items)})"
 
 
 PYTHON_WORDING = TypeWording(
@@ -85,7 +99,7 @@ PYTHON_WORDING = TypeWording(
         NoneType: "None",
     },
     write_choices=lambda choices: _python_alternatives(map(_quoted, choices)),
-    write_items=lambda items: f"a tuple ({', '.join(items)})",
+    write_items=_python_items,
     write_sequence=_python_sequence,
     join_alternatives=_python_alternatives,
 )

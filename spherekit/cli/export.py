@@ -107,8 +107,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--crossings",
         choices=("end", "pass"),
         help=(
-            "what happens to an assembly mode in source code where two curves of "
-            "configurations cross: end = the mode ends there (default); pass = it "
+            "only for source code: how an assembly mode continues where two curves of "
+            "configurations cross: end = the mode ends there (default); pass = the mode "
             "continues smoothly, although a dyad then changes to the other of its two "
             "positions"
         ),

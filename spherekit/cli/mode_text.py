@@ -102,6 +102,8 @@ def describe_modes(summary: Any) -> Lines:
             everywhere = "on the whole path"
         else:
             everywhere = "over the whole range"
+        if titles and len(modes) == 1:
+            ending = f": mode {titles}"
         return [f"{count}, {which_exist} {everywhere}{ending}"]
 
     lines = [f"{count}{ending}"]

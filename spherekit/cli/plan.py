@@ -187,10 +187,15 @@ def _case_lines(plan: "Plan") -> list[str]:
     circle and a contact plane, or of two contact planes. Only letters of the plan are
     explained.
     """
-    from spherekit.planning.pole_plan import LinePole
+    from spherekit.planning.pole_plan import BlockPoles, LinePole
 
+    steps = list(plan.steps)
+    # After the velocity equations of an irreducible part, further steps can follow.
+    for step in plan.steps:
+        if isinstance(step, BlockPoles):
+            steps += step.steps_from_opening
     # A `LinePole` is a step that finds a pole as an intersection.
-    letters = {step.case for step in plan.steps if isinstance(step, LinePole)}
+    letters = {step.case for step in steps if isinstance(step, LinePole)}
     return [f"case ({letter}): {CASE_TEXTS[letter]}" for letter in sorted(letters)]
 
 

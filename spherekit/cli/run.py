@@ -116,9 +116,10 @@ def add_arguments(parser: ArgumentParser) -> None:
         type=Path,
         action="append",
         help=(
-            "choose the fastest settings that meet --tol by a measurement which `spherekit "
-            "trade -o DIR` has stored; give the option once for each analysis. With it, "
-            "--tol is the largest accepted error of the tables, also for a simulation"
+            "choose the fastest settings with errors of at most --tol. `spherekit trade "
+            "-o DIR` has measured errors and times of the settings before. Give the option "
+            "once for each analysis. With this option, --tol is the largest accepted error "
+            "of any column, even for a simulation"
         ),
     )
     parser.add_argument(

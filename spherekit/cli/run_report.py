@@ -80,13 +80,13 @@ ERROR_TEXTS = (
 """For each error bound on the screen: its key in ``errors_reached``, and its format."""
 
 TABLE_QUANTITIES = {
-    "angle": "angles only to about {} deg",
-    "ratio": "velocity ratios only to about {}",
-    "speed": "speeds only to about {} rad/s",
-    "transmission_angle": "transmission angles only to about {} deg",
-    "transmission_measure": "transmission measures only to about {}",
+    "angle": "angles by about {} deg",
+    "ratio": "velocity ratios by about {}",
+    "speed": "speeds by about {} rad/s",
+    "transmission_angle": "transmission angles by about {} deg",
+    "transmission_measure": "transmission measures by about {}",
 }
-"""Quantities in the table of outputs, with the words for their accuracy."""
+"""Quantities in the table of outputs, and by how much they exceed its extremes."""
 
 MAX_NEXT_STEPS = 3
 """Largest number of commands that are suggested."""
@@ -760,9 +760,9 @@ def _table_accuracy(overview: Any) -> str:
     """Return in words how accurate the extremes in the table of outputs are.
 
     The extremes are the extreme values at the samples. Between two samples, values can be
-    larger or smaller. An example of the text is "the table is accurate to the digits shown,
-    but angles only to about 0.002 deg, as extremes can lie between samples (1 deg of input
-    21 apart)".
+    larger or smaller. An example of the text is "at the samples the table is accurate to
+    the digits shown; between samples (1 deg of input 21 apart), values can exceed its
+    extremes: angles by about 0.002 deg".
 
     Samples are a path, or a grid of several inputs. The accuracy is stated for a path only.
 
@@ -782,19 +782,21 @@ def _table_accuracy(overview: Any) -> str:
     for key, excess in _largest_excesses(overview).items():
         number = f"{float(_round_up(excess)):.12f}"
         number_without_zeros = number.rstrip("0").rstrip(".")
-        # A text such as "angles only to about {} deg".
+        # A text such as "angles by about {} deg".
         text_of_quantity = TABLE_QUANTITIES[key]
         exceptions.append(text_of_quantity.format(number_without_zeros))
     line = "the table is accurate to the digits shown"
     if exceptions:
-        line += f", but {', '.join(exceptions)}"
-        if sample_distance:
-            line += f", as extremes can lie between samples ({sample_distance} apart)"
+        apart = f" ({sample_distance} apart)" if sample_distance else ""
+        line = (
+            f"at the samples {line}; between samples{apart}, values can exceed its "
+            f"extremes: {', '.join(exceptions)}"
+        )
     # An assembly mode is one way to assemble the mechanism. Its "statuses" tell why some
     # samples have no result.
     modes = overview["modes"].values()
     if not all(mode["closes_everywhere"] for mode in modes):
-        line += "; the extremes of a mode that ends are those up to its last sample"
+        line += "; for a mode that ends, the table covers the samples up to its end"
     elif any(mode["statuses"] for mode in modes):
         line += "; samples without a result are left out of the table"
     return line

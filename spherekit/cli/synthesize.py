@@ -58,8 +58,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         type=whole_number,
         default=12,
         help=(
-            "number of the best designs, which a local optimisation then improves "
-            "(default: 12)"
+            "number of the best designs from which local optimisations start (default: 12)"
         ),
     )
     parser.add_argument(

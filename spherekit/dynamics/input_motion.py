@@ -17,8 +17,9 @@ def only_column(columns: Floats) -> Floats:
     """
     if columns.shape[-1] != 1:
         raise SolveError(
-            f"there are {columns.shape[-1]} inputs; read inputs, input_rates, "
-            "input_accelerations or torques"
+            "this attribute exists only for mechanisms with one input, but there are "
+            f"{columns.shape[-1]} inputs; use inputs, input_rates, input_accelerations or "
+            "torques instead"
         )
     return columns[..., 0]
 

@@ -30,7 +30,7 @@ from spherekit.positions.motion import Motion
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.progress import ProgressReporter
 from spherekit.version import __version__
-from spherekit.wording import listing
+from spherekit.wording import counted, listing, numbered
 
 FIRST_NODE_COUNTS = (61, 13, 5)
 """Nodes along each of one, two, and more inputs on the first grid that is tried."""
@@ -191,8 +191,10 @@ def _choose_node_counts(
     counts = tuple(samples) if isinstance(samples, Sequence) else (samples,) * input_count
     if len(counts) != input_count or min(counts) < 2:
         raise SolveError(
-            f"{mechanism.name}: samples: {'x'.join(map(str, counts))}; expected a number "
-            f"of at least 2 for each input ({listing(mechanism.input_pairs)})"
+            f"{mechanism.name}: samples: found {'x'.join(map(str, counts))}, but the "
+            f"mechanism has {counted(input_count, 'input')} "
+            f"({numbered('pair', mechanism.input_pairs)}); give a number of at least 2 for "
+            "each input, such as 9 or 9x9"
         )
     return counts
 

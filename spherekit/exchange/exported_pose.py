@@ -12,7 +12,7 @@ from spherekit.geometry.vectors import all_finite
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.angle_unwrapping import unwrap_motion
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.wording import counted, listing
+from spherekit.wording import counted, listing, numbered
 
 POSE_SEARCH_SAMPLES = 61
 """Samples on the path through the ranges of the inputs among which a pose is searched.
@@ -80,8 +80,9 @@ def find_pose(
         input_pairs = mechanism.input_pairs
         if len(input_values) != len(input_pairs):
             raise SolveError(
-                f"{mechanism.name}: at has {counted(len(input_values), 'value')}, but the "
-                f"inputs are {listing(input_pairs)}: give one value for each"
+                f"{mechanism.name}: at: has {counted(len(input_values), 'value')}, but the "
+                f"mechanism has {counted(len(input_pairs), 'input')} "
+                f"({numbered('pair', input_pairs)}); give one value for each input"
             )
         position_analysis, motion = compute_modes_at_inputs(
             mechanism, input_values[None], assembly_mode

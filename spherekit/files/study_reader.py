@@ -23,7 +23,7 @@ from spherekit.mechanism.elements import Input
 from spherekit.mechanism.locking import lock
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.quantity import AngleUnit
-from spherekit.wording import choices, counted, listing
+from spherekit.wording import choices, counted, numbered
 
 Subject = Study | Mechanism | str | os.PathLike[str]
 """A study, a mechanism, or the path or shipped name of either."""
@@ -186,8 +186,10 @@ class _StudyReader:
         if isinstance(samples, tuple) and len(samples) != len(mechanism.inputs):
             raise self.document.fault(
                 ("samples",),
-                f"has {counted(len(samples), 'number')}, expected {len(mechanism.inputs)}: "
-                f"one for each input ({listing(mechanism.input_pairs)})",
+                f"has {counted(len(samples), 'number')}, but the mechanism has "
+                f"{counted(len(mechanism.inputs), 'input')} "
+                f"({numbered('pair', mechanism.input_pairs)}); give one number for each "
+                "input",
             )
         return samples
 
@@ -223,8 +225,8 @@ class _StudyReader:
                 if key in table:
                     raise fault(
                         (*path, key),
-                        "cannot be given together with values, which list every sample; "
-                        f"leave out {key} or values",
+                        'cannot be given together with "values", which lists every '
+                        f'sample; leave out "{key}" or "values"',
                     )
             column = table["values"]
             # All lists must be as long as the list of the first input.

@@ -41,6 +41,19 @@ derivatives are 0.
 _OPERATORS: Mapping[type[ast.operator], str] = MappingProxyType(
     {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 )
+_CONSTRUCTS: Mapping[type[ast.expr], str] = MappingProxyType(
+    {
+        ast.Attribute: "a name after a dot",
+        ast.Await: 'the word "await"',
+        ast.Compare: 'a comparison such as "in" or "is"',
+        ast.GeneratorExp: 'a loop "for ... in ..."',
+        ast.IfExp: 'a condition "... if ... else ..."',
+        ast.Starred: 'a "*" without a factor on its left',
+        ast.Tuple: "a comma outside the parentheses of a function",
+    }
+)
+"""What a user wrote, by kinds of Python's syntax tree that a load may not contain."""
+
 _GRAMMAR = "numbers, names, + - * / **, parentheses and functions are allowed"
 _DEPTH_LIMIT = f"at most {MAX_DEPTH} levels"
 _FORBIDDEN_CHARACTER = re.compile(r"[^A-Za-z0-9_+\-*/(),. ]")
@@ -262,8 +275,7 @@ def _parse(text: str, names: Names) -> Expression:
     one_line = re.sub(r"[\t\r\n]", " ", text)
     forbidden = _FORBIDDEN_CHARACTER.search(one_line)
     if forbidden:
-        hint = "; powers are written **" if forbidden[0] == "^" else ""
-        raise _syntax_error(forbidden.start(), f"found {forbidden[0]!a}{hint}")
+        raise _syntax_error(forbidden.start(), _describe_character(forbidden[0]))
     if not one_line.strip():
         raise ModelError("column 1: the expression is empty; write 0 for no torque")
     # Python's parser refuses spaces at the start. They still count in the columns of
@@ -305,8 +317,18 @@ def _parse_python(text: str, indentation: int) -> ast.expr:
             return ast.parse(text, mode="eval").body
     except SyntaxError as error:
         column = indentation + max(error.offset or 1, 1) - 1
-        message = f"cannot be read at this place ({error.msg}); products are written with *"
-        raise _syntax_error(column, message) from None
+        if "(" in error.msg or ")" in error.msg:
+            raise _syntax_error(
+                column,
+                f"parentheses do not match ({error.msg})",
+                'write as many ")" as "("',
+            ) from None
+        # After a semicolon, Python's message may advise what is not allowed here.
+        reason = error.msg.partition(";")[0]
+        raise _syntax_error(
+            column,
+            f"cannot be read at this place ({reason}); products are written with *",
+        ) from None
     except (RecursionError, MemoryError, ValueError):
         # Deep nesting makes the parser fail with several types of errors. A long row of
         # minus signs, for example, gives a `RecursionError` or a `MemoryError`.
@@ -357,12 +379,12 @@ def _convert_python_tree(
         case ast.UnaryOp(ast.UAdd(), operand):
             return _convert_python_tree(operand, names, indentation, depth + 1)
         case ast.Call():
-            function = _read_function_name(node, column)
+            function = _read_function_name(node, names, column)
             operands = node.args
         case ast.BinOp(op=ast.FloorDiv()):
             raise _syntax_error(column, 'found the operator "//", which is not allowed')
         case _:
-            message = f"found {type(node).__name__.lower()}, which is not allowed"
+            message = f"found {_describe_construct(node)}, which is not allowed"
             raise _syntax_error(column, message)
     arguments = [
         _convert_python_tree(operand, names, indentation, depth + 1) for operand in operands
@@ -384,10 +406,38 @@ def _convert_python_tree(
     )
 
 
+def _describe_character(character: str) -> str:
+    """Return the message about a character that no expression may contain."""
+    if character == "^":
+        return "found the character '^'; powers are written **"
+    shown = "an invisible character"
+    if character.isprintable():
+        shown = f"the character {character!r}"
+        if character.isascii():
+            return f"found {shown}"
+    # Some letters of other alphabets look like ASCII letters. The code tells them apart.
+    message = f"found {shown} (U+{ord(character):04X})"
+    if character.isalnum():
+        message += "; letters of names are A to Z and a to z"
+    return message
+
+
+def _describe_construct(node: ast.expr) -> str:
+    """Return what a user wrote, for a syntax tree of Python that is not allowed."""
+    if isinstance(node, ast.BoolOp):
+        return 'the word "and"' if isinstance(node.op, ast.And) else 'the word "or"'
+    if isinstance(node, ast.UnaryOp):
+        return 'the word "not"'
+    if isinstance(node, ast.Tuple) and not node.elts:
+        return "parentheses with nothing between them"
+    return _CONSTRUCTS.get(type(node), f'"{ast.unparse(node)}"')
+
+
 def _convert_number(value: Any, column: int) -> float:
     """Return a constant as a float; raise `ModelError` if it is no finite real number."""
     if type(value) not in (int, float):
-        raise _syntax_error(column, f"found {value!r}, which is not a real number")
+        text = "..." if value is ... else repr(value)
+        raise _syntax_error(column, f"found {text}, which is not a real number")
     if value > sys.float_info.max:
         raise _syntax_error(column, "found a number too large for a float64")
     return float(value)
@@ -421,13 +471,15 @@ def _convert_name(name: str, names: Names, column: int) -> Node:
     return name
 
 
-def _read_function_name(call: ast.Call, column: int) -> str:
+def _read_function_name(call: ast.Call, names: Names, column: int) -> str:
     """Return the name of the function in a call, after a check of name and arguments.
 
     Parameters
     ----------
     call
         The call in the syntax tree of Python.
+    names
+        Names of variables that are allowed.
     column
         Its column, for messages.
 
@@ -441,8 +493,12 @@ def _read_function_name(call: ast.Call, column: int) -> str:
         what = f'"{name}"' if name else "the expression before the parenthesis"
         # `nearest` returns a suggestion such as ``; did you mean "sin"?``, or no text.
         message = f"{what} is not a function{nearest(name, ARGUMENT_COUNTS)}"
-        # The message lists at most 20 functions.
-        allowed = f"Functions: {listing(ARGUMENT_COUNTS, 20)}; for products write *"
+        functions = listing(ARGUMENT_COUNTS, 20)  # the message lists at most 20
+        # A number or a variable before a parenthesis is probably meant as a factor.
+        if not name or name in (*names, *NAMED_CONSTANTS):
+            allowed = f"products are written with *; functions: {functions}"
+        else:
+            allowed = f"Functions: {functions}"
         raise _syntax_error(column, message, allowed)
     smallest, largest = ARGUMENT_COUNTS[name]
     count = len(call.args)

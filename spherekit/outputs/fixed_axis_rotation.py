@@ -47,6 +47,7 @@ from spherekit.tolerances import (
     USABLE_DIRECTION,
 )
 from spherekit.velocities.transmission_measure import Transmission
+from spherekit.wording import counted
 
 LEAP_NEIGHBOURHOOD_RAD = 0.08
 """Distance (rad of theta) from a leap within which rates are interpolated.
@@ -393,7 +394,7 @@ def axis_and_angle(first: Floats, second: Floats) -> tuple[Floats, float]:
     # an error above `USABLE_DIRECTION` is refused.
     if angle * USABLE_DIRECTION <= ORIENTATION_ROUNDING_RAD:
         raise SolveError(
-            "the orientations coincide: no rotation is needed, and every axis would do; "
+            "the two orientations are equal, so the axis of rotation is not determined; "
             "give two different orientations"
         )
     if np.pi - angle <= ORIENTATION_ROUNDING_RAD:
@@ -598,8 +599,8 @@ def _check_values(
     variable_count = len(output_link.closure.tree.pair_of_variable)
     if array.shape != (variable_count,) or not all_finite(array):
         raise SolveError(
-            f"{mechanism_name}: the configuration to start from has to be "
-            f"{variable_count} finite values, as in a row of its motion"
+            f"{mechanism_name}: the configuration to start from needs {variable_count} "
+            "finite values, one for each pair variable, such as a row of a computed motion"
         )
     return array
 
@@ -639,8 +640,8 @@ def _close_start(
     if least_mobility > input_count:
         raise SolveError(
             f"{mechanism_name}: the mechanism has at least {least_mobility} degrees of "
-            f"freedom, but {input_count} inputs; declare {least_mobility} R pairs as "
-            "inputs"
+            f"freedom, but {counted(input_count, 'input')}; declare {least_mobility} R "
+            "pairs as inputs"
         )
     deviation = output_link.compare(values[None], np.eye(3)[None])
     residual = deviation.linearisation.closure_residual[0]
@@ -674,7 +675,7 @@ def _close_start(
     if not deviation.output_singular_value[0] > SINGULAR_TARGET_CONDITION:
         raise SolveError(
             f"{mechanism_name}: at the start the output link has fewer degrees of freedom "
-            f"than there are inputs ({input_count}): it is at the limit of its reach, or "
-            "does not move with all inputs; start elsewhere or choose another output"
+            f"than there are inputs ({input_count}); start elsewhere if the link is at the "
+            "limit of its reach there, otherwise choose another output"
         )
     return deviation

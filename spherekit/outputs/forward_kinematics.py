@@ -30,6 +30,7 @@ from spherekit.positions.input_grid import make_path
 from spherekit.positions.motion import Motion
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.status import Status
+from spherekit.wording import listing
 
 
 @dataclass(frozen=True)
@@ -270,11 +271,12 @@ class ForwardKinematics:
         # Links are placed in groups, the smallest sets that are rigid when the inputs are
         # locked. Only groups that are dyads have a closed form.
         if not self.solver.assembly.has_closed_form:
-            kinds = ", ".join(group.kind for group in self.solver.assembly.groups)
+            groups = self.solver.assembly.groups
+            kinds = listing(dict.fromkeys(group.kind for group in groups))
             raise SolveError(
-                f"{self.mechanism.name}: all rows can be solved at once only if every "
-                f"group is a dyad, but the groups are {kinds}; use the method "
-                "`solutions` for one row after another, or trace the mechanism along a path"
+                f"{self.mechanism.name}: this method needs a mechanism of dyads only, but "
+                f"found groups of the kind {kinds}; call `solutions` instead, or trace the "
+                "mechanism along a path"
             )
         # `make_path` checks the number of inputs, and that they are finite.
         q = make_path(np.asarray(inputs, dtype=float), len(self.solver.driven)).q

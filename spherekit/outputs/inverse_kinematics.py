@@ -233,12 +233,13 @@ class InverseKinematics:
         output = self.wrist.output
         try:
             assembly = plan_assembly(self.mechanism)
-        except CountError as problem:
+        except CountError:
             raise PlanError(
-                f"{mechanism.name}: outputs.{output.name}: link {output.link} cannot take "
-                f"every {'direction' if self.wrist.points else 'orientation'} relative to "
-                f"link {output.relative_to}, or the number of inputs is not the mobility "
-                f"({problem})"
+                f"{mechanism.name}: outputs.{output.name}: the "
+                f"{'direction' if self.wrist.points else 'orientation'} of link "
+                f"{output.link} relative to link {output.relative_to} cannot be prescribed "
+                "freely; give an output between two other links, or declare as many inputs "
+                "as the mechanism has degrees of freedom"
             ) from None
         self.solver = PositionSolver(self.mechanism, assembly)
         # Numbers of the variables of the inputs. Virtual pairs come after all others, so
@@ -710,9 +711,9 @@ class InverseKinematics:
             return np.empty((count, 0))
         if near is None:
             raise self._error(
-                "the turn of the output about its direction is found by Newton's method; "
-                "give orientations close to the solution with `near`, from `solutions` or "
-                "from previous poses"
+                "`near`: is missing, but Newton's method needs orientations from which to "
+                "find the turn of the output about its direction; give orientations close "
+                "to the solution, from `solutions` or from previous poses"
             )
         starts = np.asarray(near, dtype=float)
         if starts.shape not in ((3, 3), (count, 3, 3)):

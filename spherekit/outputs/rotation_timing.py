@@ -351,7 +351,10 @@ def time_optimal(
     input_count = len(rotation.inputs)
     law, limits = schedule_limits(rotation.inputs, speed, acceleration, shape, cycle)
     if not np.any(np.isfinite(limits)):
-        raise SolveError("a schedule needs a limit of speed or of acceleration")
+        raise SolveError(
+            "speed, acceleration: no limit is given; give at least one, because without a "
+            "limit there is no shortest time"
+        )
 
     # 1. The largest values in the unit motion, which takes 1 s. Its columns are the speeds
     # of all inputs, then their accelerations.
@@ -489,9 +492,9 @@ def _check_shape(shape: str | Law) -> Law:
     range_errors = values - np.clip(values, 0.0, 1.0)
     if not max_abs(np.append(end_errors, range_errors)) < LAW_END_TOLERANCE:
         raise SolveError(
-            "a law shape goes from 0 at t = 0 to 1 at t = 1 and stays between these, but "
-            f"this one goes from {values[0]:.6g} to {values[-1]:.6g}, or leaves this range "
-            "in between"
+            f"shape: found a law from {values[0]:.6g} at t = 0 to {values[-1]:.6g} at "
+            f"t = 1, with values from {np.min(values):.6g} to {np.max(values):.6g}; it has "
+            "to go from 0 to 1 with all values between 0 and 1"
         )
     return shape
 

@@ -122,9 +122,10 @@ def with_wrist(mechanism: Mechanism, name: str | None = None) -> VirtualOutputCh
     driven = driven_pairs(mechanism)
     if len(driven) not in COORDINATES:
         raise PlanError(
-            f"{where}: an output has two coordinates (pointing) or three (orientation), "
-            f"but the mechanism has {counted(len(driven), 'input')}; trace its motion "
-            f"instead{_suggest_direct_drive(mechanism, output, len(driven))}"
+            f"{where}: the pose of an output has two coordinates (a direction) or three "
+            "(an orientation) and needs as many inputs, but the mechanism has "
+            f"{counted(len(driven), 'input')}; compute the motion of the output from the "
+            f"inputs instead{_suggest_direct_drive(mechanism, output, len(driven))}"
         )
     if output.link == output.relative_to:
         raise PlanError(
@@ -184,7 +185,8 @@ def _suggest_direct_drive(mechanism: Mechanism, output: Output, input_count: int
     for pair in mechanism.pairs:
         if input_count == 1 and pair.kind.has_axis and set(pair.links) == output_links:
             return (
-                f", or drive its pair {pair.name} and read the input: --input {pair.name}"
+                f", or make pair {pair.name} the input, because its angle is the pose of "
+                f"this output: --input {pair.name}"
             )
     return ""
 

@@ -11,7 +11,7 @@ from spherekit.errors import SolveError
 from spherekit.geometry.vectors import all_finite
 from spherekit.mechanism.elements import Input
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.wording import counted, listing
+from spherekit.wording import counted, numbered
 
 MAX_SAMPLES = 2**40
 """Largest number of samples. NumPy has no arrays of many more."""
@@ -146,8 +146,8 @@ def check_sample_counts(mechanism: Mechanism, samples: int | Sequence[int]) -> N
         raise SolveError(
             f"{mechanism.name}: samples: {text} is for {counted(len(samples), 'input')}, "
             f"but the mechanism has {counted(len(inputs), 'input')} "
-            f"({listing(i.pair for i in inputs)}); give one number for each, such as "
-            "361 or 41x21"
+            f"({numbered('pair', mechanism.input_pairs)}); give one number for each input, "
+            "such as 361 or 41x21"
         )
     if math.prod(counts) > MAX_SAMPLES:
         raise SolveError(

@@ -30,7 +30,7 @@ from spherekit.positions.mode_search import ModeSearch
 from spherekit.positions.motion import Motion, arrange_rows, make_motion
 from spherekit.positions.position_solver import ModeConfigurations, PositionSolver
 from spherekit.quantity import AngleUnit
-from spherekit.wording import listing
+from spherekit.wording import counted, listing, numbered
 
 MIN_CROSSING_DISTANCE_RAD = 1e-6
 """Smooth curves are not numbered at an input nearer than this to a crossing of curves.
@@ -268,8 +268,10 @@ class PositionAnalysis:
         name = self.mechanism.name
         if len(self.inputs) != 1:
             raise SolveError(
-                f"{name}: crossings are passed with one input only: the inputs are "
-                f'{listing(self.inputs)}; lock all but one, or leave crossings at "end"'
+                f'{name}: crossings: found "pass", which is possible with one input only, '
+                f"but the mechanism has {counted(len(self.inputs), 'input')} "
+                f"({numbered('pair', self.inputs)}); lock all but one, or leave crossings "
+                'at "end"'
             )
         # At a resolved meeting it is known which modes continue each other.
         for meeting in self.mode_meetings:

@@ -70,7 +70,7 @@ def format_verification(verification: Facts) -> list[str]:
             lines.append(
                 f"  {item['table']}.{item['column']}: off by {item['deviation']:.1e}"
                 f"{unit} at {_describe_row(item)} "
-                f"({item['in_roundings']:.2g} roundings)"
+                f"({item['in_roundings']:.2g} times the expected rounding error)"
             )
     # `over_bound` is the largest ratio of an error to its bound; it should be below 1.
     for name, quantity in BOUNDED_QUANTITIES.items():
