@@ -237,7 +237,7 @@ def test_an_empty_argument_is_refused_everywhere(tmp_path, monkeypatch, capsys):
             main(arguments)
         assert end.value.code == 2
         message = capsys.readouterr().err
-        assert "found an empty text" in message and "argument" in message, arguments
+        assert "the value is empty" in message and "argument" in message, arguments
     assert not list(tmp_path.iterdir())
 
 

@@ -278,8 +278,8 @@ def test_wheels_alone_have_one_mode_everywhere(capsys, tmp_path):
 
 def test_other_contacts_are_refused():
     for name, words in (
-        ("shaped_cam", "profile on cam is not a circle"),
-        ("two_contacts", "pair left: the profile on 3 is not a circle"),
+        ("shaped_cam", 'profile on link "cam" is not a circle'),
+        ("two_contacts", 'pair "left": the profile on link "3" is not a circle'),
     ):
         with pytest.raises(PlanError, match=words):
             read_decimals(sk.load(name))

@@ -646,7 +646,7 @@ def test_an_accuracy_says_by_how_much_coarse_samples_miss_the_extremes(capsys):
     printed = print_run(capsys, "four_bar", "--samples", 37)
     estimate = (
         "between samples (10 deg of input 21 apart), values can exceed its extremes: "
-        "velocity ratios by about 0.002"
+        "angles by about 0.03 deg, velocity ratios by about 0.002"
     )
     assert estimate in printed
     printed = print_run(capsys, "four_bar", "--samples", 3601)

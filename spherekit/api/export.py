@@ -262,8 +262,9 @@ def _export_kind(target: Path, to: Kind | None) -> Kind:
         if target.suffix in suffixes and to in (None, kind):
             return kind
     allowed = dict.fromkeys(chain(*SUFFIXES.values())) if to is None else SUFFIXES[to]
+    of_kind = "" if to is None else f'of the kind "{to}" '
     raise OutputError(
-        f"{target}: an export {f'of the kind {to} ' if to else ''}needs a file name with "
+        f"{target}: an export {of_kind}needs a file name with "
         f"{'one of the endings' if len(allowed) > 1 else 'the ending'} {', '.join(allowed)}"
     )
 

@@ -106,14 +106,13 @@ class CommandLineParser(argparse.ArgumentParser):
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
         """Return the value of an argument; refuse an empty text.
 
-        An empty text usually comes from an unset variable of the shell. As a path, it would
-        be the current folder. `argparse` calls this method for each argument.
+        An empty text usually comes from a shell variable that is not set. As a path, it
+        would be the current folder. `argparse` calls this method for each argument.
         """
         if not arg_string and action.nargs != argparse.PARSER:
             raise argparse.ArgumentError(
                 action,
-                f"found an empty text, expected {action.metavar or action.dest.upper()}; "
-                "perhaps a variable of the shell is not set",
+                "the value is empty; perhaps a shell variable is not set",
             )
         return super()._get_value(action, arg_string)
 

@@ -180,9 +180,9 @@ def _describe_run(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
             analysis.name for analysis in analyses if analysis.needs(mechanism).tracer
         ],
         "predicted": predict_run(study, analyses, assembly, pole_count),
-        "at_once": {
+        "needs_all_samples": {
             "analyses": [analysis.name for analysis in analyses if analysis.at_once],
-            "bytes_a_row": evaluation_memory(mechanism, 1),
+            "bytes_per_row": evaluation_memory(mechanism, 1),
         },
     }
 
@@ -223,13 +223,13 @@ def _make_report(description: Facts, link_count: int, with_recording: bool) -> S
         )
     # Most analyses work block by block. A run that is stopped keeps the tables of complete
     # blocks. Analyses that need all samples at once have no such tables.
-    at_once = description["at_once"]
+    at_once = description["needs_all_samples"]
     if at_once["analyses"]:
         report.warnings.append(
             f"{', '.join(at_once['analyses'])} can only be computed from all samples at "
             "once. A run that is interrupted starts again from the beginning, and needs "
-            f"about {size_text(at_once['bytes_a_row'])} of memory for each sample of each "
-            "assembly mode."
+            f"about {size_text(at_once['bytes_per_row'])} of memory for each sample of "
+            "each assembly mode."
         )
     # A pole is the instantaneous axis of two links. The poles that the analyses need at
     # each sample are printed first. Each input that moves while the others are locked has a

@@ -175,15 +175,17 @@ def _check_name(kind: str, name: str) -> None:
     # The message suggests a similar name that is allowed.
     suggestion = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
     pattern = NAME_PATTERN.pattern
-    allowed = "letters, digits and underscores"
+    rule = f"1 to {MAX_NAME_LENGTH} letters, digits and underscores"
     if kind == "analysis":
         pattern = r"[a-z][a-z0-9_]*"
         suggestion = suggestion.lower().strip("_0123456789")
-        allowed = "lower-case letters, digits and underscores, a letter first"
+        rule = (
+            f"1 to {MAX_NAME_LENGTH} lower-case letters, digits and underscores, of which "
+            "the first is a letter"
+        )
     if not re.fullmatch(pattern, name) or len(name) > MAX_NAME_LENGTH:
         raise OutputError(
-            f'"{name}" cannot be the name of a new {kind}: it takes up to '
-            f"{MAX_NAME_LENGTH} {allowed}, such as "
+            f'"{name}" cannot be the name of a new {kind}: a name has {rule}, such as '
             f"{suggestion[:MAX_NAME_LENGTH] or 'wrist'}"
         )
     if kind == "analysis" and name in analysis_names():

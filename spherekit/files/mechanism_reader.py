@@ -271,7 +271,7 @@ class _MechanismReader:
         ------
         FileError
             If the function raises a `ModelError`. The new error has the same message, with
-            the line and the key.
+            the line and the key. A key in the message takes precedence over `path`.
         """
         try:
             return function(*arguments)
@@ -725,9 +725,9 @@ class _MechanismReader:
             if link in path_of_link:
                 self.fail(
                     follower_path,
-                    f'the profile of "{link}" is already given (line '
-                    f"{self.document.line(path_of_link[link])}); leave it out of profiles, "
-                    "which then has the curve of the other link only",
+                    f'link "{link}" already has a curve in "profiles" (line '
+                    f"{self.document.line(path_of_link[link])}); remove this curve or the "
+                    "follower",
                 )
             path_of_link[link] = follower_path
             curve_of_link[link] = self.follower((*path, "follower"), follower)

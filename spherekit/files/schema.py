@@ -492,7 +492,7 @@ def _meaning(part: Table) -> str:
 def _type_name(value: object) -> str:
     """Return the name of a value's type in the words of TOML."""
     for types, name in (
-        (bool, "true or false"),
+        (bool, "boolean"),
         (dict, "table"),
         (list, "array"),
         (str, "text"),

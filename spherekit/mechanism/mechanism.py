@@ -919,7 +919,8 @@ def _advise_on_axes(
             continue
         if axis in existing_pairs:
             return (
-                f'"{axis}" is no R pair on this link: correct its links, or remove the axis'
+                f'"{axis}" is not an R pair on this link; correct the links of pair '
+                f'"{axis}", or remove the axis'
             )
         # A suggestion is "; did you mean ...?", or an empty text.
         suggestion = nearest(axis, missing_axes)

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from spherekit.errors import PlanError
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import driven_pairs
-from spherekit.wording import listing
 
 
 @dataclass(frozen=True)
@@ -113,9 +112,9 @@ def extract_structure(mechanism: Mechanism) -> Structure:
         ]
         if links_with_other_profiles:
             raise PlanError(
-                f"{mechanism.name}: contact pair {pair.name}: the profile on "
-                f"{listing(links_with_other_profiles)} is not a circle; proofs are "
-                "possible for R and P pairs and for contacts of circles"
+                f'{mechanism.name}: contact pair "{pair.name}": the profile on link '
+                f'"{links_with_other_profiles[0]}" is not a circle; proofs are possible '
+                "for R and P pairs and for contacts of circles"
             )
         # A rolling contact has one variable, a sliding contact has two.
         if pair.kind.variable_count == 1:

@@ -3,6 +3,7 @@
 `make_sampling` finds the assembly modes, or solves the simulation, of a `Study`.
 """
 
+import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,6 +20,7 @@ from spherekit.errors import ModelError, SolveError
 from spherekit.files.study import Study
 from spherekit.files.time_law import ConstantSpeed, Law
 from spherekit.geometry.vectors import nans
+from spherekit.mechanism.load_kinds import DRIVE_LOAD_NAME
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import driven_at
@@ -718,7 +720,11 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
     # The start of a simulation, and its driving torques.
     if start is not None:
         if duration is None:
-            yield ("start",), f"a start needs a duration in s; {DURATION_ADVICE}"
+            yield (
+                ("start",),
+                "the start begins a simulation, which needs a duration in s; "
+                f"{DURATION_ADVICE}",
+            )
         try:
             start.each(inputs)
         except ModelError as problem:
@@ -739,7 +745,11 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
         try:
             mechanism.with_loads(*make_input_torques(mechanism, torque))
         except (ModelError, SolveError) as problem:
-            yield ("start", "torque"), str(problem)
+            # The user has written a torque, not the load that it becomes.
+            message = str(problem).removeprefix(f"{mechanism.name}: ")
+            message = message.removeprefix(f"loads.{DRIVE_LOAD_NAME}.torque: ")
+            pattern = rf"loads\.{DRIVE_LOAD_NAME}_(\w+)\.torque:"
+            yield ("start", "torque"), re.sub(pattern, r"input \1:", message)
 
     # All further faults are about samples at times.
     if duration is None:

@@ -92,14 +92,18 @@ def read_trade(path: AnyPath) -> Trade:
         if file.is_dir():
             file = file / TRADE_FILE
         if file.exists() and not file.is_file():
-            raise ValueError("a folder or a device, not a regular file")
+            raise AnalysisError(
+                f"{file}: is not a regular file; give the folder or the file that was "
+                "written by: spherekit trade FILE -a NAME -o DIR"
+            )
         return _make_trade(json.loads(file.read_bytes()))
     except FileNotFoundError:
         raise AnalysisError(f"{file}: contains no trade; {advice}") from None
     except (OSError, KeyError, TypeError, ValueError) as problem:
+        missing = isinstance(problem, KeyError)
+        reason = f"the key {problem} is missing" if missing else str(problem)
         raise AnalysisError(
-            f"{file}: this is not a trade that this version can read ({problem!r}); "
-            f"{advice}"
+            f"{file}: this is not a trade that this version can read ({reason}); {advice}"
         ) from None
 
 

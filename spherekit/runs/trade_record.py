@@ -294,8 +294,9 @@ def check_tolerance(mechanism: str, tolerance: float) -> None:
     if not 0.0 < tolerance < np.inf:
         raise AnalysisError(
             f"{mechanism}: tolerance: found {tolerance:g}, expected a finite number above "
-            "0 such as 1e-9 (the largest error in a column: of angles in rad, of other "
-            "numbers relative to their largest value)"
+            "0, such as 1e-9. The tolerance is the largest accepted error in any column: "
+            "in rad for angles, and relative to the largest value of the column for other "
+            "numbers"
         )
 
 

@@ -30,8 +30,8 @@ _REASONS = {
     errno.EROFS: "the folder is on a read-only disk; choose another one",
     errno.ENOENT: "the folder does not exist; create it first",
     errno.ENOTDIR: "a part of the path is a file, not a folder",
-    errno.EISDIR: "it is a folder; give the name of a file in it",
-    errno.EEXIST: "it is a file, not a folder; choose another name",
+    errno.EISDIR: "this is a folder; give the name of a file in it",
+    errno.EEXIST: "a file has this name; choose another name",
     errno.ENAMETOOLONG: "the name is too long; choose a shorter one",
 }
 """What to tell the user, by the error number of the operating system."""
@@ -48,7 +48,7 @@ def _raise_output_error(path: AnyPath, what: str) -> Iterator[None]:
     path
         The file or folder that the block makes.
     what
-        Word for the message "cannot be ...": ``made`` or ``written``.
+        Word for the message "cannot be ...": ``created`` or ``written``.
     """
     try:
         _check_name(path)
@@ -65,7 +65,7 @@ def make_folder(path: AnyPath) -> Path:
     OutputError
         If the folder cannot be created.
     """
-    with _raise_output_error(path, "made"):
+    with _raise_output_error(path, "created"):
         Path(path).mkdir(parents=True, exist_ok=True)
     return Path(path)
 
@@ -78,7 +78,7 @@ def check_folder(path: AnyPath) -> None:
     OutputError
         If the folder cannot be created, or if no files can be written into it.
     """
-    with _raise_output_error(path, "made"):
+    with _raise_output_error(path, "created"):
         # Find the innermost folder of the path that exists. The rest is created in it
         # later.
         folders = (Path(path), *Path(path).parents)
@@ -120,7 +120,7 @@ def _check_writable(folder: Path, error_if_no_folder: int) -> None:
 def _check_name(path: AnyPath) -> None:
     """Raise `ValueError` if a path is empty or contains a null character."""
     if not os.fspath(path).strip():
-        raise ValueError("the name is empty; perhaps a variable of the shell is not set")
+        raise ValueError("the name is empty; perhaps a shell variable is not set")
     if "\0" in os.fspath(path):
         raise ValueError("the name has a null character; choose another name")
 
@@ -230,7 +230,7 @@ def open_for_writing(path: AnyPath) -> Iterator[BinaryIO]:
 
 
 def output_error(path: object, what: str, error: OSError | ValueError) -> OutputError:
-    """Return the error to raise if a file or folder cannot be made, written or locked.
+    """Return the error to raise if a file or folder cannot be created, written or locked.
 
     The caller raises it, so that users see a plain message instead of a traceback.
 
@@ -239,7 +239,7 @@ def output_error(path: object, what: str, error: OSError | ValueError) -> Output
     path
         The file or folder.
     what
-        Word for the message "cannot be ...": ``made``, ``written`` or ``locked``.
+        Word for the message "cannot be ...": ``created``, ``written`` or ``locked``.
     error
         The error of the operating system, or of a check of the name.
     """
