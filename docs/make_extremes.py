@@ -18,7 +18,8 @@ Measured at commit {commit} ({machine}).
 `python -m benchmarks --list` describes each case. "Ratio" is the largest error divided by
 (unit roundoff x conditioning), among rows with a conditioning of at most 1e12. The next
 column names the quantity and the value of the parameter at which this largest error occurs.
-"Wrong" counts numbers whose error exceeds the limit of the rule above although no status marks them: {wrong}.
+"Wrong" counts numbers whose error exceeds the limit of the rule above, although no status
+marks them: {wrong}.
 
 | family | case | from, to | ratio | quantity | first status | statuses | wrong |
 |---|---|---|---:|---|---|---|---:|
