@@ -70,9 +70,9 @@ class Interleaved:
     """A column in which the rows of several subjects alternate.
 
     A table may have, for example, one row per pole (axis of relative rotation of two links)
-    for each sample of a motion. Each pole is then a subject. The first rows of all subjects
-    come first, then their second rows, and so on. Some parts may be lazy (computed only
-    when they are read). The rows are therefore put together only when the column becomes an
+    for each sample of a motion. Each pole is a subject. The first rows of all subjects come
+    first, then their second rows, and so on. Some parts may be lazy (computed only when
+    they are read). The rows are therefore put together only when the column becomes an
     array (`numpy.asarray`).
 
     Attributes

@@ -219,8 +219,8 @@ class _CellContent:
         (d, 2) ends of intervals about extrema that may be zero; the whole cell if the
         polynomial does not fit the function.
     needs_halving
-        Whether the cell should be halved. This is so if the polynomial does not fit, or if
-        its error hides whether an extremum is zero.
+        Whether the cell should be halved. True if the polynomial does not fit, or if its
+        error hides whether an extremum is zero.
     rounding_error
         Error of the polynomial if it consists of rounding errors only, otherwise 0.
     """

@@ -291,8 +291,11 @@ class CellSums:
         (K,) sums.
         """
         # Each pass sums over the first remaining axis of orders. With two variables, n
-        # orders and K sums, `remaining` has these shapes: at first (n, n, K) after variable
-        # 1 (n * K,) after variable 2 (K,) Local names and functions of `math` save time.
+        # orders and K sums, `remaining` has these shapes:
+        #   at first              (n, n, K)
+        #   after variable 1      (n * K,)
+        #   after variable 2      (K,)
+        # Local names and functions of `math` save time.
         remaining = self._coefficients_by_cell[cell]
         order_count = self._order_count
         orders = self._orders

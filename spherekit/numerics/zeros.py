@@ -139,7 +139,7 @@ def find_zeros(function: DifferentiableFunction, grid: Floats) -> Zeros:
     values, slopes = function(grid)
     tiny = np.finfo(float).tiny
     floor = DOUBLE_ZERO_RATIO * float(np.max(np.abs(values))) + tiny
-    # The columns of `cells` are the grid cells. Its rows are the ends a and b, the values
+    # The columns of `cells` are the grid cells. The rows are the ends a and b, the values
     # at a and b, and the slopes at a and b. The first four rows of a cell are a bracket: an
     # interval in which the function counts as monotone.
     cells = np.stack(
@@ -198,8 +198,8 @@ def find_zeros(function: DifferentiableFunction, grid: Floats) -> Zeros:
 def _classify_cells(cells: Floats, margin: Floats) -> tuple[Bools, Bools]:
     """Find the cells that contain no zero, and the cells with a monotone function.
 
-    Both cases end the subdivision of a cell: there is no zero, or at most one. In each cell
-    the function is approximated by a cubic polynomial in Bernstein form, with four
+    In both cases the cell is not divided further: it has no zero, or at most one. In each
+    cell the function is approximated by a cubic polynomial in Bernstein form, with four
     coefficients. The values of the polynomial are between the smallest and the largest
     coefficient. The polynomial is monotone if the coefficients rise or fall throughout.
 

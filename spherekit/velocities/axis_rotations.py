@@ -300,9 +300,9 @@ def pair_rotations(
         Expressions for some of its sizes: arcs and angles between R pairs. By default all
         sizes are numbers.
     any_profile
-        Whether profiles other than circles are allowed. Their tangent, point and curvature
-        at the contact are then symbols, called the columns of the profile because the
-        values of each are a column of numbers.
+        Whether profiles other than circles are allowed. The tangent, point and curvature of
+        such a profile at the contact are symbols, called the columns of the profile. (The
+        values of each symbol are a column of numbers.)
     as_columns
         Whether circles have such columns, and are not written as rotations.
 

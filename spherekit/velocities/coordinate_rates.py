@@ -93,9 +93,8 @@ class CoordinateRates(VelocityEquations):
 
         The loops of the mechanism are closed group by group. A group is a set of links that
         are placed together. The equations of each group are solved by Cramer's rule without
-        its division, so nothing is divided by a determinant that may be zero, and the rates
-        are multiplied by the determinant. The scale is the product of the determinants of
-        all groups.
+        its division, by a determinant that may be zero. The rates are therefore multiplied
+        by the determinant. The scale is the product of the determinants of all groups.
 
         Parameters
         ----------

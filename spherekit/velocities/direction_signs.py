@@ -81,7 +81,7 @@ class VelocityPath:
         (3, k) relative angular velocity while one input moves at the rate `sense`.
     dv
         (3, k) derivative of `v` with respect to the coordinate; 0 if there are several
-        inputs, because the derivative is then not known.
+        inputs, for which the derivative is not known.
     """
 
     coordinate: Floats
@@ -349,7 +349,8 @@ def _first_axis_sum(
 
     A direction along a pole has an arbitrary sign, and is turned to the side of this
     vector. The vector is the sum of the axes and contact points of all pairs at the first
-    row of the assembly mode. This row may be in an earlier block, so the sum is stored.
+    row of the assembly mode. The first row may be in an earlier block, so the sum is
+    stored.
     """
     if mode not in sign_continuation.first_axis_sums:
         (frames,) = motion.rows(np.array([first_row])).frames
@@ -428,6 +429,7 @@ def continue_signs(
             moving = np.flatnonzero(is_moving)
             if not len(moving):
                 continue
+            # At the start of a mode, the direction points to the side of the axis sum.
             start_sign = 1.0
             if key not in sign_continuation.last:
                 axis_sum = _first_axis_sum(
@@ -544,9 +546,9 @@ def _sign_changes(path: VelocityPath) -> Floats:
     """Return whether a velocity reverses between successive samples, as factors -1 and +1.
 
     The velocity v is the relative angular velocity of two links. If the scalar product of v
-    at two samples is negative, v may have reversed by passing through zero. It may also
-    have turned by more than a right angle without becoming zero. To decide this, v is
-    interpolated, and its reversals are counted.
+    at two samples is negative, v may have reversed by passing through zero, or turned by
+    more than a right angle without becoming zero. To decide this, v is interpolated, and
+    its reversals are counted.
 
     Parameters
     ----------

@@ -47,8 +47,8 @@ class DyadPlacement:
         The orientation of each link.
     triple_squares
         For each dyad the square of the triple product u_1 . (u_2 x u_3) of the axes of its
-        pairs, computed from its arcs. It is negative if the arcs are too short or too long
-        to close the dyad.
+        pairs, computed from its arcs. The square is negative if the arcs are too short or
+        too long to close the dyad.
     """
 
     orientations: list[LinkOrientation]
@@ -211,8 +211,8 @@ def _close_dyad(
         + cross(a, c) * normal_factor
     )
 
-    # The depth ranks links by the length of their expressions. Those of the dyad are now
-    # the longest.
+    # The depth ranks links by the length of their expressions. The links of the dyad now
+    # have the longest ones.
     depth = 1 + max(orientation.depth for orientation in orientations)
     for body, outer_direction, body_axes in (
         (1, a, first_body_axes),
@@ -307,7 +307,7 @@ class ClosedForm:
         in (-pi, pi].
     triple_squares
         For each dyad the square of the triple product of its three axes, computed from its
-        arcs. It is negative if the dyad cannot be closed.
+        arcs. The square is negative if the dyad cannot be closed.
     """
 
     arguments: list[ExpressionNode]

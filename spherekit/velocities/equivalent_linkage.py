@@ -230,8 +230,8 @@ def find_equivalent_linkage(
     Returns
     -------
     EquivalentLinkage or None
-        None if there are no contacts, if a contact is of another kind or has friction
-        (which pairs at the centres do not have), or if wheels are not on a common carrier.
+        None if there are no contacts, if a contact is of another kind or has friction, or
+        if wheels are not on a common carrier.
 
     Raises
     ------

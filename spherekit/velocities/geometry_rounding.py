@@ -127,8 +127,10 @@ class GeometryRounding:
     @cached_property
     def dw_error(self) -> Floats:
         """(links, n) bounds of the errors of the derivatives `dw`."""
-        dv_size = 2.0 * self.w_spread + self._turn * norm_columns(self.w)
-        tilt_error = self._first_misfit * dv_size + self._second_misfit * self._turn
+        # The residuals m1 and m2 of the equations change dw by at most m1 times the factor
+        # 2 w_spread + turn |w|, and by m2 turn.
+        first_factor = 2.0 * self.w_spread + self._turn * norm_columns(self.w)
+        tilt_error = self._first_misfit * first_factor + self._second_misfit * self._turn
         return self.gap * self.dw_spread + tilt_error + self.axis_error * self._bend
 
     @cached_property
@@ -157,6 +159,8 @@ class GeometryRounding:
         second_order: Floats,
     ) -> dict[str, Floats]:
         """Return bounds of the errors of the quantities of a pole.
+
+        `docs/poles.md` (Conditioning and error bound) derives the bounds.
 
         Parameters
         ----------

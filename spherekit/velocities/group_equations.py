@@ -408,7 +408,7 @@ class GroupEquations:
         rates: dict[int, Expr] = {}
         for k, variable in enumerate(self.unknowns):
             # Cramer's rule: the rate times D is the determinant with minus the known terms
-            # in the column of the unknown. It is expanded along this column.
+            # in the column of the unknown, expanded along this column.
             column = [row[k] for row in matrix_cofactors]
             rates[variable] = -1.0 * dot(known_terms, column)
         # The private variables of each loop are not among the `unknowns`. Their rates times
@@ -565,8 +565,8 @@ def _solve_private_rates(
             s = s + vector * rates[variable]
     n = cross(a, b)
     inverse_square = 1.0 / dot(n, n)
-    # This function is called for each input and for accelerations, with other vectors s.
-    # With the division first, all calls share the expressions of the quotients.
+    # With the division first, calls with other vectors s (for other inputs, or for
+    # accelerations) share the expressions of the quotients.
     return {
         first: dot(cross(n, b) * inverse_square, s),
         second: dot(cross(a, n) * inverse_square, s),

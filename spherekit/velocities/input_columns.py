@@ -110,7 +110,8 @@ class InputColumns:
 
     A pole is the axis about which one link rotates relative to another one. The other
     inputs are locked. w are the angular velocities of links per unit rate of the moving
-    input, dw their derivatives with respect to it, and v the difference of w of two links.
+    input, dw their derivatives with respect to this input, and v the difference of w of two
+    links.
 
     Attributes
     ----------

@@ -163,11 +163,11 @@ class InputMoments:
         """Return D times the moments that inertia needs at constant rates of the inputs.
 
         D is the determinant of the velocity equations. A link has the angular velocity w
-        and the angular acceleration b while all inputs move. Its inertia tensor is I. It
-        needs two moments: I b, and the gyroscopic moment w x h with the angular momentum
-        h = I w. Let y_i be D times the angular velocity of the link while input i moves
-        at unit rate and the others rest. Multiplied by D, the two moments need at input
-        i
+        and the angular acceleration b while all inputs move. The link with the inertia
+        tensor I needs two moments: I b, and the gyroscopic moment w x h with the angular
+        momentum h = I w. Let y_i be D times the angular velocity of the link while input i
+        moves at unit rate and the others rest. Multiplied by D, the two moments need at
+        input i
 
             y_i . (I b)   and   y_i . (w x h).
 
@@ -176,8 +176,8 @@ class InputMoments:
 
             g_ik = y_i . (y_k x h) = h . (y_i x y_k).
 
-        If i and k are exchanged, only the sign changes: g_ki = -g_ik. So one such
-        product is enough for each pair of inputs.
+        If i and k are exchanged, only the sign changes: g_ki = -g_ik. One product is
+        therefore enough for each pair of inputs.
 
         Parameters
         ----------

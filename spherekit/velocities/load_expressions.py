@@ -128,8 +128,8 @@ def component_forces(
         all variables and `w` the angular velocities of all links, times the determinant.
     """
     forces: list[Expr] = [0.0] * len(load_state.tau)
-    # Moments on one link in the same axes are added, and so are forces at the same point.
-    # Their power is then computed once.
+    # Moments on one link in the same axes are added, and so are forces at the same point,
+    # so that the power of each sum is computed once.
     moment_sums: dict[tuple[str, str, Vector | None], Exprs] = {}
     for component in components:
         law = component.magnitude

@@ -50,7 +50,7 @@ class PoleQuantity:
         Names of fields of `Needs`, such as "rates". Each field is a set of poles that an
         analysis needs. The quantity is computed for the poles in these sets.
     is_derivative
-        Whether the quantity is a derivative with respect to the input. Then `Needs`
+        Whether the quantity is a derivative with respect to the input, for which `Needs`
         must have ``derivatives=True``.
     error
         "none" if there is no bound of the error of the quantity, "bounded" if there is

@@ -298,8 +298,8 @@ class RowKernel:
         self.can_certify_rows = bool(self.passive_variables) and not any(
             columns.has_uncertain_poles for columns in self.input_columns
         )
-        # Contact profiles that are described by columns. There is no closed form of the
-        # variables with them.
+        # Contact profiles that are described by columns, with which the variables have no
+        # closed form.
         self.profiles = self._rows.pairs.sides_with_symbols
         self._closed_form = (
             None if self.profiles else make_closed_form(mechanism, motion.assembly)

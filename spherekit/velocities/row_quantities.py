@@ -61,7 +61,7 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
       link of the output.
     - ``condition_number_OUTPUT``: with several inputs, the condition number of the
       Jacobian of the output's rotation with respect to the inputs. With two inputs, an
-      output that is a direction has the Jacobian of this direction instead.
+      output that is a direction has the Jacobian of this direction.
     - ``jacobian_determinant_OUTPUT``: the determinant of this Jacobian. It exists if there
       are three inputs, or two inputs and an output that is a direction.
     - ``determinant`` of the velocity equations: 0 if the inputs do not determine the rates

@@ -223,8 +223,8 @@ class PassiveEquations:
     this sum, a pair has the coefficient 1 or -1 if the loop passes it, otherwise 0. The
     equations of all loops are replaced by as many linear combinations. The rows of their
     coefficients have length 1 and are at right angles to each other. The singular values of
-    J are then between 0 and 1, and do not depend on the units of the variables or on the
-    choice of the loops.
+    J are between 0 and 1, and do not depend on the units of the variables or on the choice
+    of the loops.
 
     Attributes
     ----------
