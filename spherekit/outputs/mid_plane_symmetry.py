@@ -108,9 +108,9 @@ def mid_plane_form(
     if len(held_legs) < 3 or len(held_legs) < len(legs):
         raise _error(
             grounded,
-            f"found {counted(len(legs), 'leg')} of two links with equal arcs, and the "
-            f"middle axes of {len(held_legs)} are held in one plane; at least three legs "
-            "are needed, and the middle axes of all legs have to be held in one plane",
+            f"found {counted(len(legs), 'leg')} of two links with equal arcs; other links "
+            f"hold the middle axes of {counted(len(held_legs), 'leg')} in one plane; this "
+            "is needed for all legs, and for at least three",
         )
     leg_links = {link for links in legs.values() for link in links}
     other_links = set(range(len(grounded.links))) - {0, effector} - leg_links - carriers

@@ -894,8 +894,8 @@ class DesignExpressions:
             torque = f"dynamics.dynamics: abs(tau_{self.inputs[moving]})"
         check_no_reaction_friction(
             self.mechanism,
-            caller="the fast evaluation of designs",
-            alternative=f'Evaluate each design by a run: --reduce "max({torque})"',
+            caller="a formula for the torque",
+            alternative=f'In a sweep, use --reduce "max({torque})"',
         )
 
     def _angles(self) -> list[Expr]:
