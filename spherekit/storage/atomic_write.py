@@ -31,7 +31,7 @@ _REASONS = {
     errno.ENOENT: "the folder does not exist; create it first",
     errno.ENOTDIR: "a part of the path is a file, not a folder",
     errno.EISDIR: "this is a folder; give the name of a file in it",
-    errno.EEXIST: "a file has this name; choose another name",
+    errno.EEXIST: "this is a file, not a folder; choose another name",
     errno.ENAMETOOLONG: "the name is too long; choose a shorter one",
 }
 """What to tell the user, by the error number of the operating system."""
