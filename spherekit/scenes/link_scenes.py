@@ -124,13 +124,13 @@ def _describe_steps(plan: Plan) -> list[str]:
     """Return a line for each step of a plan that finds a pole.
 
     A pole is the axis of the relative rotation of two links. A primary pole is the axis of
-    a pair. If the pair joins the two links, the pole is known from the start, and the step
-    has the pass number 0. Such steps are left out. But several pairs can share one axis,
-    which is then also the pole of links without a pair between them. It is found in a later
-    pass (round of the search).
+    a pair. Steps of primary poles that are known from the start (pass 0 of the search) are
+    left out: the two links of such a pole are joined by a pair.
     """
     lines = []
     for step in plan.steps:
+        # Links without a pair between them can have a common axis of other pairs as their
+        # pole. Such a primary pole is found in a later pass.
         is_known_from_start = isinstance(step, PrimaryPole) and step.pass_number == 0
         if not is_known_from_start:
             lines.append(describe(plan, step))
@@ -212,9 +212,8 @@ def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floa
 
     A link can have joints with an axis, and contacts. At a contact, a curve of this link
     (its profile) touches a curve of another link. An arc joins each profile with the axis
-    of the first joint of the link, if there is one. The arc ends at the centre of a
-    circular profile, and at the nearest point of any other profile. For a great circle the
-    nearest point is used, too, since its centre is 90 degrees away.
+    of the first joint of the link, if there is one. The arc ends at the centre of a small
+    circle or of a Fourier profile. For any other profile the arc ends at the nearest point.
 
     Parameters
     ----------

@@ -20,23 +20,25 @@ class RecordingHead:
     Attributes
     ----------
     scenes : sequence of Scene
-        Drawings that do not change with the samples: the ground, the graph, texts.
+        Drawings that do not change with the samples: the ground, the graph of links and
+        pairs, texts.
     inputs : array (n,) rad, or None
         All input values of the run. The steps of the input timeline, degrees or decimal
         parts of a degree, are chosen such that all inputs are whole numbers of steps. None
         if the run does not have exactly one input.
     assembly_modes : mapping
-        Number and title of each assembly mode (way to assemble the mechanism), in the order
-        of their pages in the viewer. The page of an assembly mode that is missing here is
-        added when its first block is recorded.
+        Number and title of each assembly mode (way to assemble the mechanism). The viewer
+        shows one page for each mode, in this order. A missing mode gets its page when its
+        first block is recorded.
     properties : mapping
         Words about the run that the recording carries: versions, hashes.
     focus : array (3,), or None
         Unit vector from the centre of the sphere to the middle of the mechanism. The viewer
         first shows the sphere from this side.
     row : int, or None
-        Number of samples in a row of a grid of inputs. The drawn paths of poles (axes of
-        relative rotation) are cut after each row. None if the samples follow one path.
+        Number of recorded samples in each row of the grid, if the samples are a grid over
+        several inputs. The drawn paths of poles (axes of relative rotation) are cut after
+        each row. None if the samples follow one path.
     times : array (n,) s, or None
         All times of the run, if its samples are times. They then replace the inputs.
     """

@@ -117,7 +117,6 @@ class _SceneRows:
           as a time.
         - In a scene over axes of its own, a mark has a value of each axis.
 
-        Messages name only the first of the allowed numbers.
     words
         What the rows are, in words for messages, such as "the 361 samples of the block".
     """
@@ -228,11 +227,10 @@ def _check_axes(where: str, axes: Any) -> tuple[Axis, ...]:
     checked_axes: list[Axis] = []
     for axis in axes:
         axis_words = f"{where}: Axis {axis.label!r}"
-        # The shape ("n",) is one axis of any length. The axis shares no lengths with
-        # fields that were checked before.
-        shared_lengths: dict[str, _SharedSize] = {}
+        # The values must be an array with one axis, of any length.
+        prescribed_lengths: dict[str, _SharedSize] = {}
         values = _check_numbers(
-            f"{axis_words}: values", axis.values, ("n",), shared_lengths
+            f"{axis_words}: values", axis.values, ("n",), prescribed_lengths
         )
         if checked_axes and len(values) != len(checked_axes[0].values):
             raise PluginError(

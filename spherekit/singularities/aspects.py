@@ -69,12 +69,10 @@ class Aspects:
         (aspects,) numbers of configurations.
     sign_two, sign_one
         (aspects,) sign of the determinant that vanishes at type II, and of the one that
-        vanishes at type I. Both determinants refer to a basis of the rates that close
-        the loops. A sign is 0 if it has no meaning, in two cases. If the loop equations
-        are redundant, the sense of the basis can jump from configuration to
-        configuration. If the output has more degrees of freedom than there are inputs,
-        the matrix of type I is not square. `sign_one` is also 0 if an aspect has both
-        signs, which is possible if only type II divides aspects.
+        vanishes at type I. Both determinants refer to a basis of the rates that close the
+        loops. A sign is 0 if it has no meaning, because the loop equations are redundant.
+        `sign_one` is also 0 if the output has more degrees of freedom than there are
+        inputs, or if the aspect has both signs.
     modes
         (aspects,) largest number of configurations of the aspect at one sample. These are
         different assembly modes (ways to assemble the mechanism at the same inputs). If the
@@ -190,10 +188,10 @@ def _start_configurations(
 ) -> tuple[Floats, Indices]:
     """Return configurations at samples of the inputs from which a search starts.
 
-    The search follows paths from them to further configurations. If all groups of links are
-    dyads (two links and three R pairs), assembly modes (ways to assemble the mechanism)
-    have a closed form. The result then has all modes at all samples. Otherwise it has all
-    modes at a few samples, evenly spread over the grid of inputs.
+    The search follows paths from these configurations to further ones. If the assembly
+    modes (ways to assemble the mechanism) have a closed form, the result has all modes at
+    all samples. Otherwise the result has all modes at a few samples, evenly spread over the
+    grid.
 
     Returns
     -------
@@ -326,8 +324,8 @@ class _AspectGraph:
         self.periods = variable_periods(solver.closure)
         self.output = output
         self.divides_by_type_one = divides_by_type_one
-        # Each node has a determinant that is zero at type I. In some mechanisms its sign
-        # tells aspects apart. In these, `_make_nodes` sets this attribute to True.
+        # Whether the sign of the determinant that is zero at type I tells aspects apart.
+        # `_make_nodes` sets this attribute.
         self.has_sign_of_type_one = False
         self.nodes = self._make_nodes(
             np.zeros((0, len(self.periods))), np.zeros(0, dtype=np.intp)
@@ -367,10 +365,8 @@ class _AspectGraph:
         smallest_value = np.minimum(
             space.reciprocal_condition, measure_two.smallest_singular_value
         )
-        # The determinant refers to a basis of the rates that close the loops. If the sense
-        # of this basis is arbitrary, the sign has no meaning, and the determinant is set to
-        # 0. The determinant of type I is kept in such a case, since it still vanishes
-        # at singularities; `label_aspects` then ignores its sign.
+        # If `changes_sign` is False, the sign of the determinant has no meaning, and the
+        # value is set to 0.
         determinant_two = np.zeros(len(values))
         if measure_two.changes_sign:
             determinant_two = measure_two.value
@@ -385,10 +381,9 @@ class _AspectGraph:
                 smallest_value = np.minimum(
                     smallest_value, measure_one.smallest_singular_value
                 )
-                # `gradient` has derivatives along the basis of the tangent space (all
-                # rates that close the loops). The inverse of the inputs' rates along this
-                # basis converts them to derivatives with respect to the inputs. The
-                # inverse exists at regular nodes.
+                # `gradient` has derivatives along the basis of `space`. The inverse of the
+                # inputs' rates along this basis converts these to derivatives with respect
+                # to the inputs. The inverse exists at regular nodes.
                 is_regular = smallest_value > SINGULAR_NODE_VALUE
                 inverse = nans((*slope_one.shape, input_count))
                 inverse[is_regular] = np.linalg.inv(space.basis[is_regular][:, self.driven])
@@ -556,8 +551,8 @@ class _AspectGraph:
             is_regular = self.nodes.is_regular[processed_count:]
             starts = processed_count + np.flatnonzero(is_regular)
             processed_count = len(self.nodes)
-            # Many paths downwards are paths upwards from their other end. They are known
-            # after the first call, and the second call leaves them out.
+            # The second call leaves out paths that the first one followed from their other
+            # end.
             self._follow_unknown_paths(starts, upwards)
             self._follow_unknown_paths(starts, downwards)
 
@@ -613,7 +608,7 @@ class _AspectGraph:
         end_nodes = followed.nodes
         arrived = followed.status == Status.OK
         ends = self.add_configurations(end_nodes.values[arrived], goal_samples[arrived])
-        # The paths back are the same, so `_follow_unknown_paths` leaves them out.
+        # The paths back are the same, and need not be followed.
         ways_back = _opposite_directions(directions[arrived])
         self.is_path_known[ends, ways_back] = True
         pairs = np.stack([starts[arrived], ends], axis=1)
@@ -664,8 +659,8 @@ class _AspectGraph:
         Parameters
         ----------
         free_of
-            The types of singularity ("I", "II") that divide aspects. The result only states
-            them, because the graph was already built with these types.
+            The types of singularity ("I", "II") that divide aspects, for which the graph
+            was built. The result states these types.
         """
         # Indices of the regular configurations among all, rising.
         regular_numbers = np.flatnonzero(self.nodes.is_regular)

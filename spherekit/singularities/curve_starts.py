@@ -83,15 +83,14 @@ class LocusPointSearch:
     section
         The slices, or None with random starts.
     is_everywhere
-        Whether every configuration is on the locus. Then no points are yielded.
+        Whether every configuration is on the locus, so that no points are yielded.
 
     Raises
     ------
     AnalysisError, PlanError
         If the mechanism does not have `input_count` inputs and as many degrees of freedom,
-        or if it has no such output. Also if type I of a direction is asked for and there
-        are three inputs: the inputs can then move while the direction rests, in every
-        configuration.
+        or if it has no such output. Also if type I of a direction is asked for with three
+        inputs, because every configuration is then of this type.
     """
 
     def __init__(
@@ -225,8 +224,8 @@ class LocusPointSearch:
         - The search used slices: curves of configurations with all inputs but one locked. A
           curve or surface that crosses no slice is missed. Such a curve or surface is so
           small that it lies between neighbouring slices.
-        - The search used random starts (`section` is None). Nothing is then known of what
-          it missed.
+        - The search used random starts (`section` is None), of which nothing is known about
+          what was missed.
 
         Parameters
         ----------
@@ -268,7 +267,10 @@ class LocusPointSearch:
 
 
 def _completeness_between_slices(item: str, gaps: Sequence[float]) -> Completeness:
-    """Return that a complete search of all slices can only have missed small results.
+    """Return that only small curves or surfaces between slices can have been missed.
+
+    A slice has the configurations in which all inputs but one are locked at given values.
+    A curve or surface that is smaller than the gaps can lie between the slices.
 
     Parameters
     ----------
@@ -305,10 +307,10 @@ def closed_configurations(
     In a closed configuration, all loops of links are closed. The start values of the inputs
     are distributed uniformly over their ranges and are not changed by Newton's method.
 
-    The variable of a rolling contact is the length along which two wheels have rolled.
-    Often the gear ratios determine these lengths from the inputs. Newton's method then
-    starts with these lengths and does not change them either. With other lengths, the
-    wheels would be put together in another way than in the mechanism.
+    The variable of a rolling contact is the length along which two wheels have rolled. If
+    the gear ratios determine these lengths from the inputs, Newton's method keeps these
+    lengths. With other lengths, the wheels would be put together in another way than in the
+    mechanism.
 
     Parameters
     ----------

@@ -123,8 +123,8 @@ def _equations_with_tangent(points: LocusPoints, tangents: Floats) -> Floats:
     tangents
         (n, V) tangents of the curve: changes of the V variables of the configuration.
     """
-    # The change of the configuration is unknown as coordinates in this basis. The tangent
-    # is converted to such coordinates. It has zeros for the change of the motion.
+    # The unknown change of the configuration is expressed by coordinates in this basis, so
+    # the tangent is, too. The last row has zeros for the change of the motion.
     configuration_basis = points.bases.configuration
     tangent_rows = tangents[:, None]
     return append_conditions(points.equations, tangent_rows, configuration_basis)
@@ -158,8 +158,7 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
 
         Each curve is followed in both directions from its start. If a curve has closed in
         the first direction, its second direction ends with status OK. At the time limit,
-        curves end with the status MODE_LOST, like other curves that cannot be followed
-        further.
+        curves end with the status MODE_LOST.
 
         Parameters
         ----------
@@ -237,7 +236,8 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         good = points.is_on_locus & self.step_tests.accepts_correction(
             NewtonSteps(points.first_step, points.step_ratio), np.repeat(step_sizes, 2)
         )
-        # Tangents have an arbitrary sign; they get the direction of the step.
+        # The sign of a tangent is arbitrary. Here each tangent gets the direction of the
+        # step.
         tangent_cosine = np.vecdot(points.tangents[:, :, 0], start_tangents)
         points = orient_tangents(points, np.sign(tangent_cosine))
         equations_before = _equations_with_tangent(start, nodes.tangents)
@@ -327,7 +327,7 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         rows
             (k,) indices of the curves.
         steps
-            (k,) lengths of the steps. Not used here, but the base class passes them.
+            (k,) lengths of the steps (not used).
         new_nodes
             The k nodes at which the steps end.
         is_verified

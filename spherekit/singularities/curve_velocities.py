@@ -75,10 +75,8 @@ class _AxisEstimate:
 class PoleAxes:
     """Axes of poles at n configurations, with bounds of their errors.
 
-    The axis of a pole is the axis about which two links rotate relative to each other. If
-    the links rest relative to each other, the axis can still follow from intersections of
-    great circles. Otherwise it is unknown. An unknown axis has the error 1 rad, and its
-    vector may be NaN.
+    The axis of a pole is the axis about which two links rotate relative to each other. An
+    unknown axis has the error 1 rad, and its vector may be NaN.
 
     Attributes
     ----------
@@ -112,9 +110,7 @@ class LinkMotion:
         per unit rate of this parameter, such as the arc length of a curve. `dw` is NaN
         in rows in which the second derivatives of the variables are NaN.
     rounding
-        (n,) bounds of the rounding errors of w. Near a crossing of curves, with the
-        reciprocal condition number k of the equations, the configuration itself has an
-        error of about EPS / k, and quantities that follow from it EPS / k^2.
+        (n,) bounds of the rounding errors of w.
 
     Parameters
     ----------
@@ -144,8 +140,7 @@ class LinkMotion:
             the parameter of the motion, for example the arc length of a curve.
         bends
             (n, variables) second derivatives. None at a crossing of curves, where the
-            closure equations are singular and second derivatives are unknown. Accelerations
-            are then NaN.
+            closure equations are singular and second derivatives are unknown.
         """
         if bends is None:
             bends = np.full_like(tangents, np.nan)
@@ -226,11 +221,11 @@ class LinkMotion:
     def _axis_by_derivative(self, pole: Pole) -> _AxisEstimate:
         """Return the pole axis along the derivative of the relative angular velocity.
 
-        w is the angular velocity of the pole's second link relative to the first, and
-        w' its derivative with respect to the arc length of a curve of configurations. w
-        is along the axis. Near a zero of w, its direction is lost in rounding, and this
-        method is used. At the zero, w' is along the axis. At the arc length x from the
-        zero, the axis has turned a little, and this adds to the error:
+        w is the angular velocity of the pole's second link relative to the first, and w'
+        its derivative with respect to the arc length of a curve of configurations. w is
+        along the axis, but near a zero of w the direction of w is lost in rounding. At the
+        zero, w' is along the axis. At the arc length x from the zero, the axis has turned a
+        little, which adds to the error:
 
             error = x * (1 + turning rate of the axis) + rounding error of w / |w'|
 
@@ -241,8 +236,8 @@ class LinkMotion:
         distance_from_zero = speed / growth
         # The 1 is a reserve. Without it, an axis that does not turn would have no error.
         turning_rate = 1.0 + self._axis_turning_rate(pole)
-        # Where w is exactly zero, the rate is NaN and the distance is 0. Any finite rate
-        # then yields the same error.
+        # Where w is exactly zero, the rate is NaN. Any finite rate yields the same error
+        # there, because the distance is 0.
         turning_rate = np.where(np.isnan(turning_rate), 1.0, turning_rate)
         error = distance_from_zero * turning_rate + self.rounding / growth
         return _AxisEstimate(direction=dw / growth[:, None], error=error)
@@ -474,8 +469,8 @@ class CurveMotion:
             self._direction_by_derivative(s, pole, rest_points),
             self._direction_by_velocity(s, pole, rest_points),
         )
-        # The direction can be NaN where w is exactly zero. Callers multiply w by the
-        # direction. With the vector zero, they obtain the rate 0 and not NaN.
+        # Where w is exactly zero, the direction can be NaN. The vector zero replaces NaN,
+        # so that the product with w is 0.
         return np.nan_to_num(direction)
 
     @np.errstate(invalid="ignore", divide="ignore")
@@ -670,13 +665,13 @@ class CurveMotion:
         return is_apart
 
     def _refine_zeros(self, s: Floats, is_double: Bools, pole: Pole) -> Floats:
-        """Move zeros of one component of a velocity to the nearest minima of its magnitude.
+        """Move zeros of one component of a velocity to nearby minima of the whole vector.
 
         The vector w is the relative angular velocity of two links along a curve. The
-        component is along the constant vector `PROJECTION`. If all components of w
-        vanish there, the minimum of |w| is the more accurate zero. Gauss-Newton steps
-        change the arc length by -(w . w') / (w' . w'), with the derivative w' with
-        respect to arc length.
+        component is along the constant vector `PROJECTION`. Where all components of w
+        vanish, the minimum of |w| is a more accurate zero than that of one component.
+        Gauss-Newton steps change the arc length by -(w . w') / (w' . w'), with the
+        derivative w' with respect to arc length.
 
         Parameters
         ----------
@@ -694,12 +689,12 @@ class CurveMotion:
             w, dw = self.links_at(s).relative(*pole)
             # The least divisor prevents a division by zero.
             step = np.vecdot(w, dw) / np.maximum(np.vecdot(dw, dw), EPS**2)
-            # A long step shows that only the component vanishes, and not the vector.
+            # The size of the step is at most |w| / |w'|, the distance to a zero of w. A
+            # long step shows that w does not vanish near s: only the component does.
             only_component_vanishes = np.abs(step) > NEAR_REST_RAD
             s = np.where(is_double | only_component_vanishes, s, s - step)
             if not self.curve.closed:
                 # An open curve has no points beyond its ends. A zero at an end stays there.
                 s = np.clip(s, 0.0, self.curve.length)
-        # A zero of a closed curve that was moved before its start is put back to the start.
-        # Beyond the end a closed curve continues with the next lap, so nothing is changed.
+        # Arc lengths of a closed curve may exceed its length, but must not be negative.
         return np.maximum(s, 0.0)

@@ -282,10 +282,11 @@ def _possible_conditions(
 ) -> Mapping[str, tuple[Condition, ...]]:
     """Return the geometric conditions under which a singularity has a certain type.
 
-    The input and the output are rotations of one link relative to another. The relation
-    c y' = d q' connects the rate y' of the output and the rate q' of the input. Type I
-    means d = 0, type II c = 0, and type III both. Conditions say that axes of relative
-    rotation are parallel, or that planes through them coincide.
+    In the relation c y' = d q', q' is the rate of the input link i relative to its
+    reference link r. y' is the rate of the output link o: relative to its reference link s
+    in form "i", and relative to r in form "ii". Type I means d = 0, type II c = 0, and type
+    III both. Conditions say that axes of relative rotation of these links are parallel, or
+    that planes through such axes coincide.
 
     Parameters
     ----------
@@ -296,7 +297,7 @@ def _possible_conditions(
     -------
     Conditions by a label, such as "III.4". All conditions of a label have to be fulfilled.
     """
-    # Input and output together have four links. Some of these may be the same link.
+    # Some of the links i, r, o and s may be the same link.
     link_count = len(relation.links.different)
     if link_count == 4:
         return FOUR_LINKS[relation.form, kind]
@@ -311,13 +312,16 @@ def _condition_of_three_links(
 ) -> dict[str, tuple[Condition, ...]]:
     """Return the condition of a type of singularity for a relation of three links.
 
-    The input is the rotation of one of the links relative to another, and so is the output.
-    Each two of the three links have a pole axis (axis of relative rotation): the axis of
-    the input, the axis of the output, and a third one.
+    The input is the rotation of link i relative to its reference link r. The output is the
+    rotation of link o: relative to its reference link s in form "i", and relative to r in
+    form "ii". Two of the links i, r, o and s are the same. Any two of the three different
+    links have a pole axis (axis of relative rotation): the axis of the input, the axis of
+    the output, and a third one.
 
     Type I means that the axis of the input and the third axis are parallel. Type II means
     that the axis of the output and the third axis are parallel. Type III means that all
-    three are parallel. This follows from the formulas for c and d in `ThirdAxis`.
+    three are parallel. All axes pass through the common centre, so parallel axes are one
+    line. The conditions follow from the formulas for c and d in `ThirdAxis`.
 
     Parameters
     ----------
@@ -331,14 +335,12 @@ def _condition_of_three_links(
     The condition, by its label. A label such as "II.3" has the type and a number. In some
     cases the label is only the type.
     """
-    # The name of a pole axis has the letters of two links. i is the input link and r its
-    # reference link, o the output link and s its reference link.
+    # The name of a pole axis has the letters of its two links.
     input_axis = "ir"
     if relation.form == "i":
         output_axis = "os"
     else:
-        # In form "ii", r is the reference link of the output, too. The underscore follows
-        # because "or" is a word of Python.
+        # The underscore follows because "or" is a word of Python.
         output_axis = "or_"
     third = find_third_axis(relation.form, relation.links)
     parallel_axes_by_kind = {
@@ -455,8 +457,8 @@ def compare_with_rates(
     for row, kind in enumerate(types_by_coefficients):
         type_by_rates = types_by_rates[row]
         if type_by_rates == Type.SELF_MOTION:
-            # If input and output rest, the relation has c = d = 0, which it calls type
-            # III.
+            # In a self-motion input and output rest. The relation has c = d = 0, which is
+            # type III.
             type_by_rates = Type.III
         note = ""
         if kind != type_by_rates:
@@ -530,7 +532,7 @@ def _explain_vanishing_coefficients(resting_links: Sequence[str]) -> str:
 
     The coefficients follow from the six pole axes (axes of relative rotation) of any two of
     four links. They vanish if all six axes are in one plane. If some of the links rest
-    relative to each other, the phrase names these links as the cause instead.
+    relative to each other, the phrase names these links as the cause.
 
     Parameters
     ----------

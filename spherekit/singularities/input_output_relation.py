@@ -42,8 +42,8 @@ SIGN_OF_D_FOR_SUM = -1.0
 class Type(StrEnum):
     """What rests at a singularity: the output (I), the input (II), or both.
 
-    Both rest in a self-motion: the motion of other links. At type III curves of
-    configurations cross, and both can rest there too.
+    In a self-motion other links move while input and output rest. At type III curves of
+    configurations cross, and input and output can rest.
     """
 
     I = "I"  # noqa: E741
@@ -274,26 +274,27 @@ class ThirdAxis:
 def find_third_axis(form: Form, links: FourLinks) -> ThirdAxis:
     """Return the third axis of a relation if input and output have a link in common.
 
-    The input and the output are rotations of one link relative to another. If they share a
-    link, there are three links. Each two of them rotate relative to each other about an
-    axis. So there is a third axis besides those of the input and the output.
+    The input is the rotation of link i relative to r. The output is the rotation of link o:
+    relative to s in form "i", and relative to r in form "ii". If both share a link, there
+    are three different links. Any two of these rotate relative to each other about an axis.
+    So there is a third axis besides those of the input and the output.
 
     Parameters
     ----------
     form
-        Which of the links rotate relative to each other. The input is the rotation of i
-        relative to r. The output is the rotation of o relative to s in form "i", and
-        relative to r in form "ii".
+        Which rotation is the output: "i" or "ii".
     links
         The indices of the links i, r, o and s.
     """
-    # In form "ii", input and output share the link r. In form "i", they share any link.
     if form == "ii":
-        return _third_axis_seen_from_input_reference(links)
+        # Input and output share the link r. The third axis is that of o and i.
+        return _third_axis_of_shared_reference(links)
+    # Input and output share a link: one of i and r is one of o and s. The third axis is
+    # that of the other two links.
     return _third_axis_of_shared_link(links)
 
 
-def _third_axis_seen_from_input_reference(links: FourLinks) -> ThirdAxis:
+def _third_axis_of_shared_reference(links: FourLinks) -> ThirdAxis:
     """Return the third axis if output o and input i both rotate relative to r (form ii).
 
     The third axis belongs to the rotation of o relative to i, which is the difference of

@@ -423,9 +423,10 @@ class SingularityLocus:
         """Return the rates among which singular motions are sought.
 
         A singular motion is a set of rates that close the loops while the inputs or the
-        output rest. Usually all rates that close the loops are returned. If only a part of
-        the mechanism moves the output (`part`), the variables outside of the part rest.
-        Motions of these variables are no singularities of this output.
+        output rest. Without a `part`, the result has all rates that close the loops. A
+        `part` has the pairs that can move the output. The result then has only motions in
+        which all other pairs rest, because a motion of other pairs is no singularity of
+        this output.
 
         Parameters
         ----------
@@ -480,8 +481,7 @@ class SingularityLocus:
         """Return singular configurations near n configurations (n, V), by Newton's method.
 
         V is the number of variables (rad). Each Newton step is the shortest possible.
-        Configurations from which the method does not converge are left out, so there may be
-        fewer points.
+        Configurations from which the method does not converge are left out.
         """
         motions = self.measure(self.tangent_space(values)).motion
         no_conditions = np.zeros((len(values), 0, values.shape[1]))
@@ -884,14 +884,14 @@ def _measure_regularity(
     """Return how regular n points of a locus are: 0 at irregular points, at most 1.
 
     The locus is the set of singular configurations. Each has a singular motion: rates that
-    close the loops while the inputs or the output rest. A unit tangent of the locus is a
-    change of the configuration, together with a change of this motion. Two numbers from 0
-    to 1 are multiplied:
+    close the loops while the inputs or the output rest. A unit tangent of the locus has two
+    parts: a change of the configuration, and a change of this motion. Two numbers from 0 to
+    1 are multiplied:
 
     - The ratio of the smallest to the greatest singular value of the equations. It is 0 if
       an equation depends on the others.
-    - The smallest size that the change of the configuration has in a unit tangent. It is 0
-      if a tangent changes only the motion.
+    - The smallest size of the first part in all unit tangents. This is 0 if a tangent
+      changes only the motion.
 
     Parameters
     ----------
@@ -899,8 +899,8 @@ def _measure_regularity(
         The singular value decomposition of the equations, and how many equations are
         independent at regular points.
     orthonormalisation
-        The singular value decomposition of the changes of the configuration along the
-        tangents.
+        The singular value decomposition of the first parts of orthonormal tangents. The
+        singular values are the extreme sizes of the first part.
     """
     # `SMALLEST_NORMAL` prevents a division by zero.
     greatest_singular_value = np.maximum(svd.values[:, 0], SMALLEST_NORMAL)

@@ -86,9 +86,9 @@ def near_misses(sampled: SampledSingularities, near: float) -> list[NearMiss]:
       the transmission measure, which states from 0 to 1 how firmly the locked input holds
       the output.
 
-    Singular configurations themselves are not included. In some mechanisms these angles are
-    small in all configurations, for example in a gear reducer with a slow output. For such
-    mechanisms a point has to be nearer to count as a near miss; see `_sine_limits`.
+    Singular configurations themselves are not included. In mechanisms in which these angles
+    are small everywhere, for example a gear reducer with a slow output, a point has to be
+    nearer to count.
 
     Parameters
     ----------
@@ -111,9 +111,9 @@ def _near_misses_on_curve(
     """Return where an output comes near one type of singularity on one curve.
 
     The curve consists of configurations of the mechanism. The distance from the type is an
-    angle, which is zero at a singularity. Near misses are local minima of the sine of this
-    angle between two limits. Below the lower limit the sine is zero up to rounding, so the
-    configuration is singular itself.
+    angle, which is zero at a singularity. Near misses are the local minima of its sine
+    along the curve that are between two limits. Up to the lower limit the configuration
+    counts as singular. Above the upper limit it is not near.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def _near_misses_on_curve(
         # The tangent of the distance from type I is the velocity coefficient: the size of
         # the output's rate over that of the input's rate.
         (type_one_angle,) = sampled.angle(Type.I, number, s[None], output)
-        # The configuration occurs again after each period of the input.
+        # A near miss for each input in the range at which the configuration occurs.
         for q, modes in _inputs_and_modes(sampled, number, float(s), values[0]):
             misses.append(
                 NearMiss(
@@ -291,9 +291,9 @@ def _inputs_and_modes(
 ) -> list[tuple[float, tuple[int, ...]]]:
     """Return all inputs in the range that have a certain configuration, with its modes.
 
-    The configuration occurs again after each period of the input. An assembly mode is a way
-    to assemble the mechanism. If no known mode has the configuration at an input, this
-    input is left out.
+    The configuration can occur at several inputs, which differ by whole periods. An
+    assembly mode is a way to assemble the mechanism. If no known mode has the configuration
+    at an input, this input is left out.
 
     Parameters
     ----------
@@ -362,7 +362,7 @@ def local_minima(
     else:
         positions, squares = find_local_minima(squared_sine, curve.s, squared_limit)
 
-    # Closed curves have ends, too, if the input leaves the range.
+    # The ends of the curve, and the points at which the input leaves the range.
     ends = _find_ends(sampled, number)
     end_squares = squared_sine(ends.s)
     is_below_limit = end_squares <= squared_limit
@@ -541,8 +541,8 @@ def _find_piece_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
     # Arc lengths along the curve (rad), one for each piece.
     starts = np.array([piece.start for piece in pieces], dtype=float)
     stops = np.array([piece.stop for piece in pieces], dtype=float)
-    # A point inside the piece is chosen close to each end. Callers compute the distance
-    # from a singularity at both. If it is not larger at the end, the end is a minimum.
+    # A point inside the piece, close to each end. An end is a minimum of a function if the
+    # function is not smaller at this point.
     inward_distances = INWARD_PART * (stops - starts)
     # One row (start, stop) for each piece, then all rows one after another.
     end_s = np.column_stack([starts, stops]).ravel()

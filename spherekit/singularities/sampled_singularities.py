@@ -185,8 +185,8 @@ class SampledSingularities:
         # For each row the index of the curve on which it is, -1 if it is on none, and its
         # arc length on this curve.
         self.curve, self.s = self._find_curve_points(part_values, assembly_mode)
-        # Curves can cross in some configurations. They end a little before a crossing, so a
-        # row at a crossing is on no curve. The status of such a row says so.
+        # Curves end a little before a crossing with other curves, so a row at a crossing is
+        # on no curve. The status says so.
         distances = self._distances_to_crossings(part_values)
         self.status = self._decide_status(distances)
         # `crossed` says whether a row is itself a crossing. This is known only for
@@ -315,14 +315,13 @@ class SampledSingularities:
             In a range of whole periods, both ends are the same. An input nearer to the
             upper end than this (rad) is moved to the lower end.
         """
-        # Further inputs follow from the period of the first curve.
+        # The period of the input is that of the first curve.
         first_curve, _ = places[0]
         inputs = self._find_inputs(first_curve, values[self._driven], margin)
-        if not self._has_rows_on(first_curve):
-            # A simulation is never on this curve, so whole periods of the input do not
-            # matter, and one input is enough.
+        if self.is_simulation and not self._has_rows_on(first_curve):
+            # No row of the simulation is on this curve, so one input is enough.
             inputs = inputs[:1]
-        # True without a simulation. A simulation may pass any of the curves there.
+        # True without a simulation.
         passes_configuration = self._passes_any(places)
         for q in inputs:
             is_in_range = bool(in_range(np.array(q), *self.range))
@@ -500,7 +499,6 @@ class SampledSingularities:
         """
         passed_ranges: dict[int, tuple[float, float]] = {}
         for number in np.unique(self.curve[self.curve >= 0]).tolist():
-            # Rows on other curves in between are skipped.
             (rows,) = np.nonzero(self.curve == number)
             curve = self.curves[number]
             s = self.s[rows]
@@ -649,9 +647,9 @@ class SampledSingularities:
         """Return how near points of one curve are to singularities, for each output.
 
         The curve consists of configurations of the mechanism. An output has one or two
-        relations c y' = d q', where q' is the rate of the input. In form "i", y' is the
-        rate of the output. In form "ii", y' is the rate of the output link relative to the
-        reference link of the input.
+        relations c y' = d q', where q' is the rate of the input. y' is the rate of the
+        output link relative to a reference link: that of the output in form "i", and that
+        of the input in form "ii".
 
         Parameters
         ----------
@@ -667,6 +665,8 @@ class SampledSingularities:
         angles = self.transmission_angles(self.curves[number].at(s).values)
         for output, transmission_angle in enumerate(angles):
             curve_relations = self.report.evaluate_relations(number, s, output)
+            # By name: angles that vanish at types I and II, and the changes of the input up
+            # to the nearest singularities.
             distances_and_margins = self._distances_and_margins(number, s, output)
             for relation in curve_relations.relations:
                 curve_measures[output, relation.form] = {

@@ -144,11 +144,13 @@ class RowClassification:
     measures
         How near the configurations are to singularities of each type.
     type
-        (n,) `RowType` of each configuration.
+        (n,) `RowType` of each configuration: for example I if inputs can move while the
+        output rests, and II if the output can move while the inputs rest.
     group
-        (n,) 0 if the configuration is not of type I, II or III. Otherwise, for each input a
-        mechanism is considered in which only this input is free. The group is 1 if at least
-        one of these mechanisms is singular, and 2 if none is.
+        (n,) group of Di Gregorio's discussion. With all inputs but one locked, there is one
+        mechanism for each input. 1: at least one of these mechanisms is singular, too. 2:
+        none of these mechanisms is singular. 0: the configuration is not of type I, II or
+        III.
     """
 
     single_input_motions: SingleInputMotions
@@ -179,9 +181,7 @@ class OutputCoefficients:
         Where the plan of poles gives no axis, the sign is the sign of `alone`.
     c, d
         (n, g) coefficients of c w_i = d q_i', from the pole axes, at most 1 in size. The
-        relation holds with the sign of u_i in the same row. Where the plan of poles gives
-        no axis, the common sign of c and d may differ from the sign in neighbouring
-        rows.
+        relation holds with the sign of u_i in the same row.
     input_rate, output_rate
         (n, g) rates in the unit motion in which input i moves alone. The rate of the
         input vanishes with c_i and has the sign of det N_a. The size of the output's
@@ -605,8 +605,8 @@ def _measure_singularities(
     # How firmly locked inputs fix all links, zero if any link can move.
     locked_singular_value, _ = input_authority(space.tree, input_variables, vectors)
 
-    # The columns of `space.basis` are independent motions. From them follows which rates of
-    # inputs and output can occur together.
+    # The columns of `space.basis` are independent motions. The rates of inputs and output
+    # in these motions can occur together.
     occurring_rates = _find_occurring_rates(
         input_rates=space.basis[:, input_variables],
         output_rates=output.equations(space.linearisation) @ space.basis,
@@ -690,18 +690,17 @@ def _decide_groups(
 
 @dataclass(frozen=True)
 class _OccurringRates:
-    """Rates of g inputs and of an output that can occur together, at n configurations.
+    """A basis of the rates of inputs and output that occur together, at n configurations.
 
-    They are a basis of all such rates. From it follows how near a configuration is to a
-    singularity.
+    The mechanism has k independent motions. Each column of the basis belongs to a motion:
+    it has the g rates of the inputs, and below these the m rates of the output.
 
     Attributes
     ----------
     input_part, output_part
-        (n, g, k) rates of the inputs and (n, m, k) rates of the output in k motions. A
-        column has the g rates of the inputs, and below them the m rates of the output. The
-        first columns are orthonormal. If motions move neither inputs nor output, the last
-        columns are zero, one for each such motion.
+        (n, g, k) upper and (n, m, k) lower part of the columns. The first `rank` columns
+        are orthonormal. The other columns are zero: one for each independent motion in
+        which inputs and output rest.
     rank
         (n,) number of columns that are not zero.
     """
@@ -720,18 +719,18 @@ class _OccurringRates:
 def _find_occurring_rates(input_rates: Floats, output_rates: Floats) -> _OccurringRates:
     """Return an orthonormal basis of the rates of inputs and output that occur together.
 
-    From this basis follows how near a configuration is to a singularity.
+    The rates of the g inputs and, below these, the m rates of the output are a column for
+    each of k independent motions. The basis spans all combinations of these columns.
 
     Parameters
     ----------
     input_rates, output_rates
-        (n, g, k) rates of the g inputs and (n, m, k) rates of the output, in k independent
-        motions.
+        (n, g, k) rates of the inputs and (n, m, k) rates of the output.
     """
     _, input_count, motion_count = input_rates.shape
     svd = decompose(np.concatenate([input_rates, output_rates], axis=1))
-    # The first left singular vectors, one for each motion, are the basis. A singular value
-    # of zero belongs to a motion of neither inputs nor output.
+    # The first k left singular vectors are the basis. A singular value of zero belongs to a
+    # motion in which inputs and output rest.
     is_moving = svd.values > SINGULAR_TRANSMISSION
     basis = svd.left[:, :, :motion_count] * is_moving[:, None]
     return _OccurringRates(
@@ -882,9 +881,9 @@ def _possible_causes(
     u
         (n, g, 3) unit vectors along the axes u_i, at n configurations.
     direction
-        (n, 3) the direction on the output link that is the output. The direction rests if
-        the link turns about it. None if the orientation of the link is the output. All
-        vectors are in ground axes.
+        (n, 3) the output, if this is a line fixed in the output link: a unit vector along
+        the line. A rotation of the link about the line does not count as a motion. None if
+        the output is the orientation of the link. All vectors are in ground axes.
     """
     c_causes = [_SingularityCause(f"c_{name}=0", c[:, i]) for i, name in enumerate(inputs)]
     d_causes = [_SingularityCause(f"d_{name}=0", d[:, i]) for i, name in enumerate(inputs)]
@@ -915,8 +914,7 @@ def _causes_of_all_axes(inputs: Sequence[str], u: Floats) -> list[_SingularityCa
     """
     largest_sine = np.max(np.linalg.norm(_cross_products(u), axis=2), axis=1)
     causes = [_SingularityCause(f"u of {', '.join(inputs)} coincide", largest_sine)]
-    # Axes that coincide are also coplanar, which is not reported in addition. NaN is no
-    # cause.
+    # Axes that coincide are not reported as coplanar, too: NaN is no cause.
     do_coincide = largest_sine < VANISHING_SIZE
     volumes = np.where(do_coincide[:, None], np.nan, _triple_products(u))
     for number, three in enumerate(combinations(inputs, 3)):

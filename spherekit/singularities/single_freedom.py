@@ -203,14 +203,14 @@ class SingleFreedomSingularities:
 
         A relation is an equation c y' = d q', where q' is the rate of the input. The
         coefficients c and d follow from the axes about which four links turn relative to
-        each other. Each relation becomes useless (c = d = 0) at some configurations. At
-        these, a second relation may still be useful:
+        each other. Each relation becomes useless (c = d = 0) in some configurations, so
+        there are two if possible. The input is the rotation of link i relative to link r,
+        and the output is the rotation of link o relative to link s:
 
-        - In form "i", y' is the rate of the output: of its link o relative to its reference
-          link s.
-        - In form "ii", y' is the rate of link o relative to the reference link r of the
-          input. Here s is an auxiliary link: its axes only serve to compute c and d. This
-          form exists only if link o is none of the two links of the input.
+        - In form "i", y' is the rate of the output. The four links are i, r, o and s.
+        - In form "ii", y' is the rate of o relative to r. The four links are i, r, o and an
+          auxiliary link, which is called s, too. This form exists only if o is neither i
+          nor r.
 
         Parameters
         ----------
@@ -219,7 +219,7 @@ class SingleFreedomSingularities:
 
         Returns
         -------
-        The links i and r of the input, and the links o and s, by form.
+        The four links i, r, o and s, by form.
         """
         # The indices of the input link i and of its reference link r.
         input_link, input_reference = self.input
@@ -230,9 +230,9 @@ class SingleFreedomSingularities:
         links_by_form: dict[Form, FourLinks] = {"i": links}
         if output_link in self.input:
             return links_by_form
-        # Usually the auxiliary link s of form "ii" is the reference link of the output. If
-        # this is r, both forms would have the same four links and be the same relation.
-        # Then the link is chosen whose axes are best suited. None if there is no other.
+        # Usually the auxiliary link of form "ii" is the reference link of the output. If
+        # this is r, the output is already relative to r, and both forms would be the same
+        # relation. Another link is chosen in this case, None if there is none.
         auxiliary_link: int | None = output_reference
         if output_reference == input_reference:
             auxiliary_link = self._choose_auxiliary_link(links)
@@ -243,10 +243,10 @@ class SingleFreedomSingularities:
     def _choose_auxiliary_link(self, links: FourLinks) -> int | None:
         """Return the auxiliary link of a relation between an output and the input.
 
-        The relation is an equation c y' = d q'. q' is the rate of the input link i, and y'
-        the rate of the output link o. Each is the rate relative to the link r. The
-        coefficients c and d are computed with the help of any further link, the auxiliary
-        link.
+        The relation is an equation c y' = d q'. Input and output have the same reference
+        link r: q' is the rate of link i relative to r, and y' is the rate of link o
+        relative to r. The coefficients c and d are computed with the help of any further
+        link, the auxiliary link.
 
         Both coefficients contain the sine of the angle between two axes: those about which
         links o and i turn relative to the auxiliary link. The relation is most accurate if
@@ -257,11 +257,11 @@ class SingleFreedomSingularities:
         Parameters
         ----------
         links
-            The input link i, its reference link r, the output link o, and its reference
-            link s.
+            The input link i, the output link o, and their reference link, which is both r
+            and s.
         """
         link_count = len(self.position_analysis.mechanism.links)
-        # Any link that is none of i, r, o and s.
+        # Any link that is none of i, o and their reference link.
         candidates = [link for link in range(link_count) if link not in links.different]
         if not candidates:
             return None
@@ -343,10 +343,8 @@ class SingleFreedomSingularities:
     def _points_and_resting_curves(self) -> list[SingularPoint]:
         """All singularities, in the order of output, curve and arc length.
 
-        If the input or an output rests on a whole curve, a single item stands for the
-        curve.
-
-        Its arc length is NaN.
+        If the input or an output rests on a whole curve, a single item with the arc length
+        NaN stands for the curve.
         """
         points: list[SingularPoint] = []
         for output in range(len(self.outputs)):
@@ -844,7 +842,7 @@ def explain_doubts(
     both rest. The errors of these points can leave a question open:
 
     - One point counts as a self-motion, at which input and output both rest. The input and
-      the output may rest at two different points near each other instead.
+      the output may rest at two different points near each other.
     - Two neighbouring points count as different, one where the input rests and one where
       the output rests. They may be the same point.
 

@@ -249,8 +249,8 @@ class SingularCurve:
         the output) rest for a moment there, and generally reverse. In a drawing over the
         inputs (or over the output), the curve has a sharp point there.
 
-        Sometimes singular motions are sought only in a part of the mechanism that has fewer
-        degrees of freedom. Cusps are not searched then.
+        The result is empty if singular motions are sought only in a part of the mechanism
+        that has fewer degrees of freedom.
         """
         # `motion_dimension` is the number of independent motions among which singular
         # motions are sought.

@@ -177,8 +177,8 @@ def singular_curves(
     slices_of_each
         The search follows curves on which one of the inputs is locked. This is the number
         of values at which each input is locked, evenly spread over its range. With 0 the
-        search starts from random closed configurations instead: it is quicker, but gives
-        only curves that meet the declared ranges, and its completeness is "sampled".
+        search starts from random closed configurations. It is quicker, but gives only
+        curves that meet the declared ranges, and its completeness is "sampled".
     made
         Curves with one locked input that were followed before, or None.
     budget
@@ -292,8 +292,7 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
     output rests while an input moves. In type II the output can move while the inputs rest.
     Some nodes of a curve can be of another type. Such nodes separate the parts.
 
-    The nodes of a closed curve are listed from an arbitrary first node. If a part passes
-    this node, two parts are yielded.
+    A part that passes the first node of a closed curve is yielded as two parts.
 
     Parameters
     ----------

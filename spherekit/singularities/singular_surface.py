@@ -138,14 +138,15 @@ class SingularSurface:
     def split(self) -> Self:
         """Return the mesh with every edge halved, its middle moved onto the surface.
 
-        Each triangle becomes four smaller ones. Newton's method moves the middles. If it
-        fails for an edge, this edge is not halved.
+        Newton's method moves the middles. An edge for which the method fails stays whole. A
+        triangle with three halved edges becomes four triangles.
         """
         edges, _ = list_edges(self.triangles)
         middles = self._interpolate(edges, part=0.5)
-        # (edges, 2, V) the two tangents of the surface at the first end of each edge. Each
-        # middle moves at right angles to these tangents, and so does not slide along the
-        # surface.
+        # (edges, 2, V) the two tangents of the surface at the first end of each edge, as
+        # changes of the V pair variables. A middle moves at right angles to these tangents.
+        # Tangents at the end are good enough, because these only select one of the points
+        # of the surface near the middle.
         tangent_rows = np.swapaxes(self.nodes.tangents[edges[:, 0]], 1, 2)
         new_points = self._correct(middles, tangent_rows)
         # All old vertices remain in the mesh.
@@ -220,9 +221,8 @@ class SingularSurface:
         level_coordinates = input_gradient[:, ::-1] * [-1.0, 1.0]
         second_rows = np.vecmat(level_coordinates, np.swapaxes(tangents, 1, 2))
         # The mesh may have been cut before, at a limit of another input. Along the edges of
-        # that cut the other input is constant. There the second equation says instead that
-        # the other input keeps its value. (The limited input itself is not constant along
-        # edges that cross its limit.)
+        # that cut, the second equation says that the other input keeps its value. (The
+        # limited input itself is not constant along edges that cross its limit.)
         for other_variable in driven:
             # Change of the other input from the first end of an edge to the second.
             edge_change = np.abs(guess.edge_vectors[:, other_variable])
@@ -405,7 +405,7 @@ def _inside_polygon(
     empty if nothing remains. It is also empty if a side has to be cut but has no new
     vertex.
 
-    If a mesh is refined instead, all corners are inside, and sides have a new vertex, too.
+    When a mesh is refined, all corners are inside, and sides can have a new vertex.
 
     Parameters
     ----------
@@ -482,7 +482,7 @@ def singular_surface(
     slices_of_each
         The search follows curves on which two of the inputs are locked. This is the number
         of values at which each input is locked, evenly spread over its range. With 0 the
-        search starts from random closed configurations instead.
+        search starts from random closed configurations.
     made
         Curves with two locked inputs that were followed before, or None.
     budget
@@ -497,8 +497,8 @@ def singular_surface(
     ------
     AnalysisError, PlanError
         If the mechanism does not have three inputs and three degrees of freedom, or if it
-        has no such output. Also if type I of a direction is asked for: a direction has two
-        freedoms, so that three inputs can move while it rests in every configuration.
+        has no such output. Also if type I of a direction is asked for: with three inputs
+        every configuration is of this type.
     """
     search = LocusPointSearch(
         mechanism,

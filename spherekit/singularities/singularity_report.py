@@ -96,11 +96,12 @@ class SingularityReport:
     solver
         Position solver of the mechanism.
     output
-        The output, with the condition that it rests (type I).
+        The output: the rotation of a link relative to another, and the equations of its
+        rest.
     kind
         The type: "I", "II" or "self-motion".
     part
-        The part of the mechanism that moves the output, or None if all pairs take part.
+        The pairs (joints) that move the output, with their links. None if all pairs do.
     """
 
     solver: PositionSolver
@@ -115,17 +116,18 @@ class SingularityReport:
         """Return the report on one type of singularity of an output.
 
         In type I the output rests while an input moves. In type II the output can move
-        while the inputs rest. A mechanism can have pairs (joints) that do not move the
-        output. For types I and II these pairs are left out, so that only singularities of
-        this output are counted. Self-motions, in which inputs and output rest, are
-        searched in the whole mechanism.
+        while the inputs rest. For types I and II, only the part of the mechanism that moves
+        the output is examined: the pairs (joints) that take part in the motion of the
+        output. So only singularities of this output are counted. Self-motions, in which
+        inputs and output rest, are searched in the whole mechanism.
 
         Parameters
         ----------
         solver
             Position solver of the mechanism.
         output
-            The output, with the condition that it rests.
+            The output: the rotation of a link relative to another, and the equations of its
+            rest.
         kind
             "I", "II" or "self-motion".
         """
@@ -211,6 +213,8 @@ class SingularityReport:
             the motion).
         """
         linearisation = self.solver.closure.linearise(values)
+        # Whole periods are added to the inputs, so that these are in their ranges or as
+        # near to the ranges as possible.
         inputs = self.inputs_in_range(values)
         orientation = self.output.orientation(linearisation)
         pointing = None

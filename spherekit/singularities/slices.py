@@ -44,8 +44,9 @@ def solver_of(mechanism: Mechanism) -> PositionSolver:
     """Return the position solver of a mechanism, without a search of assembly modes.
 
     The solver needs as many degrees of freedom as inputs. The degrees of freedom are
-    counted from the numbers of links and pairs (joints). This count can be wrong for
-    special dimensions. In that case they follow from the rank of the closure equations.
+    counted from the numbers of links and pairs (joints). If this count is wrong because of
+    special dimensions, the degrees of freedom follow from the rank of the closure
+    equations.
 
     Raises
     ------
@@ -141,7 +142,7 @@ def _follow_slices(
         first_starts = np.stack([remaining_starts[number][0] for number in unfinished])
         curves = follow_arcs(closure, first_starts, longest=MAX_SLICE_CURVE_LENGTH_RAD)
         for number, curve in zip(unfinished, curves, strict=True):
-            # Even if no curve could be followed from this start, it is not tried again.
+            # The start is not tried again, even if no curve could be followed from it.
             other_starts = remaining_starts[number][1:]
             if curve is None:
                 remaining_starts[number] = other_starts

@@ -247,8 +247,8 @@ def output_of(
     AnalysisError
         If there is no such direction.
     """
-    # `chosen_output` refuses to choose among several outputs. Here the first output is the
-    # default.
+    # The first of several outputs is the default. `chosen_output` would refuse to choose
+    # one.
     if output is None and len(mechanism.outputs) > 1:
         declared = mechanism.outputs[0]
     else:

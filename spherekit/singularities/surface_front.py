@@ -109,9 +109,9 @@ class SurfaceFront:
         """Return the indices of the vertices near a configuration on the same sheet.
 
         A sheet is a part of a surface of singular configurations. Two sheets can pass each
-        other at a small distance. They differ in their singular motion: the rates with
-        which inputs or output rest. The sign of this motion is arbitrary, so only its line
-        is compared.
+        other at a small distance. Sheets differ in their singular motion: the rates of all
+        variables in the motion in which the inputs, or the output, are at rest. The sign of
+        this motion is arbitrary and does not count.
 
         Parameters
         ----------
@@ -145,9 +145,7 @@ class SurfaceFront:
             is_crossing = points.reciprocal_condition < SURFACE_CROSSING_CONDITION
             crossings += int(np.sum(is_inside & is_crossing))
             for row in np.flatnonzero(is_inside):
-                # The slice selects one point as an array of one row. The result is False if
-                # the point is on a meshed surface or at a crossing, or if a limit is
-                # reached.
+                # The slice selects one point as an array of one row.
                 is_new_surface = self.mesh_surface(points.rows(slice(row, row + 1)))
                 if is_new_surface:
                     self.search.record_new_result()
@@ -181,8 +179,7 @@ class SurfaceFront:
 
         Returns
         -------
-        Whether the seed became a vertex of the mesh. This counts even if no triangle could
-        be added.
+        Whether the seed became a vertex of the mesh.
         """
         # Where surfaces cross, the equations for Newton's method are nearly singular.
         is_crossing = seed.reciprocal_condition[0] < SURFACE_CROSSING_CONDITION
@@ -192,13 +189,15 @@ class SurfaceFront:
         if is_crossing or len(covering) or not self._may_add_vertex():
             return False
         first = self._add_vertex(seed)
-        # The other two corners, as complex numbers in the tangent plane at the seed.
+        # The other two corners, as offsets from the seed in its tangent plane (complex
+        # numbers).
         equilateral = [self.edge_length, self.edge_length * (0.5 + 1j * EQUILATERAL_HEIGHT)]
         neighbours = self._compute_vertices([first, first], equilateral)
         corners = [self._add_vertex(point) for point in neighbours if point is not None]
         # Newton's method can fail at a neighbour.
         if len(corners) == 2:
             self._add_triangle(first, *corners)
+        # `_add_triangle` appends the open edges of each new triangle to `waiting_edges`.
         while self.waiting_edges and self._may_add_vertex():
             edge = self.waiting_edges.popleft()
             if self._needs_triangle(edge):
@@ -243,8 +242,8 @@ class SurfaceFront:
         """Register a new triangle at one of its sides.
 
         The first triangle on an edge makes the edge open: it waits for a second triangle.
-        The second triangle closes the edge. A closed edge may still be among the waiting
-        edges; it is skipped when its turn comes.
+        The second triangle closes the edge. A closed edge may stay in `waiting_edges`,
+        where it is ignored.
 
         Parameters
         ----------
@@ -390,17 +389,17 @@ class SurfaceFront:
     def _new_vertex(self, edge: Edge) -> LocusPoints | None:
         """Return the new vertex that completes an equilateral triangle on an open edge.
 
-        An open edge of the mesh has a triangle on one side only. The third vertex of a
-        second triangle should be at a position in the tangent plane of the surface (the
-        ideal apex). From there, Newton's method goes to a singular configuration, which is
-        the new vertex. The result is None if the method fails.
+        The mesh approximates a surface of singular configurations. An open edge of the mesh
+        has a triangle on one side only. The ideal apex of a second triangle is a position
+        in the tangent plane of the surface at the first end of the edge. From there,
+        Newton's method goes to a singular configuration, which is the new vertex. The
+        result is None if the method fails.
 
         To save time, the vertices for the next waiting edges are computed together and
         stored in `computed_vertices`.
         """
         if edge not in self.computed_vertices:
             edges = self._edges_to_compute(edge)
-            # An ideal apex is a position in the tangent plane at the first end of its edge.
             first_ends = [first for first, _ in edges]
             apexes = [self._ideal_apex(open_edge) for open_edge in edges]
             vertices = self._compute_vertices(first_ends, apexes)
@@ -433,12 +432,10 @@ class SurfaceFront:
         ideal = self._ideal_apex(edge)
         ideal_offset = self.vertices.tangents[a] @ [ideal.real, ideal.imag]
         # Only vertices in this neighbourhood are candidates, and only open edges between
-        # them are tested for crossings. Its radius has to exceed `MAX_EDGE_LENGTH`, the
+        # them are tested for crossings. The radius has to exceed `MAX_EDGE_LENGTH`, the
         # largest distance of a candidate from the ideal apex, since open edges beyond a
-        # candidate can cross the triangle too.
-        # The surface may have another sheet, which passes nearby. Its vertices are left
-        # out. They are recognised by their singular motion: the rates of the variables
-        # with which the inputs (or the output) rest.
+        # candidate can cross the triangle, too. Vertices of other sheets of the surface
+        # that pass nearby are left out.
         neighbours = self.find_vertices_near(
             self.vertices.values[a] + ideal_offset,
             self.vertices.motions[a],

@@ -72,7 +72,7 @@ def find_output_part(
 
     Returns
     -------
-    The part, or None if all pairs take part. The caller then uses the whole mechanism.
+    The part, or None if all pairs take part.
     """
     pairs = moving_pairs(mechanism, assembly, (link, relative_to))
     if len(pairs) == len(mechanism.pairs):
@@ -109,7 +109,7 @@ def _make_tree(
     pairs, variables
         Indices of the pairs, and of the variables of these pairs.
     first_links
-        The links that become body 0 and body 1, so that the caller knows their indices.
+        The links that become body 0 and body 1.
     """
     links = list(first_links)
     for pair in pairs:
@@ -153,9 +153,9 @@ class ConfigurationChanges:
     def vector_derivatives(self) -> Floats:
         """(n, d, V, 3) derivatives of the velocity vectors along the d directions.
 
-        There are n configurations. Along each direction all variables change together. The
-        velocity vector of a variable is the relative angular velocity of the two links of
-        its pair when the variable changes at unit rate.
+        Along each direction all variables change together. The velocity vector of a
+        variable is the relative angular velocity of the two links of its pair when the
+        variable changes at unit rate.
         """
         derivatives = [
             self.linearisation.vector_rates(self.linearisation.body_rates(changes))
@@ -213,8 +213,7 @@ class TangentSpace:
     def closing_step(self) -> Floats:
         """(n, V) the shortest Newton step that closes loops which are slightly open (rad).
 
-        It changes the V variables of n configurations (rad). It is defined for a whole
-        mechanism only.
+        The step is defined for a whole mechanism only, not for a part.
         """
         residual = self.linearisation.residual
         return -np.einsum("nve,ne->nv", self.jacobian_inverse, residual)

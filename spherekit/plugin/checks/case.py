@@ -186,8 +186,8 @@ class ConformanceCase:
         hidden = replace(motion, placed=rotations, values=values)
         # Properties of a motion are cached. The Jacobian (`linearisation`) and its
         # condition number (`conditioning`) need all links and pairs. So the cached values
-        # of the motion without NaN are used. The property `rotations` would read
-        # orientations without NaN from this Jacobian. So its cached value is set, too.
+        # of the motion without NaN are used. The property `rotations` reads a cached
+        # `linearisation` and not `placed`, so the cached value of `rotations` is set, too.
         vars(hidden).update(
             linearisation=motion.linearisation,
             conditioning=motion.conditioning,

@@ -71,7 +71,6 @@ def check_reads(case: ConformanceCase) -> str:
         expected, _ = case.whole_results
     except SpherekitError:
         return ""  # another check reports it
-    # As for `whole_results`, all samples are computed in one block.
     block_size = len(case.sampling)
     tables, _ = case.compute_results(block_size, change_read_motion=case.hide_undeclared)
     _require_same(case, expected, tables, "where what was not declared is NaN")

@@ -168,9 +168,10 @@ class ConformanceSuite:
     def _check_needs(self) -> str:
         """Check that the method `needs` is repeatable and changes no parameters.
 
-        The method states which quantities the analysis reads. The method is called twice
-        for each mechanism. Mechanisms that the analysis accepts become cases of the further
-        checks. A mechanism that it refuses by an error of spherekit is left out.
+        The method states which quantities of the samples of a run the analysis reads, such
+        as rotations of links. The method is called twice for each mechanism. Mechanisms
+        that the analysis accepts become cases of the further checks. A mechanism that the
+        analysis refuses by an error of spherekit is left out.
 
         Returns
         -------
