@@ -82,7 +82,7 @@ class TurnSolutions:
     turn
         (k,) turn (rad) in (-pi, pi].
     sense
-        (k,) sign of the derivative of f with respect to the turn, 1.0 or -1.0. It
+        (k,) sign of the derivative of f with respect to the turn, 1.0 or -1.0. The sign
         distinguishes neighbouring solutions for the same direction.
     """
 
@@ -136,11 +136,11 @@ class DyadsWithClosingLink:
     link
         Number of the closing link.
     pairs
-        Numbers of its two pairs.
+        Numbers of the two pairs of the closing link.
     neighbours
-        Numbers of the two links that it joins, in the order of `pairs`.
+        Numbers of the two links that the closing link joins, in the order of `pairs`.
     arc_cosine
-        Cosine of the angle between its axes.
+        Cosine of the angle between the axes of these pairs.
     pointer_frame
         (3, 3) right-handed frame in the axes of the output link, as rows: two axes from
         which the turn is measured, then the direction of the output.
@@ -158,10 +158,10 @@ class DyadsWithClosingLink:
         """Place all links but the closing link, for poses of a pointing output link.
 
         A pose is the direction in which the output link points, and its turn (angle) about
-        this direction. It places the output link. Other links follow two at a time. Such
-        two links, a dyad, are hinged to each other and to two links that are placed
-        already. So they have only two possible positions. One link is left out here, the
-        closing link, because it fits at certain turns only.
+        this direction. The other links follow two at a time. The two links, a dyad, are
+        hinged to each other and to two placed links. A dyad therefore has two possible
+        positions. One link, the closing link, is left out, because it fits at certain turns
+        only.
 
         Parameters
         ----------
@@ -210,9 +210,10 @@ class DyadsWithClosingLink:
     def measure_turns(self, directions: Floats, rotations: Floats) -> Floats:
         """Return the angles of the output link about its direction, in given orientations.
 
-        The exact turns are searched from these angles. The output points in a direction,
-        and the turn is its angle about this direction. The pointing axis of a given
-        orientation may deviate from the direction. The turn then fits the orientation best.
+        The turn of the output link is its angle about the direction in which it points. If
+        the pointing axis of an orientation deviates from the direction, the turn is that
+        which fits the orientation best. The angles are starts for a search of the exact
+        turns.
 
         Parameters
         ----------
@@ -223,24 +224,26 @@ class DyadsWithClosingLink:
 
         Returns
         -------
-        (n,) turns (rad). They are measured from two axes of the output link at right angles
-        to its pointing axis, the first two rows of `pointer_frame`.
+        (n,) turns (rad): angles from the first axis of `_axes_around` to the first row of
+        `pointer_frame`, which is fixed in the output link.
         """
-        # The images of these two axes in the given orientations, (3, n) each in the axes of
-        # the base. The transpose of the product (n, 3, 2) has the shape (2, 3, n).
+        # The images of the first two rows of `pointer_frame` in the given orientations, (3,
+        # n) each in the axes of the base. The transpose of the product (n, 3, 2) has the
+        # shape (2, 3, n).
         x_image, y_image = (rotations @ self.pointer_frame[:2].T).T
         x_axis, y_axis = _axes_around(directions)
-        # At the turn t these axes should be x cos t + y sin t and y cos t - x sin t. The
-        # sum of the scalar products with the images, A cos t + B sin t, is largest at
-        # t = atan2(B, A).
+        # At the turn t the images should be x cos t + y sin t and y cos t - x sin t. The
+        # sum of the scalar products of these vectors with the actual images is A cos t + B
+        # sin t. This sum is largest at t = atan2(B, A).
         sine = dot_columns(y_axis, x_image) - dot_columns(x_axis, y_image)
         return np.arctan2(sine, dot_columns(x_axis, x_image) + dot_columns(y_axis, y_image))
 
     def link_orientations(self, mode: WorkingMode, count: int) -> Floats:
         """Return the orientations of all links of the mechanism.
 
-        All links but one were placed as dyads (two links and three R pairs). Here the
-        remaining one, the closing link, is added. It fits between two of them.
+        All links but one were placed as dyads (two links and three R pairs). The
+        orientation of the remaining link, the closing link, follows from its two
+        neighbours.
 
         Parameters
         ----------
@@ -264,8 +267,8 @@ class DyadsWithClosingLink:
             # The columns of a rotation are the images of the three axes of the link.
             for column, unit_vector in enumerate(np.eye(3)):
                 rotations[:, link, :, column] = mode.vector(link, unit_vector).T
-        # The closing link is placed by the axes of its two pairs. They are known in the
-        # axes of the base, because its neighbours are placed, and in its own axes.
+        # The axes of its two pairs give the orientation of the closing link. The placed
+        # neighbours give both axes in the base.
         first_in_base, second_in_base = (
             np.broadcast_to(axis, (3, n)).T for axis in self._end_axes(mode)
         )
@@ -297,7 +300,7 @@ class DyadsWithClosingLink:
 
         The closure error of the closing link is f = p . q - cos(arc), with the axes p and q
         of its two pairs (joints). The rate is the fraction ``numerator . w / denominator``.
-        The two parts, (3, n) and (n,), are finite also where the rate is infinite.
+        The numerator has the shape (3, n), the denominator (n,).
         """
         p, q = self._end_axes(mode)
         # f' = (p x q) . (w_p - w_q) with the angular velocities of the links that carry p
@@ -313,8 +316,7 @@ class DyadsWithClosingLink:
         """Return the derivative df/d(turn) (n,) of the closure error f of the closing link.
 
         The turn is the angle of the output link about its direction (3, n). The derivative
-        is the rate of f at the angular speed 1 about this direction. Newton's method needs
-        it.
+        is the rate of f at the angular speed 1 about this direction.
         """
         rate = self.residual_rate(mode)
         return dot_columns(rate.numerator, directions) / rate.denominator
@@ -370,10 +372,10 @@ class DyadsWithClosingLink:
     def find_turns(self, directions: Floats, signs: Signs) -> TurnSolutions:
         """Return all turns of the output at which the closing link fits in.
 
-        The turn is the angle of the output link about its direction. It places all other
-        links, and so determines the angle d between the two pair axes of the closing link.
-        The arc of this link is a, so it fits if the residual f = cos(d) - cos(a) is 0. Two
-        roots of f that are very close together can be missed.
+        The turn is the angle of the output link about its direction. The turn places all
+        other links, and so determines the angle d between the two pair axes of the closing
+        link. The arc of this link is a, so it fits if the residual f = cos(d) - cos(a) is
+        0. Two roots of f that are very close together can be missed.
 
         Parameters
         ----------
@@ -385,7 +387,7 @@ class DyadsWithClosingLink:
         Returns
         -------
         The turns in (-pi, pi] with their directions, and for each turn the sign of the
-        derivative of f with respect to the turn. The sign is 1 if the derivative is 0.
+        derivative of f with respect to the turn.
         """
         # Intervals of the turn in which f changes its sign. A jump of f is no root.
         brackets = self._bracket_roots(directions, signs)
@@ -418,7 +420,7 @@ class DyadsWithClosingLink:
         turn
             (k,) turns (rad).
         is_root
-            (k,) whether f is 0 there. Otherwise f changes its sign by a jump.
+            (k,) whether f is 0 at the turn; False where f changes its sign by a jump.
         """
 
         def compute_residual(turns: Floats, bracket_numbers: Indices) -> Floats:
@@ -441,10 +443,10 @@ class DyadsWithClosingLink:
 
         The turn, the angle of the output link about its direction, is sampled in equal
         steps. A cell is the interval between two samples. Usually a root is seen by samples
-        with different signs of f. It can be hidden in two ways: a dyad gets out of reach
-        within the cell, or f crosses 0 twice around an extremum. The turn of the extremum,
-        or of the limit of the reach, is therefore searched and inserted as a further
-        sample.
+        with different signs of f. A root can be hidden in two ways: a dyad gets out of
+        reach within the cell, or f crosses 0 twice around an extremum. The turn of the
+        extremum, or of the limit of the reach, is therefore searched and inserted as a
+        further sample.
 
         Parameters
         ----------
@@ -596,7 +598,7 @@ def _merge_equal_turns(row: Indices, turn: Floats) -> tuple[Indices, Floats]:
     """Return the different turns of each direction, ordered by direction and turn.
 
     A turn is a solution: the angle of the output link about the direction at which it
-    points. The search can find a solution twice. Turns near -pi and pi are not compared.
+    points. The search can find a solution twice.
 
     Parameters
     ----------
@@ -632,8 +634,7 @@ def _axes_around(directions: Floats) -> tuple[Floats, Floats]:
 
     The output points in the directions z. Its turn about z is counted from x: the angle
     from x to a fixed axis of the output link, the first row of
-    `DyadsWithClosingLink.pointer_frame`. Any x at right angles would do, but equal
-    directions z must have the same x.
+    `DyadsWithClosingLink.pointer_frame`. Equal directions z have the same x.
     """
     x_axis = perpendicular(directions.T).T
     return x_axis, cross_columns(directions, x_axis)

@@ -120,8 +120,7 @@ class DyadChain:
     """The dyads of a mechanism that are placed one after another from two given links.
 
     The base is fixed, and the posed link has a given orientation. Each dyad is two links
-    whose outer pairs join it to these two links or to links of dyads before it. Base and
-    posed link count as one body, since both are placed before all dyads.
+    whose outer pairs join it to these two links or to links of dyads before it.
 
     Parameters
     ----------
@@ -130,13 +129,12 @@ class DyadChain:
     joints
         The joints of its pairs.
     assembly
-        Its groups, all of which are dyads.
+        The groups of links of the mechanism, all of which are dyads.
     base
         Number of the link in whose axes all vectors are given.
     posed_link
-        Number of the link that each pose places. A pose gives the orientation of this link,
-        or only the axes of its pairs if the dyads need no more. The angular velocity of the
-        output is the angular velocity of this link relative to the base.
+        Number of the link that each pose places. The angular velocity of the output is the
+        angular velocity of this link relative to the base.
 
     Attributes
     ----------
@@ -177,7 +175,8 @@ class DyadChain:
         assembly
             Its groups of links, all of which are dyads, in the order of placing.
         base
-            Number of the link in whose axes all vectors are given. It counts as fixed.
+            Number of the link in whose axes all vectors are given. The base counts as
+            fixed.
         posed_link
             Number of the link whose position is given by a pose of the output.
         """
@@ -186,7 +185,7 @@ class DyadChain:
         self.joints = joints
         self.base = base
         self.posed_link = posed_link
-        # Some methods of this class remember their results, which never change.
+        # Some methods of this class remember their results.
         self._cache_methods()
         # The dyads, and the number of the dyad to which each link and each pair belongs.
         self.dyads = tuple(self._make_dyad(group) for group in assembly.groups)
@@ -255,8 +254,8 @@ class DyadChain:
             far_link=far_link,
             near_support=self._other_link(near_pair, near_link),
             far_support=self._other_link(far_pair, far_link),
-            # A working mode gives each dyad a sign, 1 or -1. For the sign 1, the middle
-            # axis is on the side `dyad_parity`, which is 1 or -1, too.
+            # `dyad_parity`, 1 or -1, is the side of the middle axis in working modes in
+            # which this dyad has the sign 1.
             positive_mode_side=group.dyad_parity,
             # The angles between the axes at both ends of the near link, and at both ends of
             # the far link.
@@ -346,8 +345,8 @@ class DyadChain:
         link
             Number of a link of a dyad.
         vector
-            The three components in the axes of the link. They are separate numbers so that
-            the result can be cached.
+            The three components in the axes of the link. The components are separate
+            numbers so that the result can be cached.
 
         Returns
         -------
@@ -440,8 +439,8 @@ def reciprocal_vectors(vectors: Floats, direction: Floats | None) -> tuple[Float
     The reciprocal vectors of a, b, c are b x c, c x a and a x b, divided by the volume a .
     (b x c). Each reciprocal vector has the scalar product 1 with the vector that it belongs
     to, and 0 with the two other vectors, so the reciprocal vectors are the columns of the
-    inverse of the matrix with the rows a, b, c. Here they are returned without the
-    division. They are then finite also if the vectors are coplanar.
+    inverse of the matrix with the rows a, b, c. The result is without the division, and is
+    finite even if the vectors are coplanar.
 
     Parameters
     ----------

@@ -53,8 +53,8 @@ class DyadKinematics(ClosedKinematics):
 
         A dyad is two links with three R pairs. To hold the output in a pose, the inverse
         kinematics adds virtual links and pairs between the output link and its reference
-        link. A dyad can end at such a virtual pair, which users do not know. In the name of
-        the leg, a real pair with the same axis then replaces this pair, if there is one.
+        link. The name of a leg has a real pair with the same axis in place of a virtual
+        pair, because users know only real pairs.
 
         Parameters
         ----------
@@ -109,12 +109,13 @@ class DyadKinematics(ClosedKinematics):
     def spans(self) -> tuple[LegSpan, ...]:
         """The smallest and the largest angle between the outer axes of every leg.
 
-        They limit the reach of the leg. A leg is here a dyad: two links that a middle pair
-        joins. A near pair and a far pair join these links to other links. The outer axes
-        are the axes of the near and the far pair.
+        Both angles limit the reach of the leg. A leg is here a dyad: two links that a
+        middle pair joins. A near pair and a far pair join these links to other links. The
+        outer axes are the axes of the near and the far pair.
 
-        A leg can end at a virtual pair, which was added to hold the output. If a real pair
-        has the same axis, its number is reported instead, because users know its name.
+        To hold the output in a pose, virtual links and pairs join the output link to its
+        reference link. A leg can end at a virtual pair. A real pair with the same axis is
+        reported in place of the virtual pair, because users know only real pairs.
         """
         return tuple(
             LegSpan(
@@ -218,8 +219,8 @@ class GearedKinematics(ClosedKinematics):
         mechanism, output
             The whole mechanism, and its output.
         wheelless
-            Closed form of the mechanism without the wheels, driven at the entry pairs. It
-            has the links that carry the output.
+            Closed form of the mechanism without the wheels, driven at the entry pairs. This
+            mechanism has the links that carry the output.
         train
             The wheels, with the ratios by which their pairs follow from the inputs.
         entry_pairs
@@ -286,7 +287,7 @@ class _GearedMode:
         """Return the cosine (n,) of the angle between the axes of two pairs.
 
         The pairs (joints) are numbered as in the mechanism without its wheels
-        (`GearedKinematics.carrying`), which has fewer pairs.
+        (`GearedKinematics.carrying`).
         """
         return self.wheelless_mode.cosine(first_pair, second_pair)
 
@@ -378,24 +379,23 @@ class _GearedMode:
     def _continue_type_1_square(self) -> Floats:
         """Return the squared measures of type I for poses out of reach.
 
-        The measure of an input is the speed of the output per unit rate of this input. It
-        is 0 at the limit of the reach, where the input can move while the output rests.
-        Beyond the limit the measure itself has no value. Its square can be continued and is
-        negative there, so that the limit can be searched from both sides.
+        The measure of an input is the speed of the output per unit rate of this input. The
+        measure is 0 at the limit of the reach, where the input can move while the output
+        rests. Beyond the limit the measure itself has no value. Its square can be continued
+        and is negative there, so that the limit can be searched from both sides.
 
         The mechanism without wheels has entry pairs, at which the wheels or the inputs
         drive it. This mechanism gives a continued square per unit rate of each entry pair.
-        Let r be the derivative of an input with respect to the angle of the entry pair.
-        While the pair has the rate 1, the input has the rate r. Per unit rate of the input,
-        the square is therefore divided by r^2.
+        Let r be the derivative of an input with respect to the angle of the entry pair. Per
+        unit rate of the input, the square is divided by r^2.
 
-        A pose is out of reach if the square of any entry pair is negative. So the least
-        quotient counts.
+        A pose is out of reach if the square of any entry pair is negative. The least
+        quotient therefore counts.
 
         Returns
         -------
         (n, inputs) the least quotient of all entry pairs that have an effect on the input,
-        but at most 0. It is 0 within reach.
+        but at most 0. Within reach the result is 0.
         """
         # There are as many entry pairs as inputs. Both arrays have n rows.
         entry_squares = self.wheelless_mode.type_1_square  # a column for each entry pair
@@ -404,7 +404,7 @@ class _GearedMode:
         # angles of all entry pairs.
         for number, derivatives in enumerate(self.kinematics.inverse_ratios):
             for entry_number, squared_derivative in enumerate(derivatives**2):
-                # If it is 0, the entry pair has no effect on the input.
+                # An entry pair with the derivative 0 has no effect on the input.
                 if squared_derivative > 0.0:
                     quotient = entry_squares[:, entry_number] / squared_derivative
                     continuation[:, number] = np.minimum(continuation[:, number], quotient)

@@ -125,9 +125,9 @@ class RotationSamples:
         (n,) transmission measure of the inputs, 0 at a singularity of type II, see
         `spherekit.velocities.transmission_measure`.
     status
-        (n,) codes of `Status`. A row that is not OK is NaN, except at AT_SINGULARITY: there
-        the inputs do not determine the configuration, but the rotation continues. Rates
-        that are not finite are NaN.
+        (n,) codes of `Status`. Rows with other codes than OK and AT_SINGULARITY are NaN. At
+        AT_SINGULARITY the inputs do not determine the configuration, but the rotation
+        continues. Rates that are not finite are NaN.
     """
 
     theta: Floats
@@ -186,10 +186,10 @@ class FollowedRotation(RotationPath):
     def crossings(self) -> tuple[float, ...]:
         """Angles (rad) at which the inputs do not determine the output (type II).
 
-        They come from two sources. At the leaps, the tracking of the rotation stepped over
-        a singular configuration. The others are found where the transmission measure falls
-        to 0. This measure says how well the locked inputs hold the output. All angles are
-        between 0 and `reached`, up to which the rotation was tracked.
+        At some angles, the leaps, the tracking of the rotation stepped over a singular
+        configuration. The other angles are found where the transmission measure falls to 0.
+        This measure says how well the locked inputs hold the output. All angles are between
+        0 and `reached`, up to which the rotation was tracked.
         """
         # Evaluate the measure on a grid. A value that is not larger than its two neighbours
         # brackets a minimum. Beyond the ends of the grid the measure counts as infinite.
@@ -219,8 +219,8 @@ class FollowedRotation(RotationPath):
     def _measure_transmission(self, theta: Floats) -> Floats:
         """Return the transmission measure (n,) at angles (n,) rad up to `reached`.
 
-        The measure tells how well the locked inputs hold the output link. It is 0 where the
-        output can move although the inputs are locked (type II singularity).
+        The measure tells how well the locked inputs hold the output link. The measure is 0
+        where the output can move although the inputs are locked (type II singularity).
         """
         guess, _ = self.nodes.interpolate(theta)
         deviation, _ = self.find_nearest(theta, guess)
@@ -252,8 +252,9 @@ class FollowedRotation(RotationPath):
         predicted, cell_size = self.nodes.interpolate(np.minimum(theta, self.reached))
         deviation, _ = self.find_nearest(theta, predicted)
 
-        # How well the equations determine the links, 0 where they do not. If the output
-        # link follows the target exactly, the orientation is one of the equations.
+        # The conditioning is 0 where the equations do not determine the links. If the
+        # output link follows the target exactly, the equations include that it has the
+        # target's orientation.
         conditioning = np.nan_to_num(1.0 / condition_numbers(deviation.system))
         if not self.exact:
             conditioning = np.minimum(
@@ -263,13 +264,13 @@ class FollowedRotation(RotationPath):
             conditioning > SINGULAR_TARGET_CONDITION
         )
         if np.any(is_undetermined):
-            # Newton's method returns arbitrary values there. The interpolated ones are
-            # accurate, since the path continues smoothly.
+            # Where the links are not determined, Newton's method returns arbitrary values.
+            # The interpolated values are accurate, since the path continues smoothly.
             values = np.where(is_undetermined[:, None], predicted, deviation.values)
             deviation = self.output_link.compare(values, self.target_orientations(theta))
 
-        # Tests that the sample belongs to the path, and is regular. The negated comparisons
-        # below also apply to NaN.
+        # Tests that the sample belongs to the path, and is regular. Comparisons are negated
+        # so that NaN fails the test.
         correction = max_abs(deviation.values - predicted, axis=1)
         allowed_correction = MODE_CHANGE_RATIO * STEP_VERIFICATION.middle * cell_size
         allowed_correction = allowed_correction + MODE_CHANGE_RAD
@@ -539,8 +540,7 @@ def follow_to(
 ) -> FollowedRotation:
     """Return the rotation of an output link to an orientation, about a fixed axis.
 
-    This is the axis of the rotation that leads from the orientation at the start to the
-    orientation at the end, by an angle below half a turn.
+    The link turns by less than half a turn, which determines the axis.
 
     Parameters
     ----------

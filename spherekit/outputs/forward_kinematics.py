@@ -108,8 +108,9 @@ def find_configurations(
 ) -> PoseSolutions:
     """Return every configuration of a mechanism at some inputs, row by row.
 
-    The function also serves for inverse kinematics. Extra "virtual" links then fix the
-    output in a pose. The coordinates of the pose are the inputs of this extended mechanism.
+    For inverse kinematics, `solver` belongs to the mechanism with additional, virtual links
+    that fix the output in a pose. The coordinates of the pose are the inputs of this
+    extended mechanism.
 
     Parameters
     ----------
@@ -126,7 +127,7 @@ def find_configurations(
 
     Returns
     -------
-    The configurations. Their inputs are in (-pi, pi] unless wheels count their turns.
+    The configurations. The inputs are in (-pi, pi] unless wheels count their turns.
     """
     released_solver = solver if released is None else released
     # One entry for each configuration: row of the inputs, variables, signs of the dyads.
@@ -143,9 +144,9 @@ def find_configurations(
             if released is None:
                 configuration: Floats | None = closed_values
             else:
-                # With the output held, wheels close in any mesh of their teeth. They are
-                # turned by whole revolutions until they mesh as in the file; the result is
-                # None if that is impossible.
+                # With the output held, wheels close in any mesh of their teeth. The wheels
+                # are turned by whole revolutions until they mesh as in the file. If that is
+                # impossible, the result is None.
                 configuration = find_assembled_configuration(
                     solver, released, closed_values
                 )

@@ -94,8 +94,7 @@ class Inverse:
         (m, n, inputs) angular velocity of the output along a unit vector n_i (see
         `normals`) per unit rate of input i. It is 0 at a type I singularity of that input,
         where the input moves while the output rests. For an input on the base it is at most
-        1: it is then the sine of the angle between the input's axis and the plane of the
-        next link.
+        1.
     measure
         Function that computes `type_2`.
     normals
@@ -152,17 +151,17 @@ class Inverse:
         """
         if self.normals is None:
             raise SolveError("the Jacobian needs the normals; solve with normals=True")
-        # The unit normal n_i of input i has these properties: n_i . w is 0 for all angular
-        # velocities w of the output while this input is locked. While it has the rate q_i',
-        # n_i . w is type_1 q_i'. So q_i' = (n_i / type_1) . w, and n_i / type_1 is row i of
+        # Let w be the angular velocity of the output, and n_i the unit normal of input i.
+        # n_i . w is 0 while input i is locked, whatever the other inputs do. `type_1` is
+        # n_i . w while input i has the rate 1. At any rate q_i' of input i, therefore,
+        # n_i . w = type_1 q_i'. So q_i' = (n_i / type_1) . w, and n_i / type_1 is row i of
         # the inverse Jacobian.
         inverse_rows = self.normals / self.type_1[..., None]
         third_row = None
         if inverse_rows.shape[2] == 2:
-            # With two inputs the output is a direction, and the matrix has only two rows.
-            # Both are at right angles to this direction. Their vector product is along the
-            # direction and serves as the third row. It makes the angular velocity about the
-            # direction zero, whatever the length of the row is.
+            # With two inputs the output is a direction, and the matrix has only two rows,
+            # at right angles to the direction. Their vector product serves as the third
+            # row. The angular velocity about the direction is then zero.
             third_row = np.cross(inverse_rows[..., 0, :], inverse_rows[..., 1, :])
         # The columns of the inverse of a matrix are the cross products of its rows,
         # divided by the determinant.
@@ -303,8 +302,7 @@ class InverseKinematics:
         its two positions; a group without a closed form has the sign 0. A bar is a link
         with an arc that determines the turn of the output about its direction. The sign of
         the bar is the sign of the derivative, with respect to the turn, of the cosine of
-        the angle between its axes. A direction may have several solutions with the same
-        sign.
+        the angle between its axes.
         """
         choices = [(1, -1) if group.is_dyad else (0,) for group in self._assembly.groups]
         if self._closing_link is not None:
@@ -555,9 +553,7 @@ class InverseKinematics:
             raise self.no_closed_form("ask for `solutions` row by row")
         pose_array = self._check_poses(poses)
         modes = self._check_modes([signs])
-        # `_place_modes` also serves for mechanisms in which an equation has to be solved by
-        # Newton's method, with starts. Here none is solved, so the array of starts is
-        # empty.
+        # Starts are for Newton's method, which a mechanism of dyads does not need.
         no_starts = np.empty((len(pose_array), 0))
         return next(self._place_modes(pose_array, no_starts, modes))
 
@@ -605,10 +601,11 @@ class InverseKinematics:
         -------
         The configurations of the mechanism of the user, without the virtual pairs.
         """
-        # A pointing output has the azimuth and the tilt of its direction as coordinates.
+        # `self.wrist` has the virtual links and pairs. If the output is only a direction
+        # (`points`), the coordinates are the azimuth and the tilt of this direction.
         coordinates = azimuth_tilt(poses) if self.wrist.points else euler_zyz(poses)
-        # `self.own` is the mechanism of the user, in which the output is not held. Its
-        # solver tells which variables to return, and checks how the wheels mesh.
+        # `self.own` is the mechanism of the user, in which the output is released. Only the
+        # variables of this mechanism are returned.
         own_solver = PositionSolver(self.own, plan_assembly(self.own))
         return find_configurations(
             self.solver, self.wrist.output, inputs=coordinates, released=own_solver
@@ -822,8 +819,8 @@ def _close_mode(
     residual = np.abs(closing_link.residual(mode))
     status = _closing_status(mode.status, residual, slope, slope_sign)
 
-    # The rate of the residual for any angular velocity of the output. It is stored, because
-    # rates of the inputs need it.
+    # The rate of the residual for any angular velocity of the output. The rates of the
+    # inputs depend on the rate of the residual.
     residual_rate = closing_link.residual_rate(mode)
     state = ClosingLinkState(residual_rate, directions, status)
     return replace(mode, closing_link=state)
@@ -842,7 +839,7 @@ def _closing_status(
     - NOT_CONVERGED where the residual is not 0,
     - MODE_LOST where the slope does not have the sign that belongs to the mode,
     - AT_SINGULARITY where the slope is almost 0, because two solutions are about to meet,
-    - otherwise that of the dyads.
+    - the status of the dyads everywhere else.
 
     Parameters
     ----------
@@ -858,8 +855,8 @@ def _closing_status(
     """
     status = dyad_status.copy()
     is_in_reach = dyad_status != Status.OUT_OF_REACH
-    # Near a slope of 0, half of the digits of the turn are lost, as for a dyad that is
-    # nearly stretched. The same limit is used.
+    # Near a slope of 0, half of the digits of the turn are lost. The limit is that for
+    # dyads that are nearly stretched.
     is_singular = np.abs(slope) < SINGULAR_DYAD_SINE
     has_other_sign = slope * link_sign <= 0.0
     # The residual divided by the slope estimates the error of the turn (rad). Where a dyad

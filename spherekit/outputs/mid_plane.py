@@ -37,8 +37,8 @@ class ElbowFeet:
 
         elbow = foot + triple_product * direction.
 
-    They differ only in the sign of the triple product n . (base axis x elbow), with the
-    unit normal n of the mid-plane. This sign is the mode of the leg.
+    The two vectors differ only in the sign of the triple product n . (base axis x elbow),
+    with the unit normal n of the mid-plane. This sign is the mode of the leg.
 
     Attributes
     ----------
@@ -60,10 +60,10 @@ class ElbowFeet:
     def elbows(self, modes: ArrayLike) -> tuple[Floats, Floats]:
         """Return the elbows of the legs in given modes, and their triple products.
 
-        The elbow of a leg is the axis between its two links. It is in the mid-plane, in
-        which base and end effector mirror each other. Two positions are possible, which the
-        sign of the triple product n . (base axis x elbow) distinguishes. Here n is the unit
-        normal of the mid-plane. `foot` is the point half-way between both positions.
+        The elbow of a leg is the axis between its two links. The elbow is in the mid-plane,
+        in which base and end effector mirror each other. Two positions are possible, which
+        the sign of the triple product n . (base axis x elbow) distinguishes. Here n is the
+        unit normal of the mid-plane. `foot` is the point half-way between both positions.
         `direction` is the change of the elbow per unit of the triple product:
 
             elbow = foot + triple_product * direction.
@@ -144,18 +144,20 @@ class MidPlane:
         elbows
             (n, legs, 3) unit vectors, NaN where a leg does not reach the mid-plane.
         triple_products
-            (n, legs) numbers n . (base axis x elbow) with the normal n. They have the signs
-            of the modes. They are 0 at the limit of the reach, where both elbows coincide,
-            and NaN out of reach.
+            (n, legs) numbers n . (base axis x elbow) with the normal n. The signs are those
+            of the modes. The numbers are 0 at the limit of the reach, where both elbows
+            coincide, and NaN out of reach.
         """
+        # The foot of a leg is the point of the mid-plane half-way between both elbows.
         return self.elbow_feet(normals).elbows(modes)
 
     def elbow_feet(self, normals: Floats) -> ElbowFeet:
         """Return the points half-way between both possible elbows of each leg.
 
         An elbow is the axis between the two links of a leg, as a point of the unit sphere.
-        It is in the mid-plane, and its angle from the base axis of the leg is the arc of
-        the link. Two points fulfil both conditions. The foot is half-way between them.
+        Both links have equal arcs. The elbow is in the mid-plane, at this arc from the base
+        axis of the leg. Two points fulfil both conditions. The foot is half-way between
+        them.
 
         Parameters
         ----------
@@ -165,17 +167,19 @@ class MidPlane:
 
         Notes
         -----
-        Let e be an elbow, b the base axis of its leg, a the arc of a link, and h the angle
-        from b to the mid-plane, positive on the side of the normal n. The projection p of b
-        onto the mid-plane has the length cos(h). The elbow e lies in the mid-plane. It is
-        the sum of its components along p and along n x p, vectors at right angles:
+        Let e be an elbow, b the base axis of its leg, a the arc of each link, and h the
+        angle from b to the mid-plane, positive on the side of the normal n. The projection
+        p of b onto the mid-plane has the length cos(h). The elbow e lies in the mid-plane.
+        The elbow is the sum of its components along p and along n x p, vectors at right
+        angles:
 
             e = (e . p) p / cos(h)^2 + (e . (n x p)) (n x p) / cos(h)^2.
 
         - In the first term e . p = e . b = cos(a). This term is equal for both elbows: it
           is the foot.
-        - In the second term e . (n x p) is the triple product t = n . (b x e). The vector
-          (n x p) / cos(h)^2, by which t is multiplied, is the `direction` of the result.
+        - In the second term n x p = n x b, since p is b less a multiple of n. So e . (n x
+          p) is the triple product t = n . (b x e). The vector (n x p) / cos(h)^2, by which
+          t is multiplied, is the `direction` of the result.
 
         Since e has the length 1, t^2 = cos(h)^2 - cos(a)^2 = sin(a + h) sin(a - h). This
         product loses no digits near the limit of the reach.
@@ -231,8 +235,8 @@ class MidPlane:
         """
         first_elbow, second_elbow = np.swapaxes(self._driven_elbows(inputs), 0, 1)
         product = cross(first_elbow, second_elbow)
-        # The sine of the angle between both elbows. If it is not larger than the rounding
-        # errors of the elbows, these are on one line.
+        # The sine of the angle between both elbows. A sine within the rounding errors of
+        # the elbows means that both are on one line.
         sine = np.linalg.norm(product, axis=1, keepdims=True)
         with np.errstate(all="ignore"):
             normals = np.where(sine > REACH_SLACK, product / sine, np.nan)
@@ -285,9 +289,9 @@ class MidPlane:
         # For each leg, the point halfway between the two possible positions of its elbow.
         feet = self.elbow_feet(normals)
         leg_count = len(self.arcs)
-        # The variable of a base pair depends on the elbow of its own leg only. So the
-        # variables (n, legs) of all legs are computed once for each sign of the elbows, not
-        # once for each mode.
+        # The variable of a base pair depends on the elbow of its own leg only. The
+        # variables (n, legs) of all legs are therefore computed once for each sign of the
+        # elbows.
         variables_by_sign = {}
         for sign in (-1, 1):
             elbows, _triple_products = feet.elbows(np.full(leg_count, sign))

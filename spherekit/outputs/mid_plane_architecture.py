@@ -200,8 +200,7 @@ class MidPlaneArchitecture:
             (n, 3) unit normals in mirror axes, pointing from `home` to the directions.
         distance
             (n,) distance between `home` and the direction. If it is 0, every plane through
-            `home` is a solution, and the normal is NaN. The smaller it is, the larger is
-            the error of the normal.
+            `home` is a solution, and the normal is NaN.
         """
         # A plain difference would amplify rounding errors of the lengths if both directions
         # are close.
@@ -230,8 +229,6 @@ class MidPlaneArchitecture:
             of the base that is mirrored to the direction of the output. Every plane through
             `home` is then a solution.
         """
-        # The second result is the distance of each direction from `home`. This distance
-        # tells how accurate the normals are, and is not used here.
         normals, _distance = self.normals_to(directions @ self.frame)
         return mirror_angles(normals)
 
@@ -319,8 +316,7 @@ class MidPlaneArchitecture:
         image``, where mirror(u) is the reflection in the plane. Mirror axes are a second
         set of axes fixed to the base, in which the formulas are simplest. The constant
         matrix `image` leads from the axes of the end effector to mirror axes. The constant
-        rotation `frame` leads from mirror axes to the axes of the base. The determinant of
-        `image` is -1, so that the product with the reflection is a rotation.
+        rotation `frame` leads from mirror axes to the axes of the base.
 
         Parameters
         ----------
@@ -378,7 +374,7 @@ class MidPlaneArchitecture:
                 self.axis(second_pair, normals, elbows),
             )
             # Both axes determine a frame: z along the first axis, x towards the second one.
-            # It is computed in the axes of the base and in those of the link.
+            # The frame is computed in the axes of the base and in those of the link.
             frame_in_base = self.frame @ frame_toward(first_axis, second_axis)
             frame_in_link = frame_toward(
                 axis_in(self.mechanism, self.joints, first_pair, link),
@@ -389,10 +385,11 @@ class MidPlaneArchitecture:
         return rotations
 
     def _choose_placing_pairs(self, link: int) -> tuple[int, int]:
-        """Return two pairs of a link whose axes are not parallel.
+        """Return two pairs of a link that is neither the base nor the end effector.
 
-        The two axes give the orientation of the link, which is neither the base nor the end
-        effector. Each such link has axes of two different kinds, which are not parallel:
+        The axes of the two pairs are not parallel and so give the orientation of the link.
+        The mid-plane is the plane in which base and end effector mirror each other. Each
+        other link has axes of two different kinds, which are not parallel:
 
         - A link of a leg has the axis of the leg at the base or at the end effector (tip),
           and the elbow of the leg.
@@ -402,16 +399,17 @@ class MidPlaneArchitecture:
         pairs_of_link = [
             pair for pair, ends in enumerate(self.mechanism.ends) if link in ends
         ]
-        # Sorted by kind of axis, the first and the last pair are of different kinds.
+        # `self.along[pair].kind` is the kind of the axis of a pair. After sorting by kind,
+        # the first and the last pair are of different kinds.
         pairs_of_link.sort(key=lambda pair: AXIS_KINDS.index(self.along[pair].kind))
         return pairs_of_link[0], pairs_of_link[-1]
 
     def axis(self, pair: int, normals: Floats, elbows: Floats) -> Floats:
         """Return the unit axis of a pair.
 
-        It is the axis of a leg at the base, its mirror image at the end effector (tip), the
-        elbow of a leg (the axis between its two links), or the normal of the mid-plane, in
-        which base and end effector mirror each other.
+        The axis is that of a leg at the base, its mirror image at the end effector (tip),
+        the elbow of a leg (the axis between its two links), or the normal of the mid-plane,
+        in which base and end effector mirror each other.
 
         Parameters
         ----------
@@ -429,9 +427,8 @@ class MidPlaneArchitecture:
         """
         # What the axis of this pair is: its kind, and the number of its leg.
         pair_axis = self.along[pair]
-        # `plane.axes` has the axes of all legs at the base. Only one pair has such an axis,
-        # and one has its mirror image. Several pairs can be on one elbow or normal: `sense`
-        # is -1 for those with the opposite direction.
+        # `plane.axes` has the axes of all legs at the base. Several pairs can be on one
+        # elbow or normal: `sense` is -1 for those with the opposite direction.
         if pair_axis.kind == "base":
             return self.plane.axes[pair_axis.leg][None]
         if pair_axis.kind == "tip":
@@ -455,7 +452,7 @@ class MidPlaneArchitecture:
 
         The measure is 0 at a singularity, where the output can move with locked inputs.
         Base and output link mirror each other in the mid-plane. If the output declares a
-        direction, this is the mirror image of `home`, a constant direction of the base.
+        direction, a rotation of the output link about this direction does not count.
 
         Parameters
         ----------
@@ -466,6 +463,7 @@ class MidPlaneArchitecture:
         """
         directions = None
         if self.output.direction is not None:
+            # The direction is the mirror image of `home`, a constant direction of the base.
             directions = reflections(normals) @ self.home
         pair_axes = self.axes(normals, elbows)
         return self._transmission.measure(pair_axes, directions)
@@ -506,8 +504,8 @@ class MidPlaneArchitecture:
             Largest angle (rad) between the axis of a pair as carried by its first link and
             as carried by its second. In this architecture it is a rounding error.
         freedoms
-            Least number of degrees of freedom, from the rank of the velocity equations. It
-            has to be 2. It is computed with the last combination of signs only.
+            Least number of degrees of freedom, which has to be 2. The rank of the velocity
+            equations gives this number, with the last combination of signs only.
         """
         normals = _spread_normals(self.plane)
         gap = 0.0
@@ -592,9 +590,8 @@ class MidPlaneArchitecture:
         turns about an axis in itself, the image turns about the same axis by twice the
         angle.
 
-        The rotation is followed step by step from its start. This fails if the start is a
-        singular configuration. The path then begins at a pose shortly before the start,
-        since it can pass through singular configurations.
+        The rotation is followed step by step from its start. If the start is a singular
+        configuration, the path begins at a pose shortly before the start.
 
         Parameters
         ----------
@@ -629,9 +626,10 @@ class MidPlaneArchitecture:
     ) -> FollowedRotation:
         """Return a rotation of the end effector, followed from a pose before its start.
 
-        A path cannot begin at a singular configuration, but can pass through it. So a path
-        with a singular start begins a little earlier. Base and end effector mirror each
-        other in the mid-plane. Mirror axes are a second set of axes fixed to the base.
+        A path can pass through a singular configuration but cannot begin at one. A path
+        with a singular start therefore begins a little earlier. Base and end effector
+        mirror each other in the mid-plane. Mirror axes are a second set of axes fixed to
+        the base.
 
         Parameters
         ----------
@@ -702,7 +700,8 @@ def _spread_normals(plane: MidPlane) -> Floats:
     limits = np.sin(PROOF_REACH_RATIO * plane.reach)
     all_legs_reach = np.all(sines < limits, axis=1)
     reachable = normals[all_legs_reach]
-    # They are sorted by z. Every k-th of them is used, so that they stay evenly spread.
+    # The normals are sorted by z. Every k-th normal is used, so that the normals stay
+    # evenly spread.
     step = max(1, len(reachable) // PROOF_POSE_COUNT)
     return reachable[::step]
 

@@ -122,8 +122,8 @@ class SingularMotions:
         (n, variables) rates of the pair variables, of unit length.
     residual
         (n,) the larger one of two errors, which are both 0 at a singular configuration: the
-        error of the velocity equations, and the rotation (rad) by which a loop is open. It
-        is infinite without a configuration.
+        error of the velocity equations, and the rotation (rad) by which a loop is open. The
+        residual is infinite where there is no configuration.
     """
 
     rates: Floats
@@ -178,8 +178,7 @@ class _MidPlaneCurveSearch:
         """
         self.form = form
         solver = solver_of(mechanism)
-        # The report has the equations of the type. It also describes the configurations
-        # that are computed from normals of the mid-plane.
+        # The report has the equations of the type, and describes singular configurations.
         self.report = SingularityReport(solver, output_of(mechanism, output), kind)
         # The equations whose solutions are the singular configurations.
         self.locus = self.report.locus
@@ -198,8 +197,8 @@ class _MidPlaneCurveSearch:
 
         An assembly mode has a sign, 1 or -1, for each leg, which chooses one of its two
         possible elbows (axes between both links). The curves are yielded for each choice of
-        the signs of the other legs. At its limit the driven leg has only one elbow, so
-        either sign would do for this leg. The sign 1 is used.
+        the signs of the other legs. At its limit the driven leg has only one elbow, and its
+        sign is set to 1.
         """
         leg_count = len(self.form.legs)
         # `driven` has the numbers of the two driven legs.
@@ -317,11 +316,10 @@ class _MidPlaneCurveSearch:
 
         Returns
         -------
-        (n,) measures. They are NaN where another leg does not reach the mid-plane, because
-        there is no configuration.
+        (n,) measures. The measures are NaN where another leg does not reach the mid-plane.
         """
-        # `elbow_feet` computes the elbows from this measure. Where an elbow exists, the
-        # measure is the square of the triple product of normal, base axis and elbow.
+        # The measure is `triple_product_square`: where an elbow exists, the square of the
+        # triple product of normal, base axis and elbow.
         measures = self.form.plane.elbow_feet(normals).triple_product_square  # (n, legs)
         measures_of_others = np.delete(measures, leg, axis=1)
         others_reach = np.all(measures_of_others >= 0.0, axis=1)
@@ -336,8 +334,8 @@ class _MidPlaneCurveSearch:
 
         - The elbows of both driven legs are on one line along the whole curve, so they do
           not determine the mid-plane.
-        - Otherwise the velocity equations of the loops depend on each other: their matrix
-          has lost rank.
+        - The velocity equations of the loops depend on each other: their matrix has lost
+          rank.
 
         Parameters
         ----------
@@ -462,7 +460,7 @@ class _MidPlaneCurveSearch:
         # The same configurations with their inputs, their poses and their types.
         points = self.report.describe(values, motions.rates, motions.residual)
 
-        # The residual is 0 at a singular configuration. It is large at regular points and
+        # The residual is 0 at a singular configuration, and large at regular points and
         # where a loop is open.
         is_singular = motions.residual < CLOSURE_TOLERANCE
         has_type = self.report.has_type(points.type)
@@ -568,7 +566,7 @@ def _link_zeros(has_zero: Bools, triangle_edges: Indices) -> Indices:
     # The number of the zero of each edge, -1 without one.
     zero_of_edge = np.where(has_zero, np.cumsum(has_zero) - 1, -1)
     # A curve enters a triangle at one edge and leaves it at another one. Sorted, the three
-    # numbers are then -1 and those of two zeros. In other triangles nothing is joined.
+    # numbers of such a triangle are -1 and those of two zeros.
     triangle_zeros = np.sort(zero_of_edge[triangle_edges], axis=1)
     has_two_zeros = np.sum(triangle_zeros >= 0, axis=1) == 2
     return triangle_zeros[has_two_zeros, 1:]
@@ -577,8 +575,8 @@ def _link_zeros(has_zero: Bools, triangle_edges: Indices) -> Indices:
 def _is_chain_closed(chain: Indices, links: Indices) -> bool:
     """Return whether a chain of linked zeros is closed.
 
-    Its first zero then belongs to two links. A chain of only two zeros that are linked
-    twice encloses nothing, and counts as open.
+    The first zero of a closed chain belongs to two links. A chain of two zeros that are
+    linked twice encloses nothing, and counts as open.
 
     Parameters
     ----------

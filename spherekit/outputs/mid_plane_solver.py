@@ -80,17 +80,17 @@ class MidPlaneKinematics(ClosedKinematics):
     def spans(self) -> tuple[LegSpan, ...]:
         """The range of the angle between the two outer axes of every leg.
 
-        The outer axes are the axes at the base and at the output link. They mirror each
-        other in the mid-plane, a plane through the centre. So the angle between them is
-        twice the angle between one of them and this plane. It is 0 if the leg is folded,
-        with its links over each other.
+        The outer axes are the axes at the base and at the output link. The outer axes
+        mirror each other in the mid-plane, a plane through the centre. The angle between
+        the outer axes is therefore twice the angle between one of them and this plane. The
+        angle is 0 if the leg is folded, with its links over each other.
         """
         # `plane.reach` is the largest angle of each leg between its axis and the mid-plane.
         plane = self.form.plane
         longest = (2.0 * plane.reach).tolist()
-        # Links of some width cannot lie over each other. A width that the user states then
-        # increases the smallest angle. Chen et al. (2021, section 3) apply it to the driven
-        # legs only.
+        # Links of some width cannot lie over each other, so a width that the user states
+        # increases the smallest angle. Chen et al. (2021, section 3) apply the width to the
+        # driven legs only.
         return tuple(
             LegSpan(
                 first_pair=base,
@@ -150,12 +150,12 @@ class MidPlaneKinematics(ClosedKinematics):
         """Return the mid-planes at inputs (n, 2) rad, with the signs of the driven legs."""
         plane = self.form.plane
         # These normals have n_z >= 0. The sign of a leg is the sign of n . (base axis x
-        # elbow), so it is reversed together with the normal.
+        # elbow), and is reversed together with the normal.
         upward_normals = plane.normals(inputs)
         upward_signs = plane.modes(inputs)
-        # 1.0 or -1.0, so that the normal points away from the home direction. It is 0.0
-        # if the home direction is in the mid-plane: the output then points home, and the
-        # normal does not follow from its direction. Signs of 0 fit no mode.
+        # The sense, 1.0 or -1.0, makes the normal point away from the home direction. If
+        # the home direction is in the mid-plane, the sense of the normal is not determined.
+        # The sense is then 0.0, and signs of 0 fit no mode.
         sense = -np.sign(upward_normals @ self.form.home)[:, None]
         return InputMidPlanes(
             normals=sense * upward_normals, driven_signs=sense * upward_signs

@@ -285,7 +285,7 @@ class NearestPoseSearch:
         the coordinates around the target, and a margin is what is left to a limit of the
         mechanism. In each step the margins are replaced by linear functions. The solution
         of this simpler problem gives a step. A line search decides how much of the step is
-        used; it weighs |v| against violated margins (exact penalty function).
+        used. The search weighs |v| against violated margins (exact penalty function).
 
         Parameters
         ----------
@@ -407,8 +407,8 @@ class NearestPoseSearch:
         # itself, after the d steps forwards, and after the d steps backwards.
         values = self._evaluate_margins(chart, v[:, None] + offsets)
         centre, ahead, behind = np.split(values, [1, 1 + d], axis=1)
-        # A margin may be NaN beyond the border, ahead of the point or behind it. Then the
-        # difference between the point and the other side is used.
+        # A margin may be NaN beyond the border, ahead of the point or behind it. In that
+        # case the difference between the point and the other side is used.
         central_difference = (ahead - behind) / (2.0 * DIFFERENCE_STEP)
         difference_ahead = (ahead - centre) / DIFFERENCE_STEP
         difference_behind = (centre - behind) / DIFFERENCE_STEP
@@ -563,8 +563,8 @@ class NearestPoseSearch:
             first_inside = _count_up_to_last_false(is_inside)
             if first_inside > last:
                 return None
-            # Rounding errors may have decided about the first point inside. So the next one
-            # is used.
+            # Rounding errors may have decided about the first point inside. The next point
+            # is therefore used.
             length_inside = lengths[min(first_inside + 1, last)]
             if first_inside == 0:
                 break  # no point is outside
@@ -628,8 +628,9 @@ def _choose_spread_starts(reachable: Floats) -> Floats:
 def _merit(v: Floats, values: Floats, penalty: Floats) -> Floats:
     """Return the merit function that the search for the nearest pose minimises.
 
-    It rates points that may violate limits: |v|^2 / 2, half the squared distance from the
-    target, plus `penalty` times the sum of all violations (exact penalty function).
+    The function rates points that may violate limits: |v|^2 / 2, half the squared distance
+    from the target, plus `penalty` times the sum of all violations (exact penalty
+    function).
 
     Parameters
     ----------
@@ -655,8 +656,8 @@ def _compute_sqp_step(v: Floats, values: Floats, gradients: Floats) -> tuple[Flo
 
     The problem is to minimise ``|v|^2 / 2`` while no margin is negative. The step solves
     the linearised problem: minimise ``|v + step|^2 / 2`` subject to ``values + gradients @
-    step >= 0``. If this has no solution, the step reduces the violations in the sense of
-    least squares. Its length is at most `MAX_SQP_STEP_RAD`.
+    step >= 0``. If the linearised problem has no solution, the step reduces the violations
+    in the sense of least squares. The length of the step is at most `MAX_SQP_STEP_RAD`.
 
     Parameters
     ----------
@@ -674,8 +675,7 @@ def _compute_sqp_step(v: Floats, values: Floats, gradients: Floats) -> tuple[Flo
         (d,) change of v.
     largest_multiplier
         Largest Lagrange multiplier of a linearised margin, 0 if none is active or there is
-        no solution. The caller needs it for the line search: there, the factor of violated
-        margins has to be larger.
+        no solution. In the line search, the factor of violated margins has to be larger.
     """
     is_used = (np.linalg.norm(gradients, axis=1) > 0.0) & np.isfinite(values)
     gradients = gradients[is_used]

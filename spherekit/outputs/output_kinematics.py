@@ -111,15 +111,13 @@ class InverseRows(ArrayRows):
         left to the nearest limit.
 
         - A row with a negative margin becomes OUT_OF_REACH, and its values become NaN.
-        - Another row becomes AT_SINGULARITY if a measure of type I or II is nearly 0 or
-          NaN. At type I an input moves while the output rests; at type II the output can
-          move although the inputs are locked. Inputs that are not finite have the same
-          effect.
+        - Another row becomes AT_SINGULARITY if an input is not finite, or if a measure of
+          type I or II is nearly 0 or NaN. At type I an input moves while the output rests;
+          at type II the output can move although the inputs are locked.
         - All other rows become OK.
 
-        A margin of NaN means that the limits were not examined. It has no influence on the
-        status. A margin of -inf stands for a pose without a configuration. The row becomes
-        OUT_OF_REACH like any row with a negative margin. Infinite margins become NaN.
+        A margin of NaN means that the limits were not examined, and has no influence on the
+        status. A margin of -inf stands for a pose without a configuration, and becomes NaN.
         """
         is_outside = self.margin < 0.0
         # Type I has a measure for each input (axis 1), type II has one. The result is NaN
@@ -127,8 +125,8 @@ class InverseRows(ArrayRows):
         least_measure = np.minimum(np.min(self.type_1, axis=1), self.type_2)
         has_inputs = np.isfinite(self.inputs).all(axis=1)
         # Each measure is the sine of an angle, the distance to the singularity. Below the
-        # limit half of the digits of the configuration are lost. The limit is the same as
-        # for two links (a dyad) that are nearly in line.
+        # limit half of the digits of the configuration are lost. The limit is that for two
+        # links (a dyad) that are nearly in line.
         is_regular = has_inputs & (least_measure > SINGULAR_DYAD_SINE)
         status = np.where(is_regular, Status.OK, Status.AT_SINGULARITY)
         status[is_outside] = Status.OUT_OF_REACH
@@ -294,7 +292,8 @@ class ClosedKinematics(OutputKinematics, ABC):
         """The mechanism without the wheels that drive it.
 
         Pose calculations need only these links. The pairs (joints) in `spans` have their
-        numbers in this mechanism. If no wheels drive the output, it is the whole mechanism.
+        numbers in this mechanism. If no wheels drive the output, the result is the whole
+        mechanism.
         """
         return self.mechanism
 
@@ -323,10 +322,14 @@ class ClosedKinematics(OutputKinematics, ABC):
         """Return the inputs of poses in some working modes, also for poses out of reach.
 
         A working mode is a choice of one of two positions for each leg. The result has a
-        row for each pose and mode (see `InverseRows`). Its margin is the angle (rad) to the
-        nearest limit, negative beyond it. Its measures are 0 at singularities: of type I if
-        an input can move while the output rests, of type II if the output can move although
-        the inputs are locked.
+        row for each pose and mode (see `InverseRows`). Each row has:
+
+        - the inputs, and the rates of the inputs per unit angular velocity of the output,
+        - the margin: the angle (rad) to the nearest limit of the reach of a leg or of a
+          joint (`bounds`), negative beyond the limit,
+        - two measures, which are 0 at singularities: of type I if an input can move while
+          the output rests, of type II if the output can move with locked inputs,
+        - the status: regular, at a singularity, or out of reach.
 
         Parameters
         ----------

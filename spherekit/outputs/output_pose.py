@@ -223,8 +223,9 @@ class PoseFinder:
 
         In a mid-plane symmetric architecture (`form`), base and output mirror each other in
         a plane. The configurations are then computed in closed form, and a pose can also be
-        stated by two angles of this plane. For other mechanisms they come from position
-        analysis if the pose is stated by inputs, and from inverse kinematics otherwise.
+        stated by two angles of this plane. For other mechanisms, position analysis finds
+        the configurations if the pose is stated by inputs. For other poses inverse
+        kinematics is used.
 
         Parameters
         ----------
@@ -464,9 +465,9 @@ class PoseFinder:
         """Return the orientation at the end of a rotation.
 
         The mechanism may have several configurations at the end pose, with different
-        orientations of the output link. They are sorted by the angle from the start,
-        singular ones last. An end that is given by an orientation needs no choice. An end
-        that is given by an axis and an angle is returned unchanged.
+        orientations of the output link. The configurations are sorted by the angle from the
+        start, singular ones last. An end that is given by an orientation needs no choice.
+        An end that is given by an axis and an angle is returned unchanged.
 
         Parameters
         ----------
@@ -490,7 +491,8 @@ class PoseFinder:
         if isinstance(end, AtRotation):
             return end
         if isinstance(end, AtOrientation):
-            # All configurations at the end have this orientation. It is the only choice.
+            # All configurations at the end have this orientation, so there is only one
+            # choice.
             return EndOrientation(end.orientation, number=0, count=1, has_start_mode=False)
         try:
             ends = self.candidates(end)
@@ -573,10 +575,9 @@ class PoseFinder:
         fixed axis. It is followed numerically, step by step.
 
         In a mid-plane symmetric architecture, base and output link mirror each other in a
-        plane. This remains true along the path only if the axis lies in the mid-plane of
-        the start. Formulas then give every configuration, also before the start. A path
-        with a singular start can therefore begin shortly before. In all other cases the
-        start must not be singular.
+        plane. If the axis lies in this plane at the start, formulas give every
+        configuration, and the start may be singular. In all other cases the start must not
+        be singular.
 
         Parameters
         ----------
@@ -656,8 +657,8 @@ def _rotate_in_mid_plane(
 ) -> FollowedRotation | None:
     """Return the rotation about an axis in the mid-plane, None if the axis is elsewhere.
 
-    Base and output link mirror each other in the mid-plane. Only if the axis is in this
-    plane, all poses of the rotation are such mirror images, and a closed form applies.
+    Base and output link mirror each other in the mid-plane. If the axis is in this plane,
+    all poses of the rotation are such mirror images, and a closed form applies.
 
     Parameters
     ----------
@@ -691,8 +692,8 @@ def _rotate_to_mirror_image(
 ) -> FollowedRotation | None:
     """Return the rotation to a mirror image of the base, None if the end is no such image.
 
-    At the start, the output link is the mirror image of the base in a plane. If this is
-    true at the end, too, a closed form applies.
+    At the start, the output link is the mirror image of the base in a plane. If the output
+    link is a mirror image at the end as well, a closed form applies.
 
     Parameters
     ----------

@@ -39,9 +39,9 @@ class ModeAtPoses(Protocol):
     def cosine(self, first_pair: int, second_pair: int) -> Floats:
         """Return the cosine (n,) of the angle between the axes of two pairs.
 
-        The reach of a leg limits the angle between its first and last axis. This cosine is
-        therefore also known where the leg is too short or too long for the pose. The pairs
-        (joints) are numbered as in the mechanism without wheels.
+        The reach of a leg limits the angle between its first and last axis. The cosine of
+        this angle is also known where the leg is too short or too long for the pose. The
+        pairs (joints) are numbered as in the mechanism without wheels.
         """
 
     def angle(self, pair: int) -> Floats:
@@ -93,8 +93,8 @@ class ModeAtPoses(Protocol):
 class LegSpan(NamedTuple):
     """The reach of a leg: the range of the angle between its two outer axes.
 
-    A leg has two links and three axes. It closes only if the angle between the first and
-    the last axis is in this range.
+    A leg has two links and three axes. The leg closes only if the angle between the first
+    and the last axis is in this range.
 
     Attributes
     ----------
@@ -218,7 +218,7 @@ class LimitedOutput(Protocol):
 
     @property
     def carrying(self) -> Mechanism:
-        """The mechanism without wheels, in which a pose places all links.
+        """The mechanism without the wheels: the links and pairs that carry the output.
 
         Pair numbers in `spans` belong to this mechanism.
         """
@@ -230,8 +230,9 @@ class LimitedOutput(Protocol):
     def name_of(self, pair: int) -> str:
         """Return the name of a pair for messages.
 
-        To fix the output in a pose, pairs are added to the mechanism, which users do not
-        know. The name of such a pair is the name of the output.
+        The pair has its number in `carrying`. Virtual pairs, which fix the output in a
+        pose, have the numbers after those. The name of a virtual pair is the name of the
+        output.
         """
 
 
@@ -621,9 +622,9 @@ def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]
     The measure of type I of an input is the angular speed of the output per unit rate of
     the input, 0 if the input moves while the output rests. The measure of type II is 0 if
     the output can move although the inputs are locked. The distance to a singularity is the
-    angle b from 0 to pi / 2 with sin b = measure. A speed can exceed 1, which counts as 1.
-    Twice the angle is limited, because cos 2 b = 1 - 2 measure^2 is smooth even where the
-    measure is 0.
+    angle b from 0 to pi / 2 with sin b = measure. A speed above 1 counts as 1. Twice the
+    angle is limited, because cos 2 b = 1 - 2 measure^2 is smooth even where the measure is
+    0.
 
     Parameters
     ----------
@@ -665,7 +666,6 @@ def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]
             speed of the output per unit rate of the input, but at most 1. Unlike b, cos 2 b
             is smooth at b = 0.
             """
-            # An infinite speed means that the input rests, which is farthest from type I.
             # Out of reach the square is negative and cos 2 b above 1. The margin thus
             # passes smoothly through the limit of the reach.
             return 1.0 - 2.0 * np.minimum(rows.type_1_square[:, number], 1.0)

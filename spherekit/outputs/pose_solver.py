@@ -36,9 +36,9 @@ def output_kinematics(
 
     1. If the mechanism consists of dyads (groups of two links and three R pairs), a closed
        form gives all configurations at a pose.
-    2. Two special architectures have a closed form, too: dyads that wheels drive, and
-       mechanisms in which base and output link are mirror images of each other. The latter
-       gives only configurations with this symmetry. The option `graph` skips both.
+    2. Two special architectures have a closed form: dyads that wheels drive, and mechanisms
+       in which base and output link are mirror images of each other. The latter gives only
+       configurations with this symmetry. The option `graph` skips both.
     3. Otherwise the output is held in each pose, and the position solver places all links
        group by group.
 
@@ -103,11 +103,10 @@ def closed_kinematics(mechanism: Mechanism, output: str | None = None) -> Closed
 def _find_special_form(inverse: InverseKinematics) -> ClosedKinematics:
     """Return the closed form of an output in a mechanism of a special kind.
 
-    Mechanisms that consist of dyads alone (groups of two links and three revolute joints)
-    have a closed form of their own, which the caller tries first. Two other kinds of
-    mechanisms have a closed form. They are tried in this order:
+    Two special kinds of mechanisms are tried in this order:
 
-    1. Mechanisms of dyads and wheels, in which the wheels drive the dyads.
+    1. Mechanisms in which wheels drive dyads (groups of two links and three revolute
+       joints).
     2. Mechanisms in which base and output link are mirror images of each other about a
        plane (mid-plane symmetric architecture).
 
@@ -117,8 +116,7 @@ def _find_special_form(inverse: InverseKinematics) -> ClosedKinematics:
         If the mechanism is of neither kind. The message says why the second kind does not
         apply.
     """
-    # The mechanism of the user. `inverse` also has a mechanism with further, virtual links,
-    # which is not needed here.
+    # The mechanism of the user, without virtual links that hold the output.
     mechanism = inverse.own
     output = inverse.wrist.output
     # The closed form, or None if the mechanism is not of the first kind.

@@ -249,8 +249,8 @@ class TrackedPath:
     end
         OK if the path reached the requested angle, otherwise the reason why it ends.
     leaps
-        Angles theta (rad) of singular configurations on the path. They were stepped over
-        (leaps), because the equations do not determine the links there.
+        Angles theta (rad) of singular configurations that were stepped over (leaps),
+        because the equations do not determine the links there.
     """
 
     nodes: PathNodes
@@ -338,8 +338,9 @@ class RotationPath:
 
         def newton_step(values: Floats, rows: Indices) -> Floats:
             """Return the steps (k, variables) at values (k, variables) of some rows."""
-            # If the output link can follow the target (`exact`), its orientation is one
-            # more equation. Otherwise the angle to the target is minimised.
+            # If `exact`, the step closes the loops and turns the output link to exactly the
+            # target's orientation. If not, the step closes the loops and minimises the
+            # angle to the target.
             deviation = self.output_link.compare(values, targets[rows])
             # A step that is NaN becomes 0, which ends the iteration of its row. The caller
             # tests the error of the result.
@@ -372,8 +373,9 @@ class RotationPath:
         # First and second derivatives of the variables with respect to theta.
         rates = deviation.rates(self.axis)
         has_rates = all_finite(rates.first, 1)
-        # The error (rad) is 0 at the configuration that is nearest to the target. `exact`
-        # says whether the output link can reach the target.
+        # At the nearest configuration the loops are closed. The output link has the
+        # orientation of the target if it can reach the target (`exact`), and the least
+        # angle to the target if not. `error` (rad) is the deviation from these conditions.
         is_nearest = deviation.error(self.exact) < NEAREST_TOLERANCE_RAD
         return PathNodes(
             theta=theta,
@@ -428,8 +430,8 @@ class RotationPath:
         middle_node = nodes.rows(slice(0, 1))
         next_node = nodes.rows(slice(1, 2))
 
-        # 2. The corrections have to be small compared to the step. `follows` says whether
-        # the output link turns exactly with the target. It must not change in a step.
+        # 2. The corrections have to be small compared to the step. `follows`, whether the
+        # output link turns exactly with the target, must not change in a step.
         change = max_abs(next_node.values - node.values)
         is_corrected = (
             STEP_VERIFICATION.accepts_correction(newton_steps, change) & nodes.is_valid
@@ -592,8 +594,8 @@ def _longest_step(node: PathNodes) -> float:
 
     The path is followed by straight and quadratic predictions. Let f and b be the largest
     first and second derivatives of a variable. The quadratic part b step^2 / 2 may be at
-    most `CURVED_PART_RAD`. Near a limit of the reach b is much larger than f. The step is
-    then also limited to a part of f / b, which shrinks with the distance from the limit.
+    most `CURVED_PART_RAD`. Near a limit of the reach b is much larger than f. There the
+    step is limited to a part of f / b, which shrinks with the distance from the limit.
     """
     # `bend` is b. The tiny summand prevents a division by zero on a straight path.
     bend: float = max_abs(np.nan_to_num(node.second)) + 1e-300

@@ -145,7 +145,7 @@ def dead_centre(rotation: FixedAxisRotation) -> str:
 class Extreme:
     """The largest speed or acceleration of an input during a rotation of the output.
 
-    It shows how near the drive of this input is to its limits.
+    The value shows how near the drive of this input is to its limits.
 
     Attributes
     ----------
@@ -240,8 +240,8 @@ class TimeScaling:
     def binding(self) -> Extreme:
         """The speed or acceleration that sets the duration.
 
-        Of all largest speeds and accelerations, this one needs the longest duration. It
-        reaches its limit, unless the duration was rounded up to whole cycles of the
+        Of all largest speeds and accelerations, this one needs the longest duration. Its
+        limit is reached, unless the duration was rounded up to whole cycles of the
         controller.
         """
 
@@ -293,7 +293,7 @@ class TimeScaling:
         ----------
         samples
             Number of times, at least 2. If the controller has a cycle time, `samples` is
-            ignored: there is one time for each cycle instead.
+            ignored, and there is one time for each cycle.
         """
         if self.cycle is not None:
             # The duration is a whole number of cycles, up to rounding errors. `round` and
@@ -317,10 +317,10 @@ def time_optimal(
 ) -> TimeScaling:
     """Return the shortest schedule of a law shape that keeps to the limits of the drives.
 
-    A law shape is a function. It states which fraction of the angle is reached after each
-    fraction of the duration. First the largest speeds and accelerations are computed for a
-    duration of 1 s. Speeds are proportional to 1 / duration, accelerations to 1 /
-    duration^2. The shortest duration follows from the limits.
+    A law shape states which fraction of the angle is reached after each fraction of the
+    duration. First the largest speeds and accelerations are computed for a duration of 1 s.
+    Speeds are proportional to 1 / duration, accelerations to 1 / duration^2. The shortest
+    duration follows from the limits.
 
     Parameters
     ----------

@@ -211,8 +211,8 @@ class TargetDeviation:
         J has the derivatives of the loop closure equations. At a regular configuration its
         rank r is the number of variables minus the degrees of freedom of the mechanism. The
         pseudo-inverse (n, variables, equations) uses the r largest singular values. The
-        other right singular vectors are the motions that keep the loops closed. They are
-        the columns of the null space (n, variables, freedoms).
+        other right singular vectors are the motions that keep the loops closed. These
+        motions are the columns of the null space (n, variables, freedoms).
         """
         variable_count = self.values.shape[1]
         rank = variable_count - self.output_link.degrees_of_freedom
@@ -220,7 +220,8 @@ class TargetDeviation:
             self.linearisation.jacobian
         )
         regular = singular_values[:, :rank]
-        # At singular configurations some of these are zero, and quotients not finite.
+        # At singular configurations some singular values are zero, and quotients not
+        # finite.
         with np.errstate(all="ignore"):
             inverse = transpose(right_vectors[:, :rank]) / regular[:, None]
             inverse = inverse @ transpose(left_vectors)[:, :rank]
@@ -250,8 +251,9 @@ class TargetDeviation:
     def output_singular_value(self) -> Floats:
         """(n,) smallest angular velocity of the output link for rates of unit length.
 
-        These are rates of the pair variables, in motions that keep the loops closed. The
-        value is zero at the limit of the reach, where some motion does not turn the link.
+        The rates are those of the pair variables, in motions that keep the loops closed.
+        The value is zero at the limit of the reach, where some motion does not turn the
+        link.
         """
         singular_values = np.linalg.svd(self.free_output_rates, compute_uv=False)
         return np.asarray(singular_values[:, -1])
@@ -282,12 +284,14 @@ class TargetDeviation:
         """(n, variables, 3) the moment that the pair of each variable transmits.
 
         Imagine a torsional spring of unit stiffness between the output link and its target.
-        The configuration nearest to the target is its equilibrium. The moments are needed
-        for derivatives of the equilibrium. The moment of the spring on the link is the
-        remaining rotation to the target, a rotation vector (n, 3). Pairs transmit this
-        moment to the base. In a closed loop, they also transmit the reaction that keeps the
-        loop closed. The moment of a pair is the sum of these moments. If the link is on the
-        target, all moments are zero.
+        The configuration nearest to the target is its equilibrium: the moment that each
+        pair transmits is at right angles to the axis of the pair. When the axes turn, this
+        condition changes in proportion to the moments, so its derivatives contain the
+        moments. The moment of the spring on the link is the remaining rotation to the
+        target, a rotation vector (n, 3). Pairs transmit this moment to the base. In a
+        closed loop, pairs also transmit the reaction that keeps the loop closed. The moment
+        of a pair is the sum of these moments. If the link is on the target, all moments are
+        zero.
         """
         spring_force = np.vecmat(self.remaining_rotation, self.output_jacobian)
         moments = self._transmitted_moments(
@@ -363,8 +367,8 @@ class TargetDeviation:
 
         Returns
         -------
-        (n, variables, 3). NaN for contact pairs, which would need a further derivative of
-        their profiles that is not available.
+        (n, variables, 3). NaN for contact pairs: the derivatives of their profiles are not
+        available.
         """
         tree = self.linearisation.tree
         vectors = self.linearisation.vectors
@@ -470,8 +474,7 @@ class TargetDeviation:
         ----------
         can_follow
             Whether the mechanism can reach the target. The orientation of the output link
-            then adds three equations to the equations of the loops. Together they can
-            determine the step even where the loops alone do not.
+            then adds three equations to the equations of the loops.
         """
         if can_follow:
             # Close the loops, and turn the output link by the remaining rotation.
@@ -552,9 +555,8 @@ class TargetDeviation:
         theta. There are two cases:
 
         - The output link follows the target exactly. The rotation of the link then adds
-          three equations to the equations of the loops. Together they can determine the
-          derivatives even where the loops have lost their rank.
-        - Otherwise the output link stays as near as possible to the target.
+          three equations to the equations of the loops.
+        - The output link cannot follow, and stays as near as possible to the target.
 
         Parameters
         ----------
@@ -595,7 +597,7 @@ class TargetDeviation:
         Parameters
         ----------
         axis
-            (3,) unit vector in the axes of body 0.
+            (3,) unit vector in the axes of body 0, the link from which the output is seen.
         """
         # `system` (n, equations + 3, variables) is J above G.
         right_side_shape = self.system.shape[:2]
@@ -666,7 +668,7 @@ class TargetDeviation:
         vector_rates = self._vector_rates(first)
         w = np.matvec(self.output_jacobian, first)  # angular velocity of the output link
         # Change of d. If the target turns, d changes by `target_rate`. If the output link
-        # turns, -d changes likewise: it is the rotation from the target to the link.
+        # turns, -d, the rotation from the target to the link, changes likewise.
         d_rate = target_rate - log_rate(-d, w)
         # The rates f_v' of the moments follow from a_v' . f_v + a_v . f_v' = 0. A part of
         # f_v' is due to the rates m' of the reactions, and `force_rate` has all other terms
@@ -691,8 +693,8 @@ class TargetDeviation:
         force_by_axes = np.vecdot(
             self._vector_accelerations(first, vector_rates), self._pair_moments
         )
-        # On the target all moments are zero. The product is zero there, too, also for
-        # contact pairs, whose vector accelerations are not available (NaN).
+        # On the target all moments are zero, so the product is set to 0. For contact pairs
+        # the product would be NaN, like their vector accelerations.
         force_by_axes = np.where(self._is_off_target[:, None], force_by_axes, 0.0)
         # The second derivative of each product (a_v . f_v)'' = a_v'' . f_v + 2 a_v' . f_v'
         # + a_v . f_v'', without terms that contain second derivatives of the variables.

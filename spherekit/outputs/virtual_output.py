@@ -220,12 +220,14 @@ def _add_to_pose(
     pair_names
         Names of the three virtual pairs.
     direction
-        Direction of the output in the reference pose. If the output is the orientation of
-        its link, it is the z axis of the link, about which the third Euler angle turns.
+        Direction of the output in the reference pose. For an output that is an orientation,
+        the z axis of the output link, about which the third Euler angle turns.
     """
     azimuth, tilt = azimuth_tilt(np.array([direction]))[0].tolist()
     tilt_axis = (-float(np.sin(azimuth)), float(np.cos(azimuth)), 0.0)
     virtual_axes = zip(pair_names, (Z_AXIS, tilt_axis, direction), strict=True)
+    # Azimuth and tilt alone give the direction. The third angle is counted from the
+    # reference pose, so its value there is 0.
     virtual_values = zip(pair_names, (azimuth, tilt, 0.0), strict=True)
     return PoseGeometry(
         {**geometry.axes, **dict(virtual_axes)},

@@ -131,8 +131,8 @@ def _list_possible_lengths(
 
     Returns
     -------
-    (n, m) rolled lengths (rad), those with the smallest sum of absolute lengths first. They
-    are at most `MAX_TRIED_ASSEMBLIES`, because the caller spends time on each.
+    (n, m) rolled lengths (rad), those with the smallest sum of absolute lengths first.
+    There are at most `MAX_TRIED_ASSEMBLIES` sets.
     """
     combinations = _combine_equivalent_lengths(held_solver, gear_phases, lengths)
     possible_lengths = combinations[_can_be_rolled(gear_phases, combinations)]

@@ -28,8 +28,8 @@ class RateFraction:
     """A rate as a fraction ``numerator . w / denominator``, at n poses.
 
     The rate is linear in the angular velocity w of the output. At singular configurations
-    it can be infinite. Both parts of the fraction are finite there, so they are stored
-    separately.
+    the rate can be infinite, while both parts of the fraction are finite. The parts are
+    therefore stored separately.
 
     Attributes
     ----------
@@ -58,16 +58,16 @@ class ClosingLinkState:
     """The state of the closing link of a mechanism at n poses.
 
     An output link that points in a direction can turn about this direction. Direction and
-    turn place the output link. All other links but one follow from it. The remaining link,
-    the *closing link*, joins two of them. The angle between the axes of its two pairs must
-    be its arc, which is an equation for the turn. The residual is the cosine of this angle
-    less the cosine of the arc.
+    turn place the output link. All other links but one follow from the output link. The
+    remaining link, the *closing link*, joins two placed links. The angle between the axes
+    of its two pairs must be its arc, which is an equation for the turn. The residual is the
+    cosine of this angle less the cosine of the arc.
 
     Attributes
     ----------
     residual_rate
         Rate of the residual while the output has the angular velocity w: a fraction
-        ``numerator . w / denominator``. The rate can be infinite, but not its two parts.
+        ``numerator . w / denominator``.
     directions
         (3, n) directions of the output.
     status
@@ -121,12 +121,12 @@ class MiddleAxisParts:
         where the dyad does not reach.
     triple_product_square
         (n,) square of the triple product b . (a x c), negative where the dyad does not
-        reach. It is a smooth function of the angle between a and c.
+        reach. The square is a smooth function of the angle between a and c.
     triple_product
         (n,) absolute value of b . (a x c); NaN where the dyad does not reach.
     sum_square, difference_square
         (n,) squares of the lengths of a + c and of a - c. The angle between a and c follows
-        from them without loss of digits.
+        from these squares without loss of digits.
     """
 
     common_part: Floats
@@ -154,23 +154,28 @@ class MiddleAxisParts:
 class PairRateEquation:
     """The equation for the rate of one pair of a dyad, at n poses.
 
-    A dyad is two links, joined by a middle pair. Its near and far pair join it to two
-    supports (links placed before) with the angular velocities w_near and w_far. The rate of
-    one of the three pairs follows from ``normal . (w_far - w_near) = -triple_product *
-    rate``. A pair joins two links, and its rate is the rate of one of them, the moving
-    link, as seen from the other link.
+    A dyad is two links, joined by a middle pair with the axis b. The near pair (axis a) and
+    the far pair (axis c) join the dyad to two supports, links placed before, with the
+    angular velocities w_near and w_far. The rate of a pair is the rate of one of its links,
+    the moving link, as seen from its other link. The moving link is the near link for the
+    near pair, and the far link for the other two pairs. With the rates A, B, C of the three
+    pairs, the angular velocity of the far link is
+
+        w_near + a A + b B = w_far + c C.
+
+    The scalar product with a normal of two axes leaves the rate of the third pair:
+
+        normal . (w_far - w_near) = -triple_product * rate.
 
     Attributes
     ----------
     normal
         (3, n) vector product of the axes of the other two pairs of the dyad: b x c for the
-        near pair, c x a for the middle pair, b x a for the far pair. Here a is the near
-        axis, b the middle axis and c the far axis.
+        near pair, c x a for the middle pair, b x a for the far pair.
     triple_product
         (n,) triple product b . (a x c).
     moving_link
-        Number of the moving link: the near link of the dyad for the near pair, otherwise
-        the far link.
+        Number of the moving link.
     """
 
     normal: Floats
@@ -229,11 +234,11 @@ def _shared_between_modes(method: Callable[..., Result]) -> Callable[..., Result
     """Decorate a method of `WorkingMode` so that several modes share its results.
 
     A working mode is a sign for each dyad (two links), which chooses one of two ways to
-    place it. Many quantities depend on the signs of some dyads only. They are computed once
-    for all modes of the same poses in which these signs are equal.
+    place it. Many quantities depend on the signs of some dyads only. Such quantities are
+    computed once for all modes of the same poses in which these signs are equal.
 
-    The arguments of the method must be hashable. In all modes, it must read the signs of
-    the same dyads.
+    The arguments of the method must be hashable. In all modes, the method must read the
+    signs of the same dyads.
     """
 
     @wraps(method)
@@ -393,8 +398,8 @@ class WorkingMode:
     def type_2(self) -> Floats:
         """(n,) transmission measure: how well the locked inputs hold the output.
 
-        It is 0 at a singularity of type II, where the output can move with locked inputs.
-        It is NaN where the mode has no configuration.
+        The measure is 0 at a singularity of type II, where the output can move with locked
+        inputs, and NaN where the mode has no configuration.
         """
         assert self.measure is not None
         return np.where(self._has_configuration, self.measure(self), np.nan)
@@ -466,7 +471,7 @@ class WorkingMode:
         A dyad is badly determined if it is nearly stretched or nearly folded, or out of
         reach. The triple product of its three axes is the product of three sines: of both
         arcs and of the angle at the middle pair (joint). The last sine is 0 where the dyad
-        is stretched or folded. If it is below `SINGULAR_DYAD_SINE` (1e-6), the
+        is stretched or folded. If the last sine is below `SINGULAR_DYAD_SINE` (1e-6), the
         configuration loses half of its digits.
         """
         dyad = self.chain.dyads[dyad_number]
@@ -583,8 +588,8 @@ class WorkingMode:
         # Record that the result depends on the sign of this dyad. Modes in which this sign
         # is equal share the result.
         self.recorded_dyads.add(dyad_number)
-        # The side of the plane through a and c on which b is, 1 or -1. If this dyad has the
-        # sign 1 in the mode, it is `positive_mode_side`; otherwise it is the other side.
+        # The side of the plane through a and c on which b is, 1 or -1. With the sign 1 of
+        # this dyad in the mode, the side is `positive_mode_side`.
         side = self.signs[dyad_number] * self.chain.dyads[dyad_number].positive_mode_side
         axis = parts.common_part + side * parts.signed_part
         return axis, side * parts.triple_product
@@ -603,6 +608,7 @@ class WorkingMode:
         + c|^2 and |a - c|^2. In this way no digits are lost if a and c are nearly parallel.
         """
         dyad = self.chain.dyads[dyad_number]
+        # Half of the arc of the near link, from a to b, and of the far link, from b to c.
         half_near_arc, half_far_arc = dyad.half_arcs
         a, c = self._outer_axes(dyad_number)
         total = a + c
@@ -611,8 +617,8 @@ class WorkingMode:
         difference_square = dot_columns(difference, difference)
 
         # 1. The triple product t = b . (a x c). Its square is negative out of reach, and t
-        # is NaN there. At the limit of the reach t is 0. There the square can be negative
-        # by rounding.
+        # is NaN there. At the limit of the reach t is 0, and the square can be negative by
+        # rounding.
         triple_product_square = triple_square(
             half_near_arc, half_far_arc, sum_square, difference_square
         )
@@ -624,8 +630,8 @@ class WorkingMode:
             half_near_arc, half_far_arc, sum_square, difference_square, triple_product
         )
         common_part = total * sum_weight
-        # With equal arcs b has equal angles to a and c, and so no part along a - c. Its
-        # weight is then 0, or NaN if a and c coincide, and is not used.
+        # With equal arcs b has equal angles to a and c, and so no part along a - c. The
+        # weight of a - c would be 0, or NaN if a and c coincide, and is not used.
         if dyad.arcs[0] != dyad.arcs[1]:
             common_part += difference * difference_weight
         # (a - c) x (a + c) is 2 a x c. Unlike a x c it keeps its relative accuracy if a and
@@ -738,8 +744,8 @@ class WorkingMode:
         )
         component = far_component - near_component  # normal . (w_far - w_near)
         # The variable of a pair is the angle of its second link relative to its first one.
-        # So its rate is the rate of the moving link if this is the second link. Otherwise
-        # its rate has the opposite sign.
+        # If the moving link is the second link, the variable has the rate of the moving
+        # link. If not, both rates have opposite signs.
         _first_link, second_link = chain.ends[pair]
         if equation.moving_link == second_link:
             divisor = -equation.triple_product
@@ -796,7 +802,7 @@ class WorkingMode:
         """Return the scalar product of a vector and the angular velocity of a link.
 
         The result is a fraction ``numerator . w / denominator`` with the angular velocity w
-        of the output. Both parts are finite at singularities.
+        of the output.
 
         An outer pair joins each link to its support, a link placed before. So the angular
         velocity of the link is the angular velocity of the support, plus the rotation about
@@ -829,8 +835,8 @@ class WorkingMode:
         if self._is_on_one_axis(outer_pair, normal_pairs, link):
             # The outer pair has the same axis as one of the normal pairs. So its axis is at
             # right angles to the vector, and its rate adds nothing. Only the part of the
-            # support remains. The outer pair belongs to the support, too. It is a normal
-            # pair there.
+            # support remains. The outer pair is a pair of the support as well, and is
+            # passed as its normal pair.
             return self.angular_velocity_along(vector, support, normal_pairs=[outer_pair])
         # The sum above. Normal pairs of this link do not belong to its support.
         support_part = self.angular_velocity_along(vector, support)
@@ -909,8 +915,8 @@ class WorkingMode:
         The search for the border of a workspace needs a value that changes its sign at the
         border. The squared speed of the output per unit rate of an input is positive within
         the reach and 0 at the limit of the reach. This function returns the negative values
-        that continue the square beyond this limit. It returns 0 where the dyad of the input
-        reaches the pose, or where its outer axes are unknown.
+        that continue the square beyond this limit. The result is 0 where the dyad of the
+        input reaches the pose, or where its outer axes are unknown.
 
         A dyad is two links between two others, with three pair axes a, b and c. Its near
         link has the axes a and b, its far link b and c. Let the dyad join the base to the
@@ -923,7 +929,7 @@ class WorkingMode:
 
         The square of t follows from the three angles between the axes. By this formula it
         becomes negative smoothly out of reach. In other dyads the speed is not exactly this
-        quotient, but also becomes 0 where t does. The quotient is used for them, too.
+        quotient, but becomes 0 where t does. The quotient is used for all dyads.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         dyad = self.chain.dyads[dyad_number]
@@ -953,8 +959,7 @@ class WorkingMode:
     def cosine(self, first_pair: int, second_pair: int) -> Floats:
         """Return the cosine (n,) of the angle between the axes of two pairs.
 
-        The result is NaN where an axis cannot be placed. Both axes may be known although
-        other links of the mode do not reach.
+        The result is NaN where an axis cannot be placed.
         """
         cosine = dot_columns(
             self._earliest_axis(first_pair), self._earliest_axis(second_pair)
@@ -1025,17 +1030,17 @@ def _eliminate_turn(
     Parameters
     ----------
     input_rate
-        Rate of the input if the turn were free: r . w / denominator, with the angular
-        velocity w of the output.
+        Rate of the input if the turn were free: the fraction r . w / denominator, with the
+        numerator r (3, n) and the angular velocity w of the output.
     closing_link
-        The directions d, and the rate s . w / denominator at which the closing link ceases
-        to fit.
+        The directions d, and the rate of the residual: the fraction s . w / denominator,
+        with the numerator s (3, n). The closing link fits if the residual is 0.
 
     Notes
     -----
     The angular velocity is w = v + k d, where v moves the direction and k is the rate of
-    the turn. The closing link still fits if s . w = 0, so k = -(s . v) / (s . d). The
-    numerator of the rate of the input is then
+    the turn. The closing link still fits if the residual stays 0, that is s . w = 0. So k =
+    -(s . v) / (s . d). The numerator of the rate of the input is then
 
         r . w = r . v + k (r . d) = ((s . d) r - (r . d) s) . v / (s . d).
 

@@ -173,13 +173,13 @@ def judge(
     Returns
     -------
     The results for each pose. The measures are NaN at poses that the mode does not reach.
-    The margin is NaN there too, if a limited angle has no value.
+    The margin is NaN where a limited angle has no value.
     """
     with np.errstate(all="ignore"):
         mode = kinematics.at(_convert_poses(kinematics, places), signs)
         inputs = mode.inputs
-        # 0 where all inputs are finite, NaN elsewhere. It is added to the measures, which
-        # could otherwise be finite at poses that the legs cannot reach.
+        # 0 where all inputs are finite, NaN elsewhere. Added to a measure, NaN marks poses
+        # that the legs cannot reach.
         nan_if_unreachable = 0.0 * np.sum(inputs, axis=1)
         # The angle left to the nearest limit, and the number of this limit.
         margin, limiting = find_least_margin(bounds, mode)
@@ -226,8 +226,7 @@ def direction_workspaces(
     def find_directions(margins: Margins) -> _SampledWorkspace[Region]:
         """Return the region of a mode, with the vertices of its mesh and their margins."""
         # The area is not known beforehand. The first error is relative to half the sphere
-        # (2 pi). A smaller region is computed again with a smaller error. An empty region
-        # is not.
+        # (2 pi). A smaller region that is not empty is computed again with a smaller error.
         region = find_region(margins, tolerance * 2.0 * np.pi)
         target_error = tolerance * region.area
         if region.error > target_error > 0.0:
@@ -423,7 +422,7 @@ def nearest_reachable(
         if not region.components:
             return None
         # One direction in every connected part, and the point of the region nearest to the
-        # pose outside. The latter is only a start, since the border is an approximation.
+        # pose outside.
         component_poses = [component.place for component in region.components]
         inside_poses = np.stack([region.nearest(place), *component_poses])
     # For one pose the list has one item: the nearest pose with the angle to it, or None.
