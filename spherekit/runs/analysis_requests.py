@@ -54,7 +54,7 @@ def plan_requests(
             input_pair=mechanism.pairs[driven].name,
             poles=sorted(needs.directions),
             rates=rate_poles,
-            # True or false: whether all rates are also differentiated by the input.
+            # Whether all rates are differentiated with respect to the input.
             derivatives=needs.derivatives,
             planes=sorted(needs.planes),
             by_rank=by_rank,

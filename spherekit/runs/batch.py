@@ -207,7 +207,7 @@ class Batch:
     def once(self, key: Hashable, make: Callable[[], Result]) -> Result:
         """Return the result of `make`, which is called once for this batch and analysis.
 
-        So `compute`, `findings` and `scene` of an analysis can share a result.
+        `compute`, `findings` and `scene` of an analysis can share such a result.
         """
         if key not in self._results:
             self._results[key] = make()
@@ -216,11 +216,11 @@ class Batch:
 
     @staticmethod
     def interleaved(parts: Sequence[Array | NDArray[np.str_]]) -> Interleaved:
-        """Return a table column with one number per row of the batch and subject.
+        """Return a table column with a number for each subject in each row of the batch.
 
         A subject can be a link or a pole. The values of all subjects at the first row come
         first, then the values at the second row. `parts` has the values (n,) of each
-        subject. They are not copied.
+        subject.
         """
         return Interleaved(parts)
 
@@ -234,8 +234,7 @@ class Batch:
         column first has the values of all poles at the first batch row, then the values at
         the second batch row, and so on.
 
-        The columns can be lazy: their numbers are computed when the table is read. This
-        saves time in long runs of an analysis that only writes the columns to its table.
+        In some runs the numbers of a column are computed when the column is read.
 
         Parameters
         ----------
@@ -307,9 +306,8 @@ class Batch:
         """Return a column (n,) of a quantity of a pole that is computed when it is read.
 
         A pole is the axis of the relative rotation of two links. A column has one number
-        for each of the n rows (samples in all assembly modes). Compiled functions compute
-        it. If none of them has the quantity, the result is an array that is computed at
-        once.
+        for each of the n rows (samples in all assembly modes). If no compiled function
+        computes the quantity, the result is an array that is computed at once.
 
         Parameters
         ----------
@@ -318,7 +316,7 @@ class Batch:
         moved
             Index of the input that moves while the other inputs are locked.
         quantity
-            Name of the quantity, such as "direction". It must not be computed yet.
+            Name of a quantity that is not computed yet, such as "direction".
         component
             Index of the component if the quantity is a vector, otherwise None.
         """
@@ -397,9 +395,8 @@ class Batch:
 
         The pole is the axis of the relative rotation of the links i and j. The direction is
         always continuous if the pole is the axis of a pair. Other poles have continuous
-        directions along a path of samples. Over a grid of several inputs, all their
-        directions point to one side of a fixed plane. So they, and the coefficients, can
-        change their sign between neighbouring samples.
+        directions along a path of samples. Over a grid of several inputs, other directions
+        can reverse between neighbouring samples.
         """
         plan = self.plans[moved]
         return self._motion.is_path or plan.pole(i, j) in {None, *axis_pairs(plan)}
@@ -409,7 +406,7 @@ class Batch:
 
         Here w_i and w_j are the angular velocities of the links i and j. The pole (axis of
         their relative rotation) is along w_j - w_i. If the ratio is small, digits cancel in
-        this difference. It is 1 for the axis of a pair.
+        this difference. The ratio is 1 for the axis of a pair.
         """
         return self._pole(i, j, "conditioning", moved)
 
@@ -429,8 +426,8 @@ class Batch:
         """Return the velocity coefficient (n,) of two links.
 
         The coefficient is the angular velocity of the link with the larger index relative
-        to the link with the smaller index, along the pole (axis of their relative
-        rotation), per unit rate of the input.
+        to the other link, per unit rate of the input. The velocity is measured along the
+        pole (axis of the relative rotation).
         """
         return self._pole(i, j, "velocity_coefficient", moved)
 
@@ -626,15 +623,15 @@ class Batch:
         """
         pole = pole_of(i, j)
         needs = self.needs
-        # "planes" and "pole_status" can also be read, but are not in `_QUANTITY_BY_NAME`.
-        # The basic needs are sufficient for "pole_status".
+        # "planes" and "pole_status" are not in `_QUANTITY_BY_NAME`.
         pole_quantity = _QUANTITY_BY_NAME.get(quantity)
-        sufficient_needs = BASIC_NEEDS
         if pole_quantity is not None:
             sufficient_needs = pole_quantity.sufficient_needs
         elif quantity == "planes":
             sufficient_needs = ("planes",)
-        # Searching the sets one by one is faster than building their union.
+        else:
+            # "pole_status" is computed for each pole in any of the sets of `BASIC_NEEDS`.
+            sufficient_needs = BASIC_NEEDS
         is_declared = any(pole in getattr(needs, name) for name in sufficient_needs)
         # The declaration that the message proposes.
         declaration = f"{sufficient_needs[0]}=..."

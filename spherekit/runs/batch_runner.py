@@ -152,19 +152,16 @@ class BlockRows:
         self.status = np.zeros(n, dtype=np.int8)
         # Error bounds near dead centres. The solver fills them in uncertified rows only.
         self.singular_error = nans(n)
-        # A closed form computes all pair variables (joint angles) in `fill`. Otherwise the
-        # caller predicts them before. Rows without a prediction stay NaN; the solver
-        # computes them one by one.
+        # `values` are the pair variables (joint angles). `_column_function` computes the
+        # error bounds of rows.
         variable_count = len(position_analysis.mechanism.variable_owners)
         if kernel.has_closed_form:
+            # The function computes the pair variables from the inputs.
             self.values = np.empty((variable_count, n))
-        else:
-            self.values = nans((variable_count, n))
-        # This function computes the error bounds of rows. In closed form it starts from the
-        # inputs and the assembly mode, otherwise from the predicted `values`.
-        if kernel.has_closed_form:
             self._column_function = kernel.closed_form_quality
         else:
+            # The caller predicts pair variables before `fill`. NaN is no prediction.
+            self.values = nans((variable_count, n))
             self._column_function = kernel.row_quality
         mode_count = len(position_analysis.assembly_modes)
         sample_count = n // mode_count
@@ -187,13 +184,12 @@ class BlockRows:
 
         Returns
         -------
-        For each slice (successive rows of one mode) with certified rows: the rows
-        between which the direction of a pole may reverse. A pole is the axis about which
-        one link rotates relative to another. A pole is a line, so its computed direction
-        can have either sense. The caller uses the result to keep the sense from row to row.
+        A list with an item for each slice that has certified rows. A slice has successive
+        rows of one mode. The item says between which of these rows the computed direction
+        of a pole may reverse. A pole is the axis about which one link rotates relative to
+        another.
         """
-        # The result of a slice is None if some of its rows have to be solved first. Threads
-        # only make compiled functions faster.
+        # The result of a slice is None if some of its rows have to be solved first.
         reversals_by_slice = thread_map(
             self._fill_slice, self.slices, uses_threads=self.kernel.is_compiled
         )
@@ -202,9 +198,9 @@ class BlockRows:
         examined_slices: list[SliceReversals] = []
         for row_slice, reversals in zip(self.slices, reversals_by_slice, strict=True):
             if reversals is None:
-                # The missing rows of the slice are solved now.
+                # All rows of the slice have been solved by now.
                 reversals = self._examine_slice(row_slice)
-            # It is still None if no row of the slice is certified.
+            # A slice without certified rows has no result.
             if reversals is not None:
                 examined_slices.append(reversals)
         return examined_slices
@@ -251,7 +247,7 @@ class BlockRows:
         if not len(rows):
             return None
         # A direction may reverse where the angular velocities of links change much from row
-        # to row. The velocities are among the numbers (columns) of this function.
+        # to row. `row_quality` computes columns of numbers, among them these velocities.
         column_function = self.kernel.row_quality
         columns = column_function(self.values[:, rows])
         return find_slice_reversals(self.kernel, column_function, columns, mode, rows)
@@ -271,9 +267,9 @@ class BlockRows:
 
         Returns
         -------
-        The rows between which the direction of a pole (axis of the relative rotation of two
-        links) may reverse, since a pole is a line without a sense. None if rows of the
-        slice still have to be solved, or if none is certified.
+        The rows between which the computed direction of a pole (axis of the relative
+        rotation of two links) may reverse. None if rows of the slice still have to be
+        solved, or if none is certified.
         """
         mode, rows = row_slice
         columns = self._evaluate_slice(mode, rows)
@@ -292,36 +288,35 @@ class BlockRows:
     ) -> SliceReversals | None:
         """Decide for each row of a slice whether it is out of reach, or certified.
 
-        A row is one sample in one assembly mode (way to assemble the mechanism). It is out
-        of reach if the mechanism cannot be assembled at its inputs. It is certified if its
-        loops are closed and its error bounds are small enough.
+        A row is one sample in one assembly mode (way to assemble the mechanism). A row is
+        out of reach if the mechanism cannot be assembled at the inputs of the row. A row is
+        certified if its loops are closed and its error bounds are small enough.
 
         Parameters
         ----------
         mode
             Index of the assembly mode.
         rows
-            The n rows of the slice, as a range of rows of the block (group of samples).
+            The n rows of the slice, which all belong to this mode, as a range of rows of
+            the block (group of samples).
         columns
             (numbers, n) the numbers that the kernel (compiled functions) has computed for
-            these rows: closure residuals, error bounds and angular velocities. They are
-            changed in place in rows that are moved to another configuration here.
+            these rows: closure residuals, error bounds and angular velocities. The columns
+            are changed in place where a step of Newton's method is taken.
 
         Returns
         -------
-        The rows between which the direction of a pole (axis of relative rotation) may
-        reverse, since a pole is a line without a sense. None if rows of the slice still
-        have to be solved, or if none is certified.
+        The rows between which the computed direction of a pole (axis of relative rotation)
+        may reverse. None if rows of the slice still have to be solved, or if none is
+        certified.
         """
         row_numbers = np.arange(rows.start, rows.stop)
         is_out_of_reach = self._find_out_of_reach(mode, rows, columns)
         self.status[row_numbers[is_out_of_reach]] = Status.OUT_OF_REACH
         if not self.kernel.has_closed_form:
             # Configurations were predicted by interpolation, so loops may be slightly open.
-            # A step of Newton's method closes them. It changes the pair variables of these
-            # rows, and the numbers in `columns`, in place.
+            # A step of Newton's method closes them, and changes `columns` in place.
             self._close_rows(columns, row_numbers)
-        # Closure residuals and errors of the configurations are kept for later.
         self._store_closure(rows, columns)
         is_certified = self._find_certified_rows(columns)
         self.is_certified[rows] = is_certified
@@ -351,9 +346,9 @@ class BlockRows:
     def _is_certified_as_whole(self, columns: Floats) -> bool:
         """Return whether all rows of a slice are closed and have small error bounds.
 
-        This quick test decides most slices. If it is false, `_find_certified_rows` tests
-        each row. The columns (width, n) come from `_evaluate_slice`. An uncertainty is an
-        error bound, divided by the largest one that is allowed.
+        This quick test decides most slices. The columns (width, n) come from
+        `_evaluate_slice`. An uncertainty is an error bound, divided by the largest one that
+        is allowed.
         """
         parts = self._column_function.slices
         # The uncertainties are not negative. If their sum is at most 1, so is each of them.
@@ -365,8 +360,7 @@ class BlockRows:
     def _find_certified_rows(self, columns: Floats) -> Bools:
         """Return a mask (n,) of rows closed up to rounding and with small error bounds.
 
-        A row is one configuration. The other rows are solved again by a slower method.
-
+        A row is one configuration.
         The columns (width, n) come from `_evaluate_slice`. An uncertainty is an error
         bound, divided by the largest one that is allowed.
         """
@@ -383,8 +377,8 @@ class BlockRows:
     def _evaluate_slice(self, mode: int, rows: slice) -> Floats:
         """Return columns (width, n) that decide whether n rows need no other solver.
 
-        They are closure residuals, error bounds and angular velocities. `rows` is a slice
-        of the rows of the assembly mode with the index `mode`.
+        The columns are closure residuals, error bounds and angular velocities. `rows` is a
+        slice of the rows of the assembly mode with the index `mode`.
         """
         if self.kernel.has_closed_form:
             return self._evaluate_closed_form(mode, rows)
@@ -394,8 +388,9 @@ class BlockRows:
         """Compute the configurations of a slice in closed form, and judge them.
 
         The pair variables follow from the inputs and from the sign of each dyad (two links
-        and three R pairs), which says in which of two ways it is assembled. They are stored
-        in `values`. The result has the numbers (width, n) that decide about the rows.
+        and three R pairs). The sign says in which of two ways the dyad is assembled. The
+        variables are stored in `values`. The result has the numbers (width, n) that decide
+        about the rows.
         """
         q = self._q[:, rows]
         signs = self._position_analysis.assembly_modes[mode].signs_along(q)
@@ -416,9 +411,9 @@ class BlockRows:
     def _allocate_numbers(self, argument_count: int, n: int) -> tuple[Floats, Floats]:
         """Return empty arrays for the arguments and the results of the quality function.
 
-        This function computes for n rows the numbers that decide whether they are accurate
-        enough. Both arrays share one array in memory, which suits the cache of the
-        processor. The arguments are (argument_count, n), the results (width, n).
+        The quality function computes the numbers that decide whether n rows are accurate
+        enough. The two arrays are parts of one array in memory, which suits the cache of
+        the processor. The arguments are (argument_count, n), the results (width, n).
         """
         numbers = np.empty((argument_count + self._column_function.width, n))
         return numbers[:argument_count], numbers[argument_count:]
@@ -486,8 +481,8 @@ class BlockRows:
     def _has_prediction(self, rows: slice) -> Bools:
         """Return whether the configurations of rows (n,) were predicted by interpolation.
 
-        Either all passive variables (not inputs) of a row are predicted or none. So the
-        first of them is tested: without a prediction it is NaN.
+        Either all passive variables (not inputs) of a row are predicted or none. The first
+        passive variable is tested: without a prediction it is NaN.
         """
         first_passive_variable = self.kernel.passive_variables[0]
         return ~np.isnan(self.values[first_passive_variable, rows])
@@ -499,7 +494,7 @@ class BlockRows:
         configurations of these rows were predicted, mostly with errors far below
         `MAX_BLOCK_NEWTON_STEP_RAD`. Newton's method reduces an error to about its square,
         so one step is enough. A larger step may lead to another assembly mode and is not
-        taken. Rows that stay open are solved one by one later.
+        taken.
 
         The pair variables (joint angles) in `values` and the numbers in `columns` are
         changed in place.
@@ -536,7 +531,7 @@ class BlockRows:
 
         A row is one sample in one assembly mode (way to assemble the mechanism). The solver
         of the position analysis computes pair variables, status, closure residual and the
-        error bound near dead centres. They are stored at these rows.
+        error bound near dead centres. These results are stored at the rows.
 
         Parameters
         ----------
@@ -564,8 +559,7 @@ class BlockRows:
     def _certify_solved_rows(self, rows: Indices) -> None:
         """Bound the errors of rows that the position analysis has solved, and certify them.
 
-        The kernel (compiled functions) computes the error bounds. The closure residual that
-        the solver has measured stays.
+        The kernel (compiled functions) computes the error bounds.
 
         Parameters
         ----------
@@ -576,7 +570,8 @@ class BlockRows:
         solved_rows = rows[np.isfinite(self.closure_residual[rows])]
         column_function = self.kernel.row_quality
         columns = column_function(self.values[:, solved_rows])
-        _, configuration_error = columns[column_function.slices["closure"]]
+        # The closure residual of the solver is kept, so that of the kernel is not used.
+        _kernel_residual, configuration_error = columns[column_function.slices["closure"]]
         self.configuration_error[solved_rows] = configuration_error
         # Uncertainties are error bounds divided by their limits, so 1 is the limit.
         uncertainties = columns[column_function.slices["uncertainties"]]
@@ -602,10 +597,10 @@ class PendingPoles:
     uncertified
         (k,) indices of the rows that have a configuration but are not certified.
     compared_rows_by_input
-        For each input that moves: a mapping from the index of an assembly mode to rows. A
-        pole is a line, so its computed direction may reverse from one row to the next. This
-        is possible only at these rows, so only there directions are compared. The list is
-        empty for a grid of inputs, in which successive rows are not successive positions.
+        For each input that moves: a mapping from the index of an assembly mode to rows. At
+        these rows directions are compared, because computed directions of poles may reverse
+        there. The list is empty for a grid of inputs, in which successive rows are not
+        successive positions.
     error_maxima
         (inputs, 3) largest error bound in all certified rows: of directions (rad), of
         velocity coefficients and of their derivatives. NaN if no row is certified.
@@ -676,10 +671,10 @@ class BatchRunner:
     predict
         Function that predicts configurations along a path. None if there is a closed form.
     is_recorded
-        Whether the run is recorded. Blocks are then as small as without a kernel.
+        Whether drawings of the run are recorded, which limits the size of blocks.
     looks_ahead
-        Whether the next block is computed in another thread while a block is used. Nothing
-        else may then use the position analysis.
+        Whether the next block is computed in another thread while a block is used. While a
+        thread computes a block, nothing else may use the position analysis.
     needs_timing
         Whether motions have times.
     reads_frames
@@ -717,8 +712,8 @@ class BatchRunner:
         """Return a runner with a kernel for a run, or None if a kernel does not help.
 
         A kernel is a set of compiled functions that evaluate all numbers of many rows at
-        once. It also bounds the errors of each row, and certifies rows in which they are
-        small enough. All other rows are solved without it.
+        once. A kernel bounds the errors of each row, and certifies rows with small error
+        bounds. All other rows are solved without it.
 
         Parameters
         ----------
@@ -779,10 +774,9 @@ class BatchRunner:
         There are two limits:
 
         - The columns of a block (group of samples) need at most `BLOCK_BYTES`.
-        - A block has at most `MAX_BLOCK_FACTOR` times the samples of a block in a run
-          without compiled functions (`PositionAnalysis.block`). In a recorded run, the
-          rotation matrices of all links are read, which need more memory. So its blocks are
-          not larger than without compiled functions.
+        - `PositionAnalysis.block` is the size without compiled functions. With compiled
+          functions, a block may be `MAX_BLOCK_FACTOR` times larger. If drawings of the run
+          are recorded, a block is not larger, because rotation matrices need more memory.
         """
         position_analysis = self.sampling.position_analysis
         # Each sample has one row in each assembly mode (way to assemble the mechanism).
@@ -816,9 +810,8 @@ class BatchRunner:
         Parameters
         ----------
         size
-            Number of samples in the first block. Blocks only become larger if this is
-            `block_size`, the size that the program chooses. If the caller wants another
-            size, all blocks have it.
+            Number of samples in the first block. If this is not `block_size`, all blocks
+            have this size.
         first_sample
             Number of the first sample.
         """
@@ -861,10 +854,9 @@ class BatchRunner:
     def _choose_next_size(self, size: int, first_size: int, largest_size: int) -> int:
         """Return the number of samples of the next block (group of samples).
 
-        The quantities of poles (axes of relative rotation) are columns that are computed
-        only when they are read. They then need most of the memory. So if a column of the
-        latest block was read, the next block has the size of the first one. Otherwise its
-        size is doubled.
+        The quantities of poles (axes of relative rotation) are columns that need memory
+        only after they were read. If a column of the latest block was read, the next block
+        has the size of the first one. If none was read, the size is doubled.
 
         Parameters
         ----------
@@ -881,8 +873,8 @@ class BatchRunner:
     def has_pending_poles(self, motion: Motion) -> bool:
         """Return whether `fields` can be called for a motion.
 
-        `fields` evaluates the poles of a block (group of samples). It can be called once
-        for each motion that `motion_at` has returned.
+        `fields` evaluates the poles of a block (group of samples), once for each motion
+        that `motion_at` has returned.
         """
         return id(motion) in self.pending_poles
 
@@ -897,8 +889,8 @@ class BatchRunner:
         error bounds are small enough. Poles of certified rows are computed later, when a
         column of their numbers is read. Poles of all other rows are computed now.
 
-        `motion_at` has stored facts about these poles in `pending_poles`. They are removed
-        here, so each motion can be used only once.
+        `motion_at` has stored facts about these poles in `pending_poles`. The facts are
+        removed here, so each motion can be used only once.
 
         Parameters
         ----------
@@ -921,15 +913,16 @@ class BatchRunner:
         )
         # A pole is a line, so its computed direction can have either sense. For each input,
         # a function gives the signs +1 or -1 by which directions have to be multiplied. To
-        # continue the signs from row to row, it also needs the uncertified rows.
+        # continue the signs from row to row, the function needs the uncertified rows.
         sign_functions = []
         for input_index, sign_continuation in enumerate(sign_continuations):
             sign_function = self._make_sign_function(
                 motion, input_index, uncertified_poles, pending_poles, sign_continuation
             )
             sign_functions.append(sign_function)
-        # The directions of the uncertified rows get their signs now. Those of the certified
-        # rows get them when they are computed, so `columns` keeps the functions.
+        # The directions of the uncertified rows get their signs now. The directions of the
+        # certified rows get their signs when they are computed, so `columns` keeps the
+        # functions.
         uncertified_poles.apply_signs(sign_functions, motion.samples)
         columns = KernelColumns(
             self.kernel, motion, self.requests, uncertified_poles, sign_functions
@@ -970,7 +963,7 @@ class BatchRunner:
             Index of the input that moves while the other inputs are locked.
         uncertified_poles
             The poles in rows in which the error bounds of the kernel (compiled functions)
-            are too large. They were computed in another way.
+            are too large.
         pending_poles
             Which rows have a configuration, and at which rows a direction may reverse, so
             that it has to be compared.
@@ -986,11 +979,10 @@ class BatchRunner:
             return signs_by_first_axis_sums(
                 motion, pending_poles.is_assembled, sign_continuation
             )
-        # Reversible poles are all poles that are no pair axis. Pair axes have the direction
-        # that the mechanism file states.
+        # Reversible poles are all poles that are no pair axis.
         reversible_poles = self.kernel.input_columns[input_index].reversible_poles
-        # Function of row numbers that returns the poles in these rows. Their signs are
-        # still missing.
+        # Function of row numbers that returns the poles in these rows. The signs of these
+        # poles are still missing.
         evaluate_poles = partial(
             evaluate_unsigned_poles, self.kernel, motion, uncertified_poles, input_index
         )
@@ -1005,9 +997,8 @@ class BatchRunner:
     def motion_at(self, samples: Indices) -> Motion:
         """Compute the positions of the mechanism at some samples, in all assembly modes.
 
-        Facts about the poles (axes of relative rotation) are computed at the same time.
-        They are stored in `pending_poles`. The method `fields` of this class takes them
-        from there.
+        Facts about the poles (axes of relative rotation) are computed at the same time. The
+        facts are stored in `pending_poles` for the method `fields`.
 
         Parameters
         ----------
@@ -1034,7 +1025,7 @@ class BatchRunner:
     def _collect_pole_facts(
         self, motion: Motion, rows: BlockRows, examined_slices: Sequence[SliceReversals]
     ) -> PendingPoles:
-        """Return facts about the poles of a block (group of samples) for the later methods.
+        """Return facts about the poles of a block (group of samples) for `fields`.
 
         A pole is the axis about which one link rotates relative to another. For each input
         that moves while the others are locked, the poles of several pairs of links are
@@ -1066,11 +1057,13 @@ class BatchRunner:
         # `requests` has one item for each moving input.
         input_count = len(self.requests)
         # A pole is a line, so its computed direction may reverse from one row to the next.
-        # These are the rows in which it has to be compared with the row before. In a grid
-        # of inputs, successive rows are not successive positions, so no directions are
+        # At the compared rows, the direction has to be compared with the row before. In a
+        # grid of inputs, successive rows are not successive positions, so no directions are
         # compared.
         compared_rows_by_input = []
         if motion.is_path:
+            # Failed rows have no directions. Directions are always compared before and
+            # after uncertified rows, because they may reverse there.
             for input_index in range(input_count):
                 compared_rows = find_compared_rows(
                     examined_slices, input_index, is_assembled, is_uncertified

@@ -29,9 +29,9 @@ class ParameterTrade:
     """Declares how `spherekit trade` compares the values of a parameter of an analysis.
 
     Such a parameter trades speed for accuracy. The command runs the analysis with each
-    value of the parameter. It compares one column of the results with the same column at
-    the most accurate value. It then recommends the quickest value that reaches the accuracy
-    asked for.
+    value of the parameter. The command compares one column of the results with the same
+    column at the most accurate value. The command recommends the quickest value that
+    reaches the accuracy asked for.
 
     Attributes
     ----------
@@ -137,8 +137,7 @@ class AbstractAnalysis(ABC):
     reads_samples: ClassVar[bool] = True
     """Whether the analysis reads samples of the run.
 
-    Otherwise it is computed once, with the first block. That is empty if no analysis of the
-    run reads samples.
+    An analysis that reads none is computed once, with the first block.
     """
     trades: ClassVar[tuple[ParameterTrade, ...]] = ()
     """Parameters that trade speed for accuracy, if not the samples take the time."""
@@ -191,8 +190,8 @@ class AbstractAnalysis(ABC):
     def findings(self, batch: Batch) -> Findings:
         """Return results in addition to the tables; none by default.
 
-        Findings are, for example, remarks for the user and numbers for the summary.
-        A `rowwise` analysis returns findings of each block, which are then `joined`.
+        Findings are, for example, remarks for the user and numbers for the summary. A
+        `rowwise` analysis returns findings of each block, which the method `joined` joins.
         """
         return Findings()
 
@@ -232,9 +231,9 @@ Analyses = Sequence[AbstractAnalysis]
 class BrokenAnalysis(AbstractAnalysis):
     """Takes the place of an analysis that cannot be used.
 
-    The other analyses of the run are then still computed. The methods raise `PluginError`
-    with the reason `why`, for example that a plugin cannot be imported. The run notes this
-    error as the failure of the analysis.
+    The other analyses of the run are still computed. The methods raise `PluginError` with
+    the reason `why`, for example that a plugin cannot be imported. The run notes this error
+    as the failure of the analysis.
     """
 
     name: str  # type: ignore[misc]

@@ -90,7 +90,7 @@ class OutputRows(ArrayRows):
 
         If the output rests in the last row, place and rate come from the last row in which
         the output moves. So the next block sees whether the rate changes its sign after the
-        rest. All other values serve to continue the angle, and come from the last row.
+        rest. All other values come from the last row.
         """
         place, rate = self.places[-1], self.rates[-1]
         # Rows in which the rate is not zero up to rounding.
@@ -118,8 +118,8 @@ class OutputRows(ArrayRows):
         """Return pairs of rows between which the output turns back (its rate changes sign).
 
         Rows in which the output rests are passed over, so the two rows need not be
-        neighbours. A row of unknown rate (NaN) between them is a singular configuration.
-        The sign of the rate may jump there, so such changes are left out.
+        neighbours. Changes across a row of unknown rate (NaN) are left out. Such a row is a
+        singular configuration, in which the sign of the rate may jump.
         """
         moving = self.find_moving()
         rates = self.rates[moving]
@@ -204,7 +204,8 @@ class ExaminedRows:
         # The rate along the path of samples decides where the output turns back.
         timing = self.motion.timing
         if self.plan.moves_over_time and timing is not None:
-            # At a dead centre a ratio is infinite and the rate of the input is zero.
+            # At a dead centre a ratio can be infinite and the rate of the input zero, so
+            # that their product is NaN.
             with np.errstate(invalid="ignore"):
                 speeds = np.sum(ratios * timing.dq[rows], axis=1, keepdims=True)
             overview.widen_ratios(speeds)
@@ -293,8 +294,8 @@ class ExaminedRows:
         senses = np.zeros(len(jacobian))
         timing = self.motion.timing
         if self.plan.moves_over_time and timing is not None:
-            # At a dead centre the ratio is infinite and changes its sign, as does the rate
-            # of the input. This is no singularity of type I.
+            # Where an input turns back, the determinant can change its sign without a
+            # singularity of type I. A change of `senses` shows such places.
             senses = np.sign(np.prod(timing.dq[rows], axis=1))
         # Signs of determinants that are rounding errors mean nothing.
         determinants[gains <= RESTING_RATIO] = np.nan
@@ -307,8 +308,7 @@ class ExaminedRows:
 
         The transmission angle is the acute angle between the planes of the two links of a
         dyad (two links with three R pairs). Here the dyad is the one that moves the output.
-        The least angle at the samples is noted with its place. The angle can be smaller
-        between samples, which is estimated by parabolas.
+        The least angle at the samples is noted with its place.
 
         Parameters
         ----------
@@ -323,6 +323,7 @@ class ExaminedRows:
         """
         dyad = self.plan.joining_dyads[number]
         angles = transmission_angle_of_group(dyad, self.motion.axes[rows])
+        # This estimates the extremes between samples by parabolas.
         overview.smooth_transmission_angle.add(angles)
         overview.transmission_angle = update_minimum(
             overview.transmission_angle, angles, places
@@ -335,8 +336,7 @@ class ExaminedRows:
 
         The measure says how well locked inputs keep the output at rest. It is 0 at a
         singularity of type II (dead centre of the input) and 1 at best. The least measure
-        at the samples is noted with its place. The extremes between samples are estimated
-        by parabolas.
+        at the samples is noted with its place.
 
         Parameters
         ----------
@@ -350,8 +350,10 @@ class ExaminedRows:
             (m,) place of each sample: its time (s), the first input (rad) or its number.
         """
         measures = self._measure_transmission(number, rows)
+        # This estimates the extremes between samples by parabolas.
         overview.smooth_transmission.add(measures)
         overview.transmission = update_minimum(overview.transmission, measures, places)
+        # The measure is NaN in rows without a configuration.
         if np.any(np.isfinite(measures)):
             largest = float(np.nanmax(measures))
             if overview.largest_transmission is not None:
@@ -387,7 +389,7 @@ class ExaminedRows:
         Parameters
         ----------
         overview
-            The overview of the output in one assembly mode. It is changed in place.
+            The overview of the output in one assembly mode, which is changed in place.
         output
             The output.
         relative
@@ -414,8 +416,7 @@ class ExaminedRows:
         """Extend the range of the angle by which an output has turned from its first pose.
 
         The angles (m,) in rad are at least 0; the first pose has the angle 0. The largest
-        angle can be between two samples. By how much it exceeds the angles at samples is
-        therefore estimated by parabolas (`smooth_angle`).
+        angle can be between two samples. `smooth_angle` estimates this angle by parabolas.
         """
         overview.widen_angle(angles)
         overview.smooth_angle.add(angles)
@@ -441,8 +442,8 @@ class ExaminedRows:
 
         The path is divided into segments. Either all rows (samples) of a segment have a
         configuration, or none has, and their angles are NaN. The first segment of a block
-        (group of samples) continues the last segment of the block before. Therefore
-        `overview.last_row` keeps the last row that was added; it is None if this row has no
+        (group of samples) continues the last segment of the block before.
+        `overview.last_row` is the last row that was added, or None if this row has no
         configuration.
 
         Parameters
@@ -452,8 +453,8 @@ class ExaminedRows:
         path
             The rows of a block. Their angles may still have jumps of whole turns.
         has_rates
-            Whether the rates of the path are known. Otherwise the differences of successive
-            angles take their place, for example on a path of several inputs.
+            Whether the rates of the path are known. If not, differences of successive
+            angles replace them.
         """
         for segment in path.segments():
             angles = segment.angles
@@ -479,7 +480,7 @@ class ExaminedRows:
 
         - With known rates, the place and the angle of a turning point are interpolated.
         - Without rates, only the place is found, from the differences of successive angles.
-          How far the range extends between rows is then estimated by parabolas.
+          How far the range extends between rows is estimated by parabolas.
 
         Parameters
         ----------
@@ -501,12 +502,14 @@ class ExaminedRows:
         if has_rates:
             # The rate changes its sign between the two rows of a reversal.
             for before, after in segment.find_reversals():
-                # This also extends the range to the angle of the turning point.
+                # The range is extended to the angle of the turning point.
                 self._add_turning_point(overview, segment, before, after)
         else:
+            # The rate of each row becomes the change of the angle since the row before. The
+            # first row keeps its rate.
             segment = _take_steps_as_rates(segment)
             # `smooth_angle` makes the parabolas. The row of the block before was added to
-            # it already.
+            # `smooth_angle` with that block.
             overview.smooth_angle.add(segment.angles[repeated_rows:])
             for before, after in segment.find_reversals():
                 overview.add_rest(_place_of_rest(segment, before, after))
@@ -539,8 +542,8 @@ class ExaminedRows:
         """Note that an output turns back between two rows, and extend its range to there.
 
         If the rate is nearly linear between both rows, the place and the angle of the
-        turning point are interpolated. Otherwise only the two rows are noted. In both cases
-        the error of the angle at the turning point is noted, too.
+        turning point are interpolated. If the rate is not linear, only the two rows are
+        noted. The error of the angle at the turning point is always noted.
 
         Parameters
         ----------
@@ -626,8 +629,8 @@ def _link_rates(motion: Motion) -> Floats:
     """Return the angular velocity of each link per unit rate of each input.
 
     The array is (n, inputs, links, 3): n rows (samples in all assembly modes), and vectors
-    relative to the ground in ground axes. It is NaN where the closure equations (conditions
-    that loops stay closed) do not determine the velocities.
+    relative to the ground in ground axes. The array is NaN where the closure equations
+    (conditions that loops stay closed) do not determine the velocities.
     """
     linearisation = motion.linearisation
     # (n, equations, variables) derivatives of the closure equations with respect to the
@@ -663,8 +666,9 @@ def note_transmission(
 ) -> None:
     """Note the least transmission angle of all dyads in the rows of an assembly mode.
 
-    A dyad consists of two links with three R pairs. Its transmission angle is the acute
-    angle between the planes of its two arcs. It is 0 at a singularity of type II.
+    A dyad consists of two links with three R pairs. The transmission angle of a dyad is the
+    acute angle between the planes of its two arcs. The angle is 0 at a singularity of type
+    II.
 
     Parameters
     ----------

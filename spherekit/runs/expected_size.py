@@ -68,9 +68,9 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
     -------
     dict
         - ``assembly_modes``: the number of assembly modes (ways to assemble the mechanism).
-          It is known only if all groups are dyads (two links with three R pairs) and there
-          are not many poles. In all other cases the search for modes can take long. The
-          value is then None, and all other numbers hold for a single assembly mode.
+          None if the search for modes can take long: if not all groups are dyads (two links
+          with three R pairs), or if there are many poles. With None, all other numbers hold
+          for a single assembly mode.
         - ``configurations``: the number of configurations.
         - ``tables``: for each table how many rows, columns and bytes it has.
         - ``velocity_equation_solves``: how often velocity equations are solved.
@@ -171,8 +171,8 @@ class CostExtrapolation:
         The costs of these two runs. If there are many poles, the runs only have the table
         of the motion.
     of_many_poles
-        The cost of a third run, which has all tables. It has
-        `MEASURED_SAMPLES_OF_MANY_POLES` samples. None if there are not many poles.
+        The cost of a third run, which has all tables and `MEASURED_SAMPLES_OF_MANY_POLES`
+        samples. None if there are not many poles.
     measured_modes, predicted_modes
         Number of assembly modes of the short runs and of the prediction.
     """
@@ -188,11 +188,10 @@ class CostExtrapolation:
     def predict(self, *keys: str) -> int:
         """Return a predicted cost of a long run, such as the size of a table.
 
-        The prediction is extrapolated from the costs of two short runs. A pole is the axis
-        of the relative rotation of two links, so a mechanism with many links has many
-        poles. Then the two runs have only the table of the motion, to save time. All other
-        costs are measured in a third run of a few samples, which has all tables. They are
-        multiplied by the ratio of the numbers of samples.
+        The cost is extrapolated from two short runs. If there are many poles (axes of the
+        relative rotation of two links), these runs have only the table of the motion. All
+        other costs are measured in a third run of a few samples, and multiplied by the
+        ratio of the numbers of samples.
 
         Parameters
         ----------

@@ -126,8 +126,8 @@ class UncertifiedPoles:
 
         A pole is the axis about which one link rotates relative to another. A kernel
         (compiled functions) evaluates the poles in most rows of a block. In uncertified
-        rows, its error bounds are too large. There slower, more careful functions evaluate
-        the poles.
+        rows, the error bounds of the kernel are too large, and slower, more careful
+        functions evaluate the poles.
 
         A pole is a line, so its direction can have two senses. If it is the axis of a pair
         (joint), the mechanism file fixes the sense. All other poles are called reversible.
@@ -135,7 +135,7 @@ class UncertifiedPoles:
         Parameters
         ----------
         kernel
-            The kernel. It knows for each moving input which poles are reversible.
+            The kernel, which knows for each moving input which poles are reversible.
         motion
             The configurations of the block. A row is one sample in one assembly mode.
         requests
@@ -194,8 +194,8 @@ class UncertifiedPoles:
         """Replace the values of poles in uncertified rows by more accurate ones, in place.
 
         A kernel (compiled functions) has computed the poles (axes of the relative rotation
-        of two links) in all rows. In uncertified rows its errors may be too large. A pole
-        is a line, so the signs of directions are arbitrary here, and are chosen later.
+        of two links) in all rows. In uncertified rows its errors may be too large. The
+        signs of directions are arbitrary here, and are chosen later.
 
         Parameters
         ----------
@@ -246,11 +246,12 @@ class UncertifiedPoles:
         first, end = np.searchsorted(self.rows, [rows.start, rows.stop])
         if first == end:
             return
-        # The field has an attribute for each quantity, such as `direction`, with the
-        # numbers by pole or link (`subject`).
+        # The field of the moving input has the more accurate results. For each quantity,
+        # such as `direction`, it has an attribute with the numbers by pole or link.
         field = self.fields[key.input_index]
         values = getattr(field, key.quantity)[key.subject]
-        components = values.reshape(len(self.rows), -1)  # (u, components)
+        # (uncertified rows of the block, components)
+        components = values.reshape(len(self.rows), -1)
         positions_in_slice = self.rows[first:end] - rows.start
         column[positions_in_slice] = components[first:end, key.component]
 
@@ -269,8 +270,7 @@ def _evaluate_with_senses_of_kernel(
     motion
         The configurations.
     request
-        The poles. Their great circles (planes) are left out: the kernel does not compute
-        them, and they are computed for all rows together when they are read.
+        The poles. Their great circles (planes) are not computed here.
     reversible_poles
         The poles with a direction of either sense.
     """
@@ -321,7 +321,7 @@ def _evaluate_unsigned_by_kernel(
     A pole is the axis of the relative rotation of two links. It is a line, so its unit
     vector u can have two senses. With its velocity coefficient c, the relative angular
     velocity is ``c u`` and its derivative with respect to the input is ``c' u + c u'``.
-    Both are the same for the two senses of u.
+    These two vectors are the same for both senses of u.
 
     Parameters
     ----------
@@ -340,7 +340,8 @@ def _evaluate_unsigned_by_kernel(
     unit_rate = quantities["direction_dq"]
     (coefficient,) = quantities["velocity_coefficient"]
     (coefficient_rate,) = quantities["acceleration_coefficient"]
-    # Rows with large errors can have NaN or huge numbers here. They are replaced later.
+    # Rows with large errors can have NaN or huge numbers here. Such rows are replaced
+    # later.
     with np.errstate(invalid="ignore", over="ignore"):
         velocity = coefficient * unit
         velocity_rate = coefficient_rate * unit + coefficient * unit_rate
@@ -371,7 +372,7 @@ class KernelColumns:
     Attributes
     ----------
     was_read
-        Whether a column was read. Later blocks may be longer if it is False.
+        Whether a column was read.
     """
 
     def __init__(
@@ -392,7 +393,6 @@ class KernelColumns:
         self.requests = requests
         self.uncertified_poles = uncertified_poles
         self._sign_functions = sign_functions
-        # Whether a column was read. A column needs memory only after it was read.
         self.was_read = False
         self._values = motion.values.T  # (variables, n) pair variables (rad)
         self._failed = motion.failed  # (n,) rows without a configuration
@@ -422,7 +422,6 @@ class KernelColumns:
         """
         self.was_read = True
         read_slice = partial(self._read_slice, keys, reader)
-        # Threads save time only if compiled functions run outside the interpreter.
         thread_map(read_slice, self._slices, uses_threads=self.kernel.is_compiled)
 
     def _read_slice(
@@ -444,8 +443,7 @@ class KernelColumns:
         """
         mode, rows = row_slice
         all_columns = self._evaluate_kernel(rows)
-        # A pole is a line with two possible senses. The signs choose one of them. On a path
-        # the direction then continues from row to row of the mode.
+        # A pole is a line with two possible senses. The signs choose one of the senses.
         self._apply_signs(all_columns, mode, rows)
         columns = [all_columns[self._find_column(key)] for key in keys]
         # In failed or inaccurate rows, other values replace the values of the kernel.
@@ -525,8 +523,8 @@ class LazyField:
 
     A pole is the axis about which one link rotates relative to another. A kernel (compiled
     functions for many rows) computes the columns of numbers when they are read. The method
-    `column` computes a single column. If an attribute of `PoleField` is read instead, all
-    columns are computed as arrays.
+    `column` computes a single column. Reading an attribute that is not in `IN_MEMORY`
+    computes all columns as arrays.
 
     Parameters
     ----------
@@ -644,9 +642,8 @@ class LazyField:
     def _add_unfilled_arrays(self) -> list[tuple[LazyColumn, Floats]]:
         """Add an empty array for each quantity of each pole or link to the field.
 
-        A pole is the axis of the relative rotation of two links. The arrays have no values
-        yet. The caller then fills all of them together, which is faster than one after
-        another.
+        A pole is the axis of the relative rotation of two links. The caller fills all
+        arrays together, which saves time.
 
         Returns
         -------

@@ -66,7 +66,7 @@ class OutputOverview:
         Places of two samples between which the rate of the output changes its sign. The
         samples are too far apart to interpolate the place at which the rate is zero.
     further_rests
-        Number of places of rest that are in neither list.
+        Number of places of rest that are neither in `rests` nor in `uncertain_rests`.
     transmission_angle
         The least transmission angle (rad) of the dyad (two links with three R pairs) that
         determines the motion of the output, and its place. None if no dyad determines this
@@ -93,8 +93,8 @@ class OutputOverview:
         it.
     last_velocities
         The velocity of the output per rate of each input in the last examined row of a
-        path, (inputs, 3). None if it is unknown or signed ratios are used instead. The next
-        block needs it.
+        path, (inputs, 3). None if the velocity is unknown, or if the output has signed
+        ratios. The next block needs it.
     first_pose
         The first rotation (9,), direction (3,) or angle (1,), from which the following
         rows are measured. None for an angle along a path.
@@ -261,13 +261,9 @@ class OutputOverview:
     ) -> None:
         """Note singularities of type I: places where a determinant passes through zero.
 
-        It is the determinant of the output's velocity Jacobian (velocity per unit rate of
+        The determinant is that of the output's velocity Jacobian (velocity per unit rate of
         each input) at successive samples. At type I inputs can move while the output rests.
         A place is the time (s), the first input (rad) or the number of a sample.
-
-        In a simulation, an input can turn back while the output moves on. There the rate of
-        the input is zero, so the velocity per unit rate is infinite and changes its sign.
-        This is no singularity of type I. Samples before and after it are not compared.
 
         Parameters
         ----------
@@ -275,13 +271,14 @@ class OutputOverview:
             (m,) determinants at the m samples of a block, NaN where there is none.
         senses
             (m,) sign of the product of the rates of all inputs in a simulation, otherwise
-            0. A change of this sign shows that an input turns back.
+            0. A change of this sign shows that an input turns back. Samples before and
+            after such a change are not compared.
         places
             (m,) places of the samples.
         """
         if not len(determinants):
             return
-        # `last_determinant` has the last sample of the block before. It is compared, too.
+        # The last sample of the block before (`last_determinant`) is compared, too.
         if self.last_determinant is not None:
             place, determinant, sense = self.last_determinant
             places = np.append(place, places)
@@ -307,13 +304,13 @@ def find_zero_crossings(
 ) -> list[float]:
     """Return the places at which a determinant passes through zero between two samples.
 
-    It is the determinant of the velocity Jacobian: the velocity of the output per unit rate
-    of each input. At a zero, the output has a singularity of type I: it can rest while
+    The determinant is that of the velocity Jacobian: the velocity of the output per unit
+    rate of each input. At a zero, the output has a singularity of type I: it can rest while
     inputs move.
 
-    In a simulation, an input can turn back while the output moves on. There the rate of the
-    input is zero, so the velocity per unit rate is infinite and changes its sign. This is
-    no zero. Samples before and after it are not compared.
+    In a simulation, an input can turn back while the output moves on. At such a place the
+    velocity per unit rate is infinite and changes its sign without a zero. Samples before
+    and after the place are not compared.
 
     Parameters
     ----------
@@ -347,8 +344,8 @@ def _passes_zero(before: Floats, after: Floats) -> Bools:
     """Return whether vectors pass through zero between two successive samples.
 
     Between the samples a vector follows nearly the straight line from `before` to `after`.
-    It counts as passing through zero if this line comes near to zero. The limit of the
-    distance is `REVERSAL_SHARE` times the length of the line.
+    The vector counts as passing through zero if this line comes near to zero. The limit of
+    the distance is `REVERSAL_SHARE` times the length of the line.
 
     Parameters
     ----------
@@ -370,8 +367,8 @@ def _passes_zero(before: Floats, after: Floats) -> Bools:
 class ModeOverview:
     """Where an assembly mode closes, and how its outputs move.
 
-    An assembly mode is one of the ways to assemble the mechanism. It closes at a sample if
-    the links can be assembled in this way at the inputs of the sample.
+    An assembly mode is one of the ways to assemble the mechanism. A mode closes at a sample
+    if the links can be assembled in this way at the inputs of the sample.
 
     Attributes
     ----------

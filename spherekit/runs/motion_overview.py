@@ -58,9 +58,9 @@ class MotionOverview:
     def add_block(self, plan: OverviewPlan, motion: Motion) -> None:
         """Add a block of successive samples to the overview of the motion.
 
-        The statuses of all samples are added at once. The outputs are examined only at some
-        samples, to save time. These samples are collected over several blocks until there
-        are enough of them.
+        The status of each sample (whether the mechanism can be assembled) is added at once.
+        The outputs are examined only at some samples. These samples are collected over
+        several blocks, because examining many samples together saves time.
 
         Parameters
         ----------
@@ -77,8 +77,8 @@ class MotionOverview:
         examined = plan.examined_samples(first_sample, motion.samples)
         examines_all = len(examined) == motion.samples
         if examines_all and not self.pending:
-            # Without a copy of the rows, what the motion has already computed is used
-            # again.
+            # The motion itself is examined, not a copy, so that its stored results are
+            # used.
             self._examine(plan, motion)
             return
         if len(examined):

@@ -45,7 +45,7 @@ class Needs:
         configurations beyond the samples, such as configurations along a curve.
     turns
         Poles for which the turning of the axis is read: the derivatives of the axis
-        direction with respect to the input. They need `derivatives`.
+        direction with respect to the input. These poles need `derivatives`.
     links
         Indices of the links that an analysis with `tracer` reads. If the set is empty, the
         analysis reads all links. The set has no meaning in a `union` of needs.

@@ -61,7 +61,7 @@ class ExaminedOutput:
 def examined_outputs(mechanism: Mechanism) -> tuple[ExaminedOutput, ...]:
     """Return the links, or directions on links, that the overview of a run examines.
 
-    They are the declared outputs, or else the links that `observed_outputs` names.
+    The result has the declared outputs, or else the links that `observed_outputs` names.
     """
     return tuple(
         _examined_output(mechanism, output) for output in observed_outputs(mechanism)
@@ -160,7 +160,7 @@ class OverviewPlan:
         """The transmission measure of each output, None if the transmission angle is used.
 
         Both say how well locked inputs keep the output at rest. The transmission angle,
-        which designers know, exists if all groups of links are dyads (two links with three
+        which designers know, is used if all groups of links are dyads (two links with three
         R pairs).
         """
         groups = self.sampling.position_analysis.assembly.groups

@@ -148,13 +148,11 @@ def _summarize_excess(output: OutputOverview) -> Facts:
     """Return by how much extremes between samples may exceed the extremes at samples.
 
     The estimates are for the angle of an output (rad), its velocity ratio, and its
-    transmission angle (rad). An output without a transmission angle has the transmission
-    measure instead. Only small values of the transmission matter, so its maxima are left
-    out.
+    transmission angle (rad) or transmission measure.
     """
-    # Excess of parabolas through the angles of successive samples. It is 0 if the rates of
-    # the angle are known. Then turning points between samples are computed from the rates,
-    # and their error counts instead.
+    # If the rates of the angle are known, turning points between samples are computed, with
+    # an error. If the rates are unknown, parabolas through successive angles give the
+    # excess. One of the two numbers is always 0.
     parabola_excess = output.smooth_angle.excess(output.lowest_rad, output.highest_rad)
     angle_excess = max(parabola_excess, output.turning_error_rad)
     ratios = [
@@ -164,7 +162,8 @@ def _summarize_excess(output: OutputOverview) -> Facts:
         )
     ]
     transmission = 0.0
-    # With None, `excess` leaves out the maximum.
+    # Only small values of the transmission matter. With None, `excess` leaves out the
+    # maximum.
     if output.transmission_angle is not None:
         least_angle = output.transmission_angle[0]
         transmission = output.smooth_transmission_angle.excess(least_angle, None)

@@ -156,7 +156,7 @@ def find_slice_reversals(
         by_input.append(
             InputReversals(
                 gaps=ReversalGaps.after_positions(rows, positions_before_gaps),
-                # These are compared with the adjacent slices later.
+                # These velocities are compared with those of adjacent slices later.
                 first_velocities=input_columns.relative_velocities(velocities[:, 0]),
                 last_velocities=input_columns.relative_velocities(velocities[:, -1]),
                 largest_errors=np.max(errors, axis=1, initial=0.0),

@@ -464,8 +464,8 @@ def _compare_row(run_row: Facts, pole: EnclosedPole) -> Facts:
     # A pole axis has no sense of its own, so the sense of the run is used.
     axis = axis if axis @ run_axis > 0 else -axis
     axis_distance = np.linalg.norm(run_axis - axis)
-    # The radius of three components, and four rounding errors of the distance. These are
-    # relative to the distance; the added 1e-3 is a margin.
+    # The radius of three components, and four rounding errors of the distance. The rounding
+    # errors are relative to the distance; the added 1e-3 is a margin.
     axis_uncertainty = np.sqrt(3.0) * axis_radius + 4.0 * 2.0**-53 * (axis_distance + 1e-3)
 
     coefficient = centre_float(pole.coefficient)

@@ -158,9 +158,7 @@ class RecordingSession:
     def show_simulation_progress(self, sampling: Sampling) -> None:
         """Show the links at the samples that an unfinished simulation has passed.
 
-        Users can so follow a long simulation in a viewer. Poles and results of analyses are
-        computed only later. When the simulation is finished, `use_final_sampling` is called
-        instead.
+        Users can so follow a long simulation in a viewer.
 
         Parameters
         ----------
@@ -187,8 +185,8 @@ class RecordingSession:
         A recording is a file that a viewer shows. While a simulation is solved, its links
         are already recorded at samples up to the requested end time. The simulation may end
         earlier, and then has fewer samples. Shown samples after its end are hidden. The
-        last sample of the finished simulation may have another time than the shown sample
-        with this index, so this one is hidden, too.
+        last sample may have another time than the shown sample with the same index, which
+        is hidden, too.
 
         Parameters
         ----------
@@ -196,15 +194,15 @@ class RecordingSession:
             The samples of the finished simulation.
         """
         # Hide the samples from the last one of the finished simulation to the last one that
-        # was shown. Only every n-th sample is shown, and `_shown_count` grows in steps of
-        # n. So it may be larger than the number of samples.
+        # was shown. `_shown_count` grows in steps of `_every`, so it may be larger than the
+        # number of samples.
         shown_sampling = self._sampling
         first_hidden = len(final_sampling) - 1
         shown_end = min(self._shown_count, len(shown_sampling))
         hidden_samples = np.arange(first_hidden, shown_end)
         if hidden_samples.size:
             motion = shown_sampling.motion_at(hidden_samples)
-            # Links without a rotation (NaN) are not drawn. They replace the links that were
+            # Links without a rotation (NaN) are not drawn, and replace the links that were
             # recorded at the same samples.
             motion = replace(motion, placed=np.full_like(motion.placed, np.nan))
             scenes = moving_link_scenes(motion, self._link_shapes)

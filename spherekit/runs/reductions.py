@@ -23,7 +23,7 @@ It avoids 0 / 0 for values that are all zero. Their derivatives are then zero.
 
 @dataclass(frozen=True)
 class SampledValues:
-    """Values of one quantity at k samples of the inputs, to be reduced to one number.
+    """Values of a quantity at k samples, reduced to one number for each assembly mode.
 
     The number, a figure of merit, is for example their maximum, or the input at which the
     maximum occurs.
@@ -31,8 +31,9 @@ class SampledValues:
     Attributes
     ----------
     q
-        (k,) the input (rad) at each sample. With several inputs it is the first one, unless
-        the user names another one as the result.
+        (k,) the input (rad) at each sample, which is reported as the place of an extreme.
+        With several inputs, the user may name one of them; by default the first one is
+        reported.
     values
         (k, n) the values in n assembly modes (ways to assemble the mechanism). NaN where a
         mode cannot be assembled.
@@ -94,7 +95,7 @@ def reduce_samples(
     values
         (k, n) the values in n assembly modes, NaN where a mode cannot be assembled.
     is_closed_path
-        Whether the last sample is the first one after full revolutions of the inputs.
+        Whether the last sample repeats the first one, full revolutions of the inputs later.
 
     Returns
     -------
@@ -125,7 +126,7 @@ def sample_weights(
         The reduced number. Some derivatives depend on the reduced number, such as the
         derivatives of the root of the mean square.
     is_closed_path
-        Whether the last sample is the first one after full revolutions of the inputs.
+        Whether the last sample repeats the first one, full revolutions of the inputs later.
 
     Returns
     -------

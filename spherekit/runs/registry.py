@@ -143,8 +143,8 @@ def load_analysis(name: str) -> type[AbstractAnalysis]:
         If several packages have an analysis of this name, or if the analysis cannot be
         imported or has a faulty class.
     """
-    # This process may have registered the class itself. Otherwise an installed package
-    # declares it as an entry point.
+    # Either this process has registered the class, or an installed package declares the
+    # class as an entry point.
     if name in _registered_classes:
         return _registered_classes[name]
     entries = _find_entry_points().get(name, [])
@@ -185,7 +185,7 @@ def create_analysis(request: str, angle_unit: AngleUnit = "rad") -> AbstractAnal
     request
         The name and the parameters of the analysis.
     angle_unit
-        The unit of an angle that is written without a unit. It is the angle unit of the
+        The unit of an angle that is written without a unit: the angle unit of the
         mechanism.
 
     Raises

@@ -37,8 +37,6 @@ def need_memory(
 ) -> None:
     """Raise `AnalysisError` if a run of all samples at once needs too much memory.
 
-    Other runs are computed in blocks of samples and need no such check.
-
     Parameters
     ----------
     mechanism

@@ -73,9 +73,10 @@ def compute_checked_tables(
         columns = _check_columns(where, table, returned_tables[table.name])
         data[table.name] = columns
         rows = row_count(columns)
-        # The batch has a row for each sample in each assembly mode. Some tables must have
-        # equally many rows for each row of the batch. These are the tables with columns for
-        # sample and assembly mode, if the analysis reads samples one by one.
+        # The batch has a row for each sample in each assembly mode. A table with columns
+        # for sample and assembly mode (`in_assembly_modes`) must have equally many rows for
+        # each row of the batch. The condition is that the analysis reads samples, and
+        # treats each row of the batch separately (`rowwise`).
         has_rows_of_samples = (
             analysis.rowwise and analysis.reads_samples and table.in_assembly_modes
         )
@@ -143,8 +144,7 @@ def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
     data
         The values that the analysis returned: an array, or an `Interleaved` column. An
         `Interleaved` column has an array for each of several subjects, such as poles, and
-        their rows alternate in the table. With the right type it is returned unchanged.
-        With another type it is converted to one array, which is checked like any array.
+        their rows alternate in the table.
 
     Raises
     ------

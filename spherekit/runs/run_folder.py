@@ -267,8 +267,8 @@ class RunFolder:
         """Move complete results from the work folder to the folder of the run.
 
         First the files of an older run are removed. Then the new files are moved, and their
-        summary last. The summary lists all files of its run, so an interrupted call can be
-        repeated.
+        summary last. While the summary of the new files is in the work folder, an
+        interrupted call can be repeated.
 
         Returns
         -------
@@ -337,7 +337,7 @@ def _file_size(path: Path) -> int:
 def find_foreign_files(
     folder: Path, files: re.Pattern[str], folders: re.Pattern[str]
 ) -> list[str]:
-    """Return the paths in a folder that spherekit has not written there, and links.
+    """Return symbolic links in a folder, and paths that spherekit has not written there.
 
     Callers refuse to work in a folder with such files, so that none of them is lost.
 
@@ -350,7 +350,7 @@ def find_foreign_files(
 
     Returns
     -------
-    Relative paths, or a phrase if `folder` is itself a link or a file.
+    Relative paths, or a phrase if `folder` is itself a symbolic link or a file.
     """
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         return [f"link or file {folder.name}"]

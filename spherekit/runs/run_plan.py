@@ -163,8 +163,8 @@ class RunPlan:
         """
         source = self.source
         if isinstance(source, BatchRunner) and source.has_pending_poles(motion):
-            # A kernel (compiled functions for many rows) has computed the motion. It
-            # computes the poles when they are read.
+            # A kernel (compiled functions for many rows) has computed the motion. The
+            # kernel computes the poles when they are read.
             return source.fields(motion, sign_continuations)
         if self.max_poles is not None:
             # The run only measures the size of its tables, so numbers need not be right.
@@ -195,8 +195,7 @@ class RunPlan:
         A pole is the axis about which one link rotates relative to another. If there are
         several inputs, each input in turn moves while the other inputs are locked. Each
         input has its own poles. The `setting` selects the method ("route": velocity
-        equations or great circles). It also selects the engine (NumPy, compiled code or
-        quad precision).
+        equations or great circles) and the engine (NumPy, compiled code or quad precision).
 
         Parameters
         ----------
@@ -224,9 +223,9 @@ class RunPlan:
     def continue_angles(self, motion: Motion, last_angles: LastAngles) -> ContinuedAngles:
         """Return the pair variables that analyses read without jumps of whole revolutions.
 
-        They are arrays in rad by pair, with a value for each of the n configurations of the
-        motion. `last_angles` has the variables at the end of the previous block, and is
-        updated in place.
+        The variables are arrays in rad by pair, with a value for each of the n
+        configurations of the motion. `last_angles` has the variables at the end of the
+        previous block, and is updated in place.
         """
         pairs = frozenset[str]().union(*(needs.continued_values for needs in self.needs))
         if not pairs:
@@ -247,8 +246,7 @@ class RunPlan:
         Parameters
         ----------
         analysis
-            The analysis. It may read only the quantities that it has declared as needs,
-            because the run evaluates no others.
+            The analysis, which may read only the quantities that it has declared as needs.
         motion
             The configurations of the block.
         pole_fields
@@ -310,9 +308,8 @@ class RunPlan:
     ) -> None:
         """Store the rows of a table for a block of samples, and count them.
 
-        Failed rows are counted as failures of the analysis, with one exception: The
-        analysis cannot compute a row of a sample at which the mechanism has no
-        configuration (position).
+        Failed rows are counted as failures of the analysis. A row is no failure if the
+        mechanism has no configuration (position) at the sample of the row.
 
         Parameters
         ----------
@@ -323,8 +320,7 @@ class RunPlan:
         run_state
             The state of the run, in which rows and failed rows are counted in place.
         table_store
-            Receives the rows. None if no rows are stored. If the mechanism has names for
-            assembly modes (ways to assemble the mechanism), a column with them is added.
+            Receives the rows. None if no rows are stored.
         batch
             The samples of the block as the analysis has read them. Their status shows
             which configurations do not exist. None if failures are not counted.
@@ -335,12 +331,12 @@ class RunPlan:
                 for mode in self.sampling.position_analysis.assembly_modes
                 if mode.name
             }
-            # Both calls add a column for the names of modes if the mechanism has any.
+            # Both calls add a column for the names of assembly modes (ways to assemble the
+            # mechanism) if there are any.
             stored_table = table.with_names(self.mechanism)
             stored_rows = stored_table.named(rows, mode_names)
             table_store.add(analysis_name, stored_table, stored_rows)
-        # Rows of an analysis that reads only the mechanism belong to no samples. The
-        # exception is possible only in other tables.
+        # Rows of an analysis that reads only the mechanism belong to no samples.
         names_without_samples = [
             analysis.name for analysis in self.analyses if not analysis.reads_samples
         ]
@@ -498,8 +494,8 @@ def make_run_plan(
         Their needs, from `collect_needs`.
     block_size
         Number of samples that are evaluated together (a block). By default the source of
-        the motion (`source` of the plan) chooses the number. An analysis that reads all
-        samples at once sets it to the number of samples.
+        the motion (`source` of the plan) chooses the number. If an analysis reads all
+        samples at once, there is one block.
     setting
         How velocities are computed. With the ordinary setting, a kernel (compiled functions
         for many rows at once) may be used.

@@ -581,8 +581,7 @@ def make_result(
     # when they are used, or they are in memory.
     files: list[Path] = []
     data: dict[str, dict[str, TableArrays]] = {name: {} for name in declared}
-    # Columns in memory are in rad. `write_results` replaces these units by the units of the
-    # files, which may be degrees.
+    # Columns in memory are in rad.
     summary = {**summary, "units": _units_by_stem(declared, degrees=False)}
     # Name of the analysis and table of each file, by the name of the file without ending.
     tables_by_stem = tables_by_file_stem(declared)

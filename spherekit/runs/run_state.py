@@ -72,17 +72,16 @@ BY_KERNEL = "by_kernel"
 class RunState:
     """The state of a run after the blocks (groups of successive samples) that are done.
 
-    It is stored in the journal (a file in the folder of the run) after each block and
-    restored bit for bit, so that a resumed run gives the same results as one that was not
+    The state is stored in the journal (a file in the folder of the run) after each block,
+    and restored bit for bit. So a resumed run gives the same results as a run that was not
     stopped. Its size does not grow with the number of samples.
 
     Attributes
     ----------
     sign_continuations
         For each input that moves while the other inputs are locked: the directions of all
-        poles (axes of relative rotation) in the last row, that is, at the last sample.
-        Directions in the next rows get signs that continue these directions without
-        reversal.
+        poles (axes of relative rotation) at the last sample. Directions in the next rows
+        get signs that continue these directions without reversal.
     last_angles
         For each assembly mode (way to assemble the mechanism), the pair variables in the
         last row, without jumps of whole revolutions. The next block continues them.
@@ -285,8 +284,7 @@ class RunState:
         status
             (n,) status codes.
         weight
-            Factor of the counts. It is for example the number of poles that have the same
-            codes, which are then stored only once.
+            Factor of the counts, such as the number of poles that share these codes.
         ignored
             Statuses that are not counted.
         """
@@ -333,8 +331,7 @@ class RunState:
             The samples that the analysis has read, with its declared needs. None if failed
             rows are not counted.
         has_rows_of_batch
-            Whether the rows belong to the samples of the batch. Only then is it known
-            whether the mechanism has a configuration at the sample of a row.
+            Whether the rows belong to the samples of the batch.
         """
         self.counts[ROWS, analysis_name, table.name] += row_count(data)
         if batch is None:
@@ -346,8 +343,7 @@ class RunState:
         key = (FAILED, analysis_name, table.name)
         status_columns = [column for column in table.columns if column.kind == "status"]
         for column in status_columns:
-            # A table may have a row for each of several poles, with an array of codes for
-            # each pole. Poles may share one array, which is then examined only once. Its
+            # Several poles may share one array of codes, which is examined only once. The
             # counts are multiplied by the number of these poles.
             for codes, pole_count in _status_arrays(data[column.name]):
                 counted_codes = codes
@@ -422,9 +418,10 @@ class RunState:
 def _status_arrays(column_values: Any) -> list[tuple[Array, int]]:
     """Return the different arrays of status codes of a column, and how often each occurs.
 
-    A table may have a row for each of several poles at a sample. Its columns are then
-    `Interleaved`: they store an array for each pole. Poles without a separate status share
-    one array: the status of the rows. Counting this array only once saves time.
+    A table may have a row for each of several poles at a sample. Such a table has
+    `Interleaved` columns, which store an array for each pole. Poles without a separate
+    status share one array: the status of the rows. Counting this array only once saves
+    time.
     """
     is_interleaved = isinstance(column_values, Interleaved)
     parts = column_values.parts if is_interleaved else (column_values,)
@@ -449,15 +446,15 @@ def _omit_failed_configurations(
     """Return status codes of table rows, without rows of failed configurations.
 
     If the mechanism cannot be assembled at a sample, its configuration there has a status
-    such as "out of reach". A row of the analysis for this sample then has the same status.
-    This is no failure of the analysis. So codes that equal the status of the configuration
-    of their row are left out.
+    such as "out of reach". The rows of the analysis at this sample have the same status,
+    which is no failure of the analysis. Codes that equal the status of the configuration of
+    their row are left out.
 
     Parameters
     ----------
     codes
-        (n,) status codes of all rows of the table. If its columns are `Interleaved` (one
-        array for each of several poles), the codes belong to one pole.
+        (n,) status codes of all rows of the table. For an `Interleaved` column, the codes
+        of one pole (axis of the relative rotation of two links).
     data
         Columns of the table.
     column
@@ -465,11 +462,10 @@ def _omit_failed_configurations(
     batch
         The configurations to which the rows belong.
     """
-    # With an array for each of several poles, the rows of a pole usually have the order of
-    # the configurations.
     if isinstance(data[column.name], Interleaved):
+        # The codes of one pole are in the order of the configurations.
         return _select_pole_failures(codes, batch)
-    # Otherwise the columns of the sample and of the assembly mode tell the configuration.
+    # The columns of the sample and of the assembly mode tell the configuration of each row.
     return _select_table_failures(codes, data, batch)
 
 

@@ -216,7 +216,7 @@ class Sampling:
         passive_names = set(names) - set(self.position_analysis.inputs)
         if self.simulation is not None and passive_names:
             # A simulation has counted the revolutions of all variables while it was solved.
-            # They are added here, and then the variables have no jumps.
+            # The revolutions are added here.
             motion = self._add_simulated_revolutions(self.simulation, motion)
         # Without a simulation, revolutions are counted here from sample to sample. The
         # variables of a simulation are returned without a change.
@@ -319,9 +319,8 @@ class Sampling:
 
         Returns
         -------
-        A key ``time`` with the duration and the time laws of the inputs. For a simulation a
-        key ``simulation`` instead, with the start, the end and the checks of the
-        simulation:
+        A key ``time`` with the duration and the time laws of the inputs. For a simulation
+        the key is ``simulation``, with the start, the end and the checks of the simulation:
 
         - ``achieved_error_rad``: difference from a more accurate simulation;
         - ``missed``: a message if the requested tolerance is missed, otherwise None;
@@ -446,9 +445,8 @@ def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling
         False if no analysis of the run needs the motion. Assembly modes are then not
         searched, and there are no configurations.
     """
-    # `input_pair` can replace the inputs of the mechanism by another one; with None they
-    # stay. `crossings` says which curve a mode follows where curves of configurations
-    # cross.
+    # With `input_pair=None` the mechanism keeps its inputs. `crossings` says which curve a
+    # mode follows where curves of configurations cross.
     position_analysis = PositionAnalysis(
         mechanism,
         input_pair=None,
@@ -525,9 +523,8 @@ def _sample_laws(study: Study, mechanism: Mechanism, t: Floats) -> Sampling:
         laws = {driven.pair: law}
     # (n, inputs) values of the inputs at the times, and their rates and accelerations.
     q, timing = evaluate_time_laws(mechanism.input_pairs, laws, t)
-    # `input_pair` can replace the inputs of the mechanism by another one; with None they
-    # stay. `crossings` says which curve a mode follows where curves of configurations
-    # cross.
+    # With `input_pair=None` the mechanism keeps its inputs. `crossings` says which curve a
+    # mode follows where curves of configurations cross.
     position_analysis = PositionAnalysis(
         mechanism,
         input_pair=None,
@@ -597,9 +594,8 @@ def _simulate_study(
         It is passed as a `Sampling` at all times `t`, including times that are not solved
         yet. `on_progress`, `t` and `position_analysis` belong to the enclosing function.
         """
-        # A `Sampling` needs inputs and rates at all samples, but later inputs and rates are
-        # not known yet. `on_progress` does not read them, because it computes motions from
-        # the simulation. So NaN stands for the inputs and rates at all samples.
+        # Inputs and rates at later samples are not known yet. `on_progress` reads only how
+        # many rows these arrays have, so one column of NaN stands for all inputs.
         unknown = nans((len(t), 1))
         assert on_progress is not None
         on_progress(
@@ -780,8 +776,7 @@ def _default_timing(q: Floats, is_straight: bool) -> Timing:
     """Return times, rates and accelerations of inputs that have no time laws.
 
     The fastest input moves at the constant speed `DEFAULT_INPUT_SPEED`, the other inputs in
-    proportion to it. Time begins at 0, and accelerations are 0. Analyses then have rates
-    and velocities to compute with.
+    proportion to it. Time begins at 0, and accelerations are 0.
 
     Parameters
     ----------

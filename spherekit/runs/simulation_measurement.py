@@ -188,8 +188,8 @@ def compute_timed_tables(
 ) -> TimedTables:
     """Compute the tables of an analysis with a setting, and measure the processor time.
 
-    The time for planning the run does not depend on the number of samples. It is returned
-    separately, so that the time of a run with more samples can be estimated.
+    The time for planning the run does not depend on the number of samples. This time is
+    returned separately, so that the time of a run with more samples can be estimated.
 
     Parameters
     ----------
@@ -316,7 +316,8 @@ def measure_candidates(
             worst_column=largest.column,
             own_estimate=largest.estimate,
             missing=sum(deviation.missing for deviation in deviations),
-            # The first run of a setting includes compiling. It is corrected below.
+            # This is the time before the first sample, with compiling. All other parts of
+            # this time are subtracted below.
             compile_seconds=timed_tables.first_seconds,
         )
 
@@ -499,8 +500,8 @@ def _simulate_tables(
     start = time.process_time()
     sampling = _simulate(run_plan, study, setting)
     simulation_seconds = time.process_time() - start
-    # A simulation that ends early has other samples than the reference. Its directions
-    # cannot be compared then.
+    # A simulation that ends early has other samples than the reference, so its directions
+    # cannot be compared.
     if reference_fields and len(sampling) != len(reference_fields[0].status):
         reference_fields = ()
     (analysis,) = run_plan.analyses

@@ -238,9 +238,9 @@ def _read_simple_value(hint: Any, value: Any, angle_unit: AngleUnit) -> Any:
     angle_unit
         The unit of an angle that the file states without a unit.
     """
-    # In Python a bool is also an int, so it is excluded for each type of number.
     # A type such as `Degrees` states the kind of the quantity, and in which unit Python
-    # uses the number. The result is converted to this unit.
+    # uses the number. The result is converted to this unit. In Python a bool is also an
+    # int, so bools are excluded for each type of number.
     if (unit := field_unit_of(hint)) is not None:
         if isinstance(value, bool) or not isinstance(value, int | float | str):
             raise ValueError(value)

@@ -133,10 +133,10 @@ def compute_deviations(
 def _find_scale(largest_by_unit: Mapping[str, float], unit: str) -> float:
     """Return the number by which errors of columns with a certain unit are divided.
 
-    It is usually the largest reference value with this unit. Derivatives with respect to an
-    angle, for example in N m/rad, are an exception if they are only rounding errors. This
-    happens if the columns in N m are constant. The scale is then the largest value of the
-    columns in N m.
+    The scale is usually the largest reference value with this unit. Derivatives with
+    respect to an angle, for example in N m/rad, are only rounding errors if the columns in
+    N m are constant. For such derivatives the scale is the largest value of the columns in
+    N m.
 
     Parameters
     ----------

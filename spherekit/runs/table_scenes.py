@@ -29,9 +29,9 @@ Larger: figures with more lines than a reader can tell apart.
 def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> list[Scene]:
     """Return drawings of the tables of an analysis: columns of numbers over the samples.
 
-    They are for an analysis without drawings. Only tables with rows at the samples are
-    drawn. A sample can have several rows, for example one for each pole. The texts in such
-    a row then name its subject, and each subject has a curve for each column.
+    The drawings are for an analysis that makes none. Only tables with rows at the samples
+    are drawn. A sample can have several rows, for example one for each pole. The texts in
+    such a row name its subject. Each subject has a curve for each column.
 
     Parameters
     ----------

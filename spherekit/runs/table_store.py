@@ -22,8 +22,8 @@ class StoredTables:
 
     A block is a group of successive samples. Memory does not grow with the number of rows.
     A file is complete or absent, and has checksums. The journal of the run has the number
-    of files of each table (`to_journal`). A file above that number belongs to a block that
-    was not finished. It is ignored, and overwritten when the run is resumed.
+    of files of each table (`to_journal`). Files above that number belong to a block that
+    was not finished. Such files are ignored, and overwritten when the run is resumed.
 
     Parameters
     ----------
@@ -70,14 +70,14 @@ class StoredTables:
         """
         from spherekit.tables.table_files import write_columns
 
-        # The final table has all rows of an assembly mode (way to assemble the mechanism)
-        # together. With several blocks, the rows of each file are therefore sorted by mode.
-        # A single block needs no sorting, and its rows count as rows of one mode.
-        needs_sorting = self._has_several_blocks and table.in_assembly_modes
         columns = convert_columns(table, arrays(data))
-        sorted_block = (
-            sort_by_mode(columns) if needs_sorting else treat_as_one_mode(columns)
-        )
+        if self._has_several_blocks and table.in_assembly_modes:
+            # The final table has all rows of an assembly mode (way to assemble the
+            # mechanism) together. So the rows of each block are sorted by mode.
+            sorted_block = sort_by_mode(columns)
+        else:
+            # The rows keep their order, as rows of one mode.
+            sorted_block = treat_as_one_mode(columns)
         # The file is divided into groups of at most CHUNK_ROWS rows of one mode. Its notes
         # list the mode of each group.
         group_modes = []

@@ -186,9 +186,9 @@ def take_samples(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
         timing = sampling.timing.rows(rows)
     # A run in a single assembly mode stays restricted to this mode.
     only_mode = modes[0].number if len(modes) == 1 else None
-    # `input_pair` can replace the inputs of the mechanism by another one; with None they
-    # stay. `path` lists the input values, one sample after another. `crossings` says which
-    # curve a mode follows at a point where two curves of configurations cross.
+    # With `input_pair=None` the mechanism keeps its inputs. `path` lists the input values,
+    # one sample after another. `crossings` says which curve a mode follows at a point where
+    # two curves of configurations cross.
     smaller_analysis = PositionAnalysis(
         position_analysis.mechanism,
         input_pair=None,
@@ -213,10 +213,10 @@ def trade(
 ) -> Trade:
     """Measure the times and the true errors of the settings of a run.
 
-    A setting is one way to compute the run, such as an engine or a tolerance. Some analyses
-    have parameters that make them faster and less accurate. The values of these parameters
-    are then measured instead of settings. The result, a trade, has the time and the error
-    of each setting or value.
+    A setting is one way to compute the run, such as an engine or a tolerance. For an
+    analysis with parameters that make it faster and less accurate, the values of these
+    parameters are measured. The result, a trade, has the time and the error of each setting
+    or value.
 
     Parameters
     ----------
@@ -258,8 +258,8 @@ def trade(
     ]
     if parameter_trades:
         return _trade_parameters(study, analysis, parameter_trades, trade_options)
-    # A study with a start is a simulation. It is computed again with each setting, so it
-    # gets fewer samples here. Other runs get fewer samples in `_trade_samples`.
+    # A study with a start is a simulation. A simulation is computed again with each
+    # setting, so fewer samples are used.
     is_simulation = study.start is not None
     shortened_study = study
     if is_simulation:
@@ -381,8 +381,8 @@ def _trade_samples(run_plan: RunPlan, study: Study, trade_options: TradeOptions)
     """
     (analysis,) = run_plan.analyses
     # Long runs with the default setting, `ORDINARY`, use a kernel: compiled functions for
-    # many rows. No other setting does. These are the samples at which the default setting
-    # is timed with the kernel, None if the run is too short for one.
+    # many rows. The default setting is timed at `kernel_sampling`, which is None if the run
+    # is too short for a kernel.
     kernel_sampling = _choose_kernel_sampling(run_plan, study)
     # Samples at which errors are measured.
     sampling = _choose_sampling(run_plan, study, trade_options)
@@ -410,9 +410,8 @@ def _trade_samples(run_plan: RunPlan, study: Study, trade_options: TradeOptions)
             # Computed directions get those of the reference, so that they can be compared.
             return compute_timed_tables(sampling, analysis, setting, reference.pole_fields)
         # Long runs with the default setting, `ORDINARY`, use a kernel (compiled functions
-        # for many rows). The usual samples are too few for a kernel, so this setting is
-        # timed at more samples, `kernel_sampling`. If the user's run is too short for a
-        # kernel, `kernel_sampling` is None.
+        # for many rows). So this setting is timed at enough samples for a kernel.
+        # `kernel_sampling` is None if the run of the user is too short for a kernel.
         timed_sampling = kernel_sampling if setting == ORDINARY else None
         if timed_sampling is None:
             return compute_timed_tables(sampling, analysis, setting)
@@ -565,9 +564,9 @@ def _run_with_value(
 ) -> TimedTables:
     """Run an analysis with one value of a parameter, and measure the time.
 
-    The parameter trades speed for accuracy. It may be the number of samples of the run. An
-    analysis with another parameter spends nearly all its time on a search, and hardly any
-    on samples. So only a few samples are then computed here.
+    The parameter trades speed for accuracy. The parameter may be the number of samples of
+    the run. With any other parameter only a few samples are computed, because the search of
+    the analysis takes nearly all of the time.
 
     Parameters
     ----------
@@ -580,8 +579,7 @@ def _run_with_value(
     value
         The value of the parameter.
     is_compared
-        Whether the tables will be compared with reference tables. It is passed to all such
-        functions, but is not used here.
+        Not used. The function `run` of every `Candidate` has this argument.
     """
     start = time.process_time()
     # The values of other parameters, which are the same in all runs.

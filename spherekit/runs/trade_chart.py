@@ -68,7 +68,8 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
         if chosen is not None:
             (point,) = _make_points([chosen])
             marks.append(Mark("taken", point, TOLERANCE_TONE))
-    # A portrait has a mark that moves with the samples. Here it stays at the first setting.
+    # A portrait has a mark that moves with the samples. Here the mark stays at the first
+    # setting.
     chart = Portrait(
         path="trade/chart",
         label="work and precision",

@@ -62,10 +62,10 @@ def choose(
     """Return the cheapest setting with errors within a tolerance, and what it reaches.
 
     A trade is a measurement: the time and the error of each setting (way to compute the
-    run). If there are stored trades, the setting is chosen from them. Otherwise a short
-    trade is made if the run has at least `MIN_SAMPLES_FOR_TRADE` samples, and a run with
-    fewer samples has the ordinary setting. If no setting meets the tolerance, the most
-    accurate one is used, and the key ``met`` of the record is false.
+    run). If there are stored trades, the setting is chosen from them. Without stored
+    trades, a short trade is made if the run has at least `MIN_SAMPLES_FOR_TRADE` samples. A
+    run with fewer samples has the ordinary setting. If no setting meets the tolerance, the
+    most accurate one is used, and the key ``met`` of the record is false.
 
     Parameters
     ----------
@@ -100,8 +100,7 @@ def choose(
     if study.start is None:
         sampling = make_sampling(study)
         for analysis in analyses:
-            # If an analysis fails here, it is left out. The run itself reports the failure
-            # later.
+            # An analysis that fails is left out here. The run itself reports the failure.
             with suppress(AnalysisError, PluginError):
                 run_plan = make_analysis_plan(sampling, analysis)
                 if not analysis.trades and reads_motion_quantities(run_plan):
@@ -277,7 +276,7 @@ def _choose_from_trades(
             )
     origin = f"of a {kind} trade of {listing(item.analysis for item in trades)}"
     if not costs:
-        # The default setting is then taken without a measurement.
+        # Without a usable setting, the default setting is taken.
         return SettingChoice(ORDINARY, np.nan, f"no setting {origin} computes all rows")
     # Errors were measured at some samples only, so they need a margin.
     sufficient_costs = {

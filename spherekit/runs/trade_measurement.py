@@ -28,9 +28,9 @@ def reads_motion_quantities(run_plan: RunPlan) -> bool:
     """Return whether the analysis of a run reads poles, rates or positions of samples.
 
     Settings of the run, such as its engine, change only the errors of these quantities.
-    `Needs.links` is emptied first: it has the links of analyses that compute configurations
-    themselves, which settings do not change.
     """
+    # `Needs.links` are the links in configurations that an analysis computes itself, which
+    # are no samples.
     needs = replace(run_plan.needs[0], links=frozenset())
     return bool(links_of(run_plan.mechanism, needs))
 
@@ -129,8 +129,9 @@ def compute_reference_tables(
     # request for each input. It lists the poles that are read while this input moves and
     # the other inputs are locked.
     requests = [request for request in run_plan.requests if request.poles]
+    # The poles of all rows, in float64. The directions of the reference get the senses of
+    # these directions.
     pole_fields = [evaluate(motion, request) for request in requests]
-    # A pole field has the computed poles of all rows for one request.
     reference = compute_reference(motion, requests, pole_fields, inputs=inputs)
     # The attribute `samples` is the number of rows of each assembly mode (way to assemble
     # the mechanism). `compute_reference` has lost it, so it is taken from the run.
@@ -145,8 +146,6 @@ def compute_reference_tables(
     batch = run_plan.make_batch(
         analysis, reference_motion, reference.pole_fields, continued_angles
     )
-    # `lacking` is the end of a text such as "the closure equations in 20 digits, 3 rows
-    # without".
     return ReferenceTables(
         tables=run_plan.compute_tables(analysis, batch),
         pole_fields=reference.pole_fields,

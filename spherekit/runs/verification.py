@@ -131,8 +131,8 @@ class _BlockRows(ArrayRows):
         source_rows
             (k,) number in `source` of the row that replaces each of them.
         """
-        # The rotations of links (`placed`) may not be computed yet. They are computed here,
-        # so that they can be joined with the rows of `source`.
+        # The rotations of links (`placed`) may not be computed yet. The rotations are
+        # computed here, so that they can be joined with the rows of `source`.
         motion = replace(self.motion, placed=self.motion.rotations)
         joined = _BlockRows.concatenate([replace(self, motion=motion), source])
         # In the joined rows, the n rows of this object are followed by the rows of
@@ -238,10 +238,11 @@ def compute_reference(
     input_pairs = [request.plan.input for request in requests]
     if not input_pairs:
         input_pairs = list(motion.assembly.inputs[:1])
-    # Usually the reference uses the dimensions of the run, which are rounded to float64.
-    # With `frames=None`, `exact_rows_by_input` does so.
+    # With `frames=None`, the reference uses the dimensions of the mechanism rounded to
+    # float64.
     frames = None
-    # If rows of the run used the decimal numbers of the file, the reference does so, too.
+    # If rows of the run used the decimal numbers of the file, the reference uses these
+    # numbers.
     if _has_decimal_rows(pole_fields):
         arithmetic = arithmetic or Digits()
         with arithmetic.within():
@@ -267,7 +268,8 @@ def _has_decimal_rows(pole_fields: Iterable[PoleField]) -> bool:
     These are the sizes of the mechanism as they are written in the file.
 
     Near a dead centre, rounding the sizes to float64 changes the poles noticeably. A run
-    computes such rows from the decimal sizes, so their reference has to use them, too.
+    computes such rows from the decimal sizes, so the reference of these rows uses the
+    decimal sizes.
     """
     return any(np.any(pole_field.is_decimal) for pole_field in pole_fields)
 
@@ -570,7 +572,6 @@ class Verifier:
             is_beyond = roundings > allowed[row]
             # A value with an error bound may deviate by up to this bound. Near
             # singularities derivatives lose more digits than the condition number tells.
-            # Whether errors are within their bounds is checked separately.
             bounds = values_by_column.get(f"{column.name}_error_bound")
             if bounds is not None:
                 is_beyond &= ~(deviation <= bounds)
