@@ -54,11 +54,11 @@ def find_common_point(points: Floats, axes: Floats, max_distance: float) -> Floa
     projections = np.eye(3) - axes[:, :, None] * axes[:, None]
     while len(used_lines) > 1:
         matrix = np.sum(projections[used_lines], axis=0)
-        # The smallest eigenvalue is 0 for parallel lines. For lines at small angles to each
-        # other it is about n times the square of the angles.
+        # The smallest eigenvalue is 0 for parallel lines. For n lines at small angles to
+        # each other the eigenvalue is about n times the square of the angles.
         if np.linalg.eigvalsh(matrix)[0] < PARALLEL_SINE**2 * len(used_lines):
-            # The remaining lines are parallel. If lines were left out before, the point
-            # found with them is returned, and the caller notices which lines miss it.
+            # The remaining lines are parallel. A point that was found with more lines is
+            # kept.
             break
         projected_points = projections[used_lines] @ points[used_lines, :, None]
         right_side = np.sum(projected_points, axis=0)[:, 0]
@@ -69,7 +69,7 @@ def find_common_point(points: Floats, axes: Floats, max_distance: float) -> Floa
         used_lines = np.delete(used_lines, np.argmax(distances))
     if common_point is not None:
         return common_point
-    # There is one line, or all lines are parallel. They may coincide.
+    # There is one line, or all lines are parallel. Parallel lines may coincide.
     nearest_to_origin = points[0] - (points[0] @ axes[0]) * axes[0]
     distances = distances_to_lines(nearest_to_origin, points, axes)
     return nearest_to_origin if np.max(distances) <= max_distance else None

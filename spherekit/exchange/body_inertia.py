@@ -34,14 +34,14 @@ loops wrongly.
 class BodyInertia(NamedTuple):
     """Mass and inertia of a body of an exported model, in ground axes.
 
-    Programs such as MuJoCo read the model. In them each body needs a mass, so bodies
-    without mass in the mechanism file get a small one.
+    MuJoCo needs a mass for each body, so bodies without mass in the mechanism file get a
+    small one.
 
     Attributes
     ----------
     link
         Name of the body: a link, or a coupler that replaces a sliding contact between two
-        circles. The coupler keeps the distance of the centres of these circles constant.
+        circles.
     mass
         Mass (kg).
     centre
@@ -49,9 +49,8 @@ class BodyInertia(NamedTuple):
     tensor
         (3, 3) inertia tensor about the centre of mass (kg m2).
     is_stated
-        Whether the mechanism file states this mass and centre. Otherwise they are chosen so
-        that the tensor about O, the centre of the sphere, is right. All bodies turn about
-        O, so without weight their motion depends on the tensor about O only.
+        Whether the mechanism file states this mass and centre. Otherwise mass and centre
+        are chosen so that the tensor about O, the centre of the sphere, is right.
     """
 
     link: str
@@ -104,9 +103,8 @@ class LinkInertias:
         Inertia by the name of the link. A link without a mass in the mechanism file is not
         in this mapping; a stated mass may be zero.
     are_made_up
-        True if the file has no masses. Links are then taken as wires of 1 kg/m on a sphere
-        of 1 m, because programs such as MuJoCo do not move a body without mass. Such a
-        model shows the motion, but its forces mean nothing.
+        True if the file has no masses, and links are taken as wires of 1 kg/m on a sphere
+        of 1 m. Forces in such a model mean nothing.
     """
 
     by_link: Mapping[str, LinkInertia]
@@ -120,9 +118,9 @@ class LinkInertias:
 def find_link_inertias(mechanism: Mechanism) -> LinkInertias:
     """Return the inertia of all links that have a mass in the mechanism file.
 
-    Other programs can't move a mechanism without inertia. If no moving link has any, all
-    links are taken as wires of 1 kg/m on a sphere of 1 m radius. The wires run along the
-    arcs of a link, and from the centre of the sphere to the axis of each of its pairs
+    Other programs can't move a mechanism without inertia. If no moving link has inertia,
+    all links are taken as wires of 1 kg/m on a sphere of 1 m radius. The wires run along
+    the arcs of a link, and from the centre of the sphere to the axis of each of its pairs
     (joints).
     """
     inertia_by_link = {
@@ -155,8 +153,8 @@ def _wire_inertia(wires: list[Floats]) -> LinkInertia:
     wires
         Polylines (n, 3) of points (m).
     """
-    # A segment s of the length L with its middle at m is a thin rod of the mass L. It has
-    # the second moments L m m^T + (L / 12) s s^T.
+    # A segment s of the length L with its middle at m is a thin rod of the mass L. The rod
+    # has the second moments L m m^T + (L / 12) s s^T.
     middles = np.concatenate([0.5 * (wire[1:] + wire[:-1]) for wire in wires])
     segments = np.concatenate([np.diff(wire, axis=0) for wire in wires])
     lengths = np.linalg.norm(segments, axis=1)
@@ -179,12 +177,11 @@ def make_body_inertia(
     """Return the mass, centre and inertia tensor of a body of an exported model.
 
     The body turns about O, the centre of the sphere, so its motion depends on the tensor
-    about O. Mass and centre of mass are taken from the mechanism file. In two cases they
-    are chosen instead, such that the tensor about O is right:
+    about O. Mass and centre of mass are taken from the mechanism file. In two cases mass
+    and centre are chosen such that the tensor about O is right:
 
-    - The file does not state both.
-    - The centre of mass is at O, where it never moves. MuJoCo judges by the motion of this
-      point how easily it can move a body, and would close the loops wrongly.
+    - The mass or the centre of mass is missing in the file.
+    - The centre of mass is at O. MuJoCo would close the loops of the model wrongly.
 
     A link without inertia gets a small inertia, because MuJoCo refuses such bodies.
 
@@ -204,10 +201,10 @@ def make_body_inertia(
     The mass, the centre of mass, and the tensor about this centre, in ground axes.
     """
     link_inertia = link_inertias.by_link.get(link)
-    # A zero tensor belongs to a point mass at O, which has no effect on the motion. It is
-    # replaced, too.
+    # A zero tensor belongs to a point mass at O, which has no effect on the motion.
     if link_inertia is None or not np.any(link_inertia.tensor):
-        # A multiple of the unit tensor, which is the same in all axes.
+        # The tensor is a multiple of the unit tensor, so it needs no rotation to ground
+        # axes.
         light_tensor = _make_light_tensor(link_inertias, light_ratio)
         mass_centre = _choose_mass_centre(light_tensor)  # mass and centre of mass
         return _make_body_about_centre(link, light_tensor, mass_centre, is_stated=False)
@@ -240,8 +237,8 @@ def _find_usable_mass_centre(
 ) -> MassCentre | None:
     """Return the stated mass and centre of a link, or None if they can't be used.
 
-    They can't be used if the mechanism file does not state both, or if the centre is at O,
-    the centre of the sphere. MuJoCo closes loops wrongly in the second case.
+    Mass and centre can't be used if one of them is missing in the mechanism file. A centre
+    at O, the centre of the sphere, can't be used, because MuJoCo would close loops wrongly.
 
     Parameters
     ----------

@@ -183,18 +183,15 @@ def write_c(source: FormulaSource) -> str:
       functions of one variable are computed, such as the profile of a contact,
     - the functions of the formulas,
     - a function that selects an assembly mode (one way to assemble the mechanism) at an
-      input. It exists only if modes follow smooth curves of configurations through
-      crossings with other curves.
+      input, if modes continue smoothly through crossings of curves of configurations.
     """
-    # In C all numbers, variables and constants, have the type double. This type exists
-    # already, so no line has to define it (`type_line`).
+    # Declarations of the functions.
     declarations = [
         f"{_function_head(source, function, 'double')};" for function in source.functions
     ]
     if source.smooth_modes is not None:
         declarations.append(f"{_smooth_mode_head(source, 'double')};")
-    # The arrays that callers read are declared, too. The declaration of an array is its
-    # definition without the values.
+    # Declarations of the arrays that callers read: definitions without the values.
     constants = [*_write_constants(source, storage="")]
     for text in constants:
         if text.startswith("const "):
@@ -207,6 +204,7 @@ def write_c(source: FormulaSource) -> str:
         "",
         *constants,
         *source.helpers,
+        # No line has to define the type of constants, since C has the type double.
         *_write_series(source, scalar="double", constant="double", type_line=""),
         *(_write_function(source, function, "double") for function in source.functions),
         *_write_smooth_modes(source, "double"),
@@ -288,7 +286,7 @@ def write_cpp(source: FormulaSource) -> str:
         CONSTANT_OF,
         *_write_constants(source, storage="static "),
         *source.helpers,
-        # "static" lets several files include the header. Templates do not need it.
+        # Several files can include templates without "static".
         *(TEMPLATE_HEAD + text.removeprefix("static ") for text in series),
         *(
             TEMPLATE_HEAD + _write_function(source, function, "Scalar")
@@ -304,11 +302,11 @@ def write_cpp(source: FormulaSource) -> str:
 def _write_constants(source: FormulaSource, storage: str) -> Iterator[str]:
     """Yield the C declarations of constants for the users of the formulas.
 
-    They are the index of each result in the array of results, the values of the sizes in
-    the mechanism file, and the mode values of each assembly mode (way to assemble the
-    mechanism). Mode values are the numbers that select a mode in the formulas. In closed
-    form they are the sign (+1 or -1) of each dyad (group of two links). Otherwise they are
-    approximate pair variables (joint angles, rad), which Newton's method improves.
+    The constants are the index of each result in the array of results, the values of the
+    sizes in the mechanism file, and the mode values of each assembly mode (way to assemble
+    the mechanism). Mode values are the numbers that select a mode in the formulas. In
+    closed form mode values are the sign (+1 or -1) of each dyad (group of two links).
+    Otherwise mode values are approximate pair variables (joint angles, rad).
 
     Parameters
     ----------
@@ -389,7 +387,7 @@ def _function_head(source: FormulaSource, function: SourceFunction, scalar: str)
       pair variables (joint angles). A step of Newton's method improves the variables in
       place;
     - ``size``: numbers of the mechanism file;
-    - ``result``: the results. A step of Newton's method does not have this array; it
+    - ``result``: the results. A step of Newton's method does not have this array, and
       returns the closure residual (how far loops are open).
 
     Parameters
@@ -417,8 +415,7 @@ def _write_function(source: FormulaSource, function: SourceFunction, scalar: str
 
     A function either computes the results of the mechanism, or makes a step of Newton's
     method. The step improves approximate pair variables (joint angles) in an array, in
-    place. The assembly mode (way to assemble the links) is the one to which the steps lead.
-    The step returns the closure residual (how far loops are open).
+    place. The step returns the closure residual (how far loops are open).
 
     Parameters
     ----------
@@ -438,7 +435,8 @@ def _write_function(source: FormulaSource, function: SourceFunction, scalar: str
     # Copy the results from local variables to the array that the caller reads. Only a step
     # of Newton's method has a closure residual.
     if function.closure_residual:
-        # `mode_argument` is the name of the array with the pair variables.
+        # The array with the pair variables takes the place of the numbers that select a
+        # mode.
         for index, result in enumerate(function.results):
             lines.append(f"    {source.mode_argument}[{index}] = {result};")
         lines.append(f"    return {function.closure_residual};")
@@ -456,10 +454,9 @@ def _smooth_mode_head(source: FormulaSource, scalar: str) -> str:
     """Return the head of the C function that selects an assembly mode at an input.
 
     An assembly mode (way to assemble the mechanism) is selected by numbers, the mode
-    values. Curves of configurations may cross at an input. A mode that follows a smooth
-    curve through the crossing has other mode values beyond it. The C function therefore
-    takes the number ``k`` of the mode, the input ``q`` (rad), and an array to which it
-    writes the mode values at this input.
+    values, which may change with the input. The C function takes the number ``k`` of the
+    mode, the input ``q`` (rad), and an array to which it writes the mode values at this
+    input.
 
     If positions have a closed form, the mode values are the signs of the dyads (groups of
     two links), and the function returns nothing. Otherwise they are the pair variables
@@ -487,8 +484,8 @@ def _write_smooth_modes(source: FormulaSource, scalar: str) -> Iterator[str]:
 
     An assembly mode (way to assemble the mechanism) is selected by numbers, the mode
     values. A mode that follows a smooth curve of configurations through a crossing with
-    another curve has other mode values beyond it. The written function therefore has a
-    table of mode values (``places``), by interval of the input and mode::
+    another curve has other mode values beyond the crossing. The written function therefore
+    has a table of mode values (``places``), by interval of the input and mode::
 
         void fourbar_smooth_mode(int k, double q, double mode[])
         {
@@ -545,9 +542,8 @@ def _array_elements(values: Floats) -> str:
 def _mode_value_expression(scalar: str) -> str:
     """Return the C expression for one of the numbers that select an assembly mode.
 
-    In the C code, n is the index of the number, k the mode and q the input. In closed form
-    the numbers are the signs of the dyads (two links with three R pairs). The result is NaN
-    if q is NaN, in which case q == q is false.
+    In the C code, n is the index of the number, k the mode and q the input. The result is
+    NaN if q is NaN, in which case q == q is false.
     """
     value = "q == q ? places[interval][k][n] : NAN"
     # In C++ the number type may be a class, which is constructed from the double.

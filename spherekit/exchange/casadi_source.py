@@ -154,8 +154,8 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
     An assembly mode is selected in the formulas by numbers, the mode values. In closed form
     they are the sign (+1 or -1) of each dyad (two links and three R pairs). Configuration
     curves of modes may cross. A mode that follows its smooth curve through a crossing has
-    other signs beyond it. The crossings divide the range of the input q into intervals. The
-    written function looks up the mode values in the interval of q::
+    other mode values beyond the crossing. The crossings divide the range of the input q
+    into intervals. The written function looks up the mode values in the interval of q::
 
         def four_bar_smooth_mode(number, q):
             mode = list(MODES).index(number)
@@ -191,9 +191,7 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
     returned = f"{source.mode_argument}_there"
     if source.formulas.step:
         input_lines = f"    inputs = {texts.known_inputs}\n"
-        # The docstring of the written function ends with ", and the input at which it has
-        # them". The written NumPy function takes many inputs, and its docstring has the
-        # plural. Here there is a single input.
+        # The text speaks of several inputs. The written function takes a single input.
         docstring_end = KNOWN_INPUTS_TEXT.replace("inputs", "the input")
         first_input = "known_input = ca.DM(inputs[0][mode])\n    "
         next_input = (

@@ -269,8 +269,8 @@ def _format_array(declaration: str, values: Array) -> str:
 def _format_nested(values: ArrayLike) -> str:
     """Return an array as nested braces, with which C initialises an array.
 
-    Where an assembly mode does not exist the values are NaN. They become zero, and the C
-    function never reads them.
+    Values are NaN where an assembly mode does not exist. NaN becomes zero, which the C
+    function never reads.
     """
     text = json.dumps(np.nan_to_num(values).tolist())
     return text.replace("[", "{").replace("]", "}")

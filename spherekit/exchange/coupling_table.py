@@ -247,12 +247,9 @@ class CouplingTable:
 
         The results of all corners are averaged with multilinear weights. The average is
         exact for angles that are cubic functions of the inputs, and for coefficients that
-        are quadratic. The factors of a Taylor series, 1 and 1/2, would be exact for
-        quadratic angles only (Guessab, Nouisser and Schmeisser, J. Comput. Appl. Math. 196,
-        2006). Relative angular velocities of two links (`turning`) are interpolated like
+        are quadratic (Guessab, Nouisser and Schmeisser, J. Comput. Appl. Math. 196, 2006).
+        Relative angular velocities of two links (`turning`) are interpolated like
         coefficients.
-
-        The caller refuses cells with a measured error above the tolerance.
 
         Parameters
         ----------
@@ -287,9 +284,8 @@ class CouplingTable:
 
             f + (2/3) g d + (1/6) d H d,
 
-        and the gradient as g + (1/2) H d. These factors differ from the factors of a Taylor
-        series, since `interpolate` averages the values from all corners of a cell. With
-        these factors the average is more accurate: it is exact if f is a cubic function.
+        and the gradient as g + (1/2) H d. With these factors, the average of the values
+        from all corners of a cell is exact if f is a cubic function.
 
         The angular velocities of links relative to other links (`turning`) are extrapolated
         like gradients.
@@ -378,8 +374,7 @@ def load_coupling(path: AnyPath) -> CouplingTable:
         Parameters
         ----------
         heading
-            Values of the fields that are texts or single numbers. The format and version of
-            the archive are there too, and are ignored.
+            Values of the fields that are texts or single numbers.
         arrays
             Values of the fields that are arrays.
         """

@@ -181,7 +181,7 @@ def _choose_node_counts(
         The mechanism with its inputs.
     samples
         The requested number of nodes for each input, or one number for all inputs. Without
-        a request, a small default is used, and the caller refines the grid as needed.
+        a request, a small default is used.
     """
     input_count = len(mechanism.inputs)
     if samples is None:
@@ -251,8 +251,8 @@ class GridValues:
     """Values of a coupling table in all assembly modes, at points of a grid of inputs.
 
     The attributes are those of `CouplingTable` with the same names. The grid is finer than
-    that of the table, because the further points measure errors. Values are NaN where a
-    mode does not exist.
+    that of the table, because the points between the nodes of the table measure errors.
+    Values are NaN where a mode does not exist.
     """
 
     angles: Floats
@@ -307,9 +307,8 @@ def _compute_grid_values(
     coefficients = place_by_mode(np.swapaxes(rates, 1, 2))
     derivatives = place_by_mode(np.moveaxis(second_rates, 3, 1))
     angles = place_by_mode(coordinate_motion.values[:, passive_variables])
-    # At dead centres the angles are finite, but the coefficients are not. Such a point is
-    # treated as one at which the mode does not exist: its angles are made NaN. NaN in any
-    # array is enough, since it makes the error of the cell NaN.
+    # At dead centres the angles are finite, but the coefficients are not. Such a point
+    # counts as one at which the mode does not exist, so its angles are made NaN.
     has_derivatives = all_finite(coefficients, (2, 3)) & all_finite(derivatives, (2, 3, 4))
     # A pole is a pair of link numbers, the smaller one first. `turning` is the angular
     # velocity of the second link relative to the first.
@@ -369,7 +368,7 @@ def _compute_table(
     # The nodes of the table among the points of the refined grid.
     node_indices = PARTS_PER_CELL * np.indices(node_counts)
     nodes = np.ravel_multi_index(tuple(node_indices), refined_counts).ravel()
-    # Between the nodes of a line there is one cell less than nodes.
+    # Along each input there is one cell less than nodes.
     cell_shape = (len(mode_numbers), math.prod(count - 1 for count in node_counts))
     # Periods and errors are preliminary here, and are found from the table below.
     table = CouplingTable(
@@ -532,9 +531,8 @@ def _find_periodic_inputs(table: CouplingTable, periods: Floats) -> None:
     """Find and mark the periodic inputs of a table.
 
     An input is periodic if all configurations are the same after one revolution of the
-    input. A joint angle may differ by whole periods: 2 pi for a joint that turns, since
-    both angles then describe the same position. Interpolation can continue beyond the range
-    of a periodic input.
+    input. A joint angle may differ by whole periods: 2 pi for a joint that turns.
+    Interpolation can continue beyond the range of a periodic input.
 
     Parameters
     ----------

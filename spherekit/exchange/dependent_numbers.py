@@ -113,8 +113,8 @@ def express_dependent_numbers(
         strict=True,
     ):
         if isinstance(symbolic_numbers[number], ExpressionNode):
-            # Masses along the axes of pairs are expressions of the numbers of contacts,
-            # which precede them.
+            # The expression may contain symbols of contact numbers, whose expressions are
+            # known already.
             (expression_by_symbol[symbol],) = substitute(
                 [symbolic_numbers[number]], expression_by_symbol
             )

@@ -74,8 +74,8 @@ def find_pose(
         input_values = np.array(inputs, dtype=float, ndmin=1)
         if not all_finite(input_values):
             raise SolveError(f"export: at: found {inputs}, expected finite numbers in rad")
-        # This analysis is made for its checks only: a mechanism whose mobility is not its
-        # number of inputs is refused before the values are counted. No modes are searched.
+        # Raise an error if the mobility of the mechanism is not its number of inputs. The
+        # analysis is made for this check only.
         PositionAnalysis(mechanism, follow=False)
         input_pairs = mechanism.input_pairs
         if len(input_values) != len(input_pairs):

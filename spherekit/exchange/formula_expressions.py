@@ -67,9 +67,7 @@ class Mode(NamedTuple):
     values
         The numbers that select the mode in the formulas. In closed form they are the signs
         of the dyads (groups of two links). Otherwise they are the pair variables (joint
-        angles, rad) of the known configuration, from which Newton's method starts. A mode
-        can follow a smooth curve of configurations through a crossing with another curve.
-        Beyond the crossing it has other values, see `SmoothModes`.
+        angles, rad) of the known configuration, from which Newton's method starts.
     """
 
     number: int
@@ -120,13 +118,12 @@ class SmoothModes(NamedTuple):
         Ends of the range of the input (rad).
     period
         Growth of the input (rad) after which all configurations return, infinite if they
-        never return. An input outside of the range is moved into it by whole periods. If no
-        whole number of periods leads into it, the nearest input is used.
+        never return. An input outside of the range is moved by whole periods, into the
+        range if possible.
     crossings
         Inputs (rad) in the range at which curves are known to cross.
     are_all_known
-        Whether curves cross nowhere else in the range. Crossings are not looked for in
-        groups whose modes are searched, such as groups with contacts.
+        Whether curves cross nowhere else in the range.
     starts
         (intervals,) the input (rad) at which each interval begins; the first is -inf.
     mode_values
@@ -163,8 +160,8 @@ class SmoothModes(NamedTuple):
         left out.
         """
         pieces: list[ModePiece] = []
-        # Each interval has a row of values of the mode. At one input in the interval a
-        # configuration of the mode is known, from which users can start.
+        # Each interval has a row of values of the mode. At one input in the interval,
+        # `known_input`, a configuration of the mode is known.
         for start, known_input, values in zip(
             self.starts, self.inputs[:, mode], self.mode_values[:, mode], strict=True
         ):
@@ -216,19 +213,17 @@ class ModeTable(NamedTuple):
     left_out
         The other assembly modes.
     undetermined
-        Numbers of the modes that are left out for one reason. If constraints are redundant,
-        the formulas use only as many velocity equations as are necessary. The equations
-        that were chosen do not determine the rates in these modes. Such a mode can be
-        exported by itself, with other equations.
+        Numbers of the modes that are left out because the velocity equations in the
+        formulas do not determine their rates. If constraints are redundant, the formulas
+        use only some of the velocity equations.
     compared
-        Number of inputs at which each mode was compared. If the number differs between
-        modes, this is the smallest. It is 0 if no mode was compared.
+        Smallest number of inputs at which a mode was compared; 0 if no mode was compared.
     largest_difference
         Largest difference (rad) of a joint angle between the formulas and the mechanism.
     smooth
         Numbers that select each mode in the formulas, by intervals of the input. A mode
         that continues smoothly where curves of configurations cross has other numbers
-        beyond the crossing. None if each mode has the same numbers everywhere.
+        beyond the crossing. The value is None if each mode has the same numbers everywhere.
     """
 
     modes: tuple[Mode, ...]

@@ -171,9 +171,8 @@ def formulas(
         position_analysis_of(driven_mechanism, "pass").mode_meetings
     )
     if not passes_crossings and not any(map(_is_link_size, variables)):
-        # Whole turns of pairs that only swing follow from their angle. Otherwise they stay
-        # arguments: with other sizes of links, or beyond a crossing, the pair may turn
-        # fully.
+        # Whole turns of a pair that only swings follow from its angle. With other sizes of
+        # links, or beyond a crossing, the pair may turn fully.
         replacements |= _express_revolutions(
             driven_mechanism, design_expressions, [*results.values()], replacements
         )
@@ -248,8 +247,8 @@ def _find_configuration_of_mode(
     if assembly_mode is None:
         return None
     position_analysis = position_analysis_of(mechanism, crossings)
-    # Degrees of freedom are counted from the numbers of links and pairs. If constraints are
-    # redundant, this count is wrong, and the rank of the velocity equations is used.
+    # If constraints are redundant, the mobility follows from the rank of the velocity
+    # equations.
     has_redundant_constraints = position_analysis.by_rank
     if not has_redundant_constraints:
         return None
@@ -306,8 +305,7 @@ def _list_quantities(
 ) -> list[str]:
     """Return the names of the quantities of which formulas are requested.
 
-    A requested name without a quantity is also returned. An error with the nearest name is
-    raised later, when its expression is requested.
+    A requested name that matches no quantity is returned unchanged.
 
     Parameters
     ----------
@@ -426,8 +424,7 @@ def _express_revolutions(
     The formulas compute angles in (-pi, pi]. Loads such as springs depend on the angle with
     all whole revolutions. If a pair (joint) swings over less than a turn, its actual angle
     is the one nearest to the middle of its swing. This angle gives the revolutions of the
-    pair. Pairs that turn fully are left out; their revolutions remain an argument of the
-    formulas.
+    pair. Pairs that turn fully are left out.
 
     Parameters
     ----------
@@ -501,9 +498,9 @@ def _find_motion_arguments(
     results contain them:
 
     - rates and accelerations of the inputs, and the time;
-    - the whole revolutions (rad, a multiple of 2 pi) of some pairs (joints). These are not
-      driven and have a load that depends on the angle, such as a spring. The formulas
-      compute their angles from -pi to pi only;
+    - the whole revolutions (rad, a multiple of 2 pi) of pairs (joints) that are not driven
+      but have an angle-dependent load, such as a spring. The formulas compute the angles of
+      these pairs from -pi to pi only;
     - torques from tables over time.
 
     Parameters

@@ -70,10 +70,9 @@ class ImportedPair(NamedTuple):
     value
         Variable (joint angle, rad) in the pose of the model.
     joint
-        Index of the pair's joint in the model. It is -1 for a pair that is no joint in the
-        model: a pair that closes a loop, or a pair that carries an idler wheel. Two gears
-        that turn about one axis do not touch, so an idler wheel is added that touches both
-        gears.
+        Index of the pair's joint in the model. The value is -1 for a pair that is no joint
+        in the model: a pair that closes a loop, or a pair that carries an idler wheel (a
+        wheel added between two gears).
     """
 
     name: str
@@ -292,8 +291,7 @@ class CoaxialEquation:
         link relative to the carrier, each about its own axis. The equation u x + v y = 0
         determines the ratio y / x. It is the product of the ratios z / x and y / z of the
         two meshes. Both ratios get the same magnitude, sqrt(abs(y / x)), so that no wheel
-        is very small. The sign of z / x only says in which sense the idler turns, so it is
-        free. It is chosen negative.
+        is very small. The sign of z / x is free, and is chosen negative.
 
         Parameters
         ----------
@@ -486,7 +484,7 @@ def construct_bevel_gears(
     first = _construct_pitch_circle(links[0], axes[0], contact_line)
     second = _construct_pitch_circle(links[1], axes[1], contact_line)
     is_external = _is_line_between(contact_line, first.centre, second.centre)
-    # The smaller circle of an internal pair comes first, see `BevelGears`.
+    # The smaller circle of an internal pair comes first.
     if not is_external and second.radius < first.radius:
         first, second = second, first
     return BevelGears((first, second), is_external)
@@ -537,13 +535,16 @@ def _find_bevel_equations(
     """Yield the equations of bevel gears that follow from the couplings of joints.
 
     A coupling is a linear equation between the rates of joints. Two bevel gears turn about
-    two different axes on one link, their carrier. Their equation is u x + v y = 0, with the
-    rates x and y of rotations about both axes.
+    two different axes on one link, their carrier. With constants u and v, bevel gears have
+    the equation u x + v y = 0. Here x is the rate of the carrier about the first axis,
+    relative to the first gear. y is the rate of the second gear about the second axis,
+    relative to the carrier.
 
     All couples of links are tried as gears. A path of hinges (revolute joints) leads from
     the first link to the second. Its first hinges must have one common axis, and all others
-    a second common axis. The link in between is the carrier. The two links are gears if the
-    couplings imply such an equation.
+    a second common axis. The link in between is the carrier. x is the sum of the rates of
+    the first hinges, and y the sum of the others, each rate with the sign of the hinge's
+    sense. The two links are gears if the couplings imply an equation u x + v y = 0.
 
     Parameters
     ----------
@@ -557,7 +558,9 @@ def _find_bevel_equations(
         groups = _group_by_axis(hinges, path)
         if len(groups) != 2:
             continue
-        # x and y as sums of the rates of hinges, with their senses along the path.
+        # Rows for x and y: the factors of all hinge rates in the sums. A factor is the
+        # sense 1.0 or -1.0 of a hinge along the path, or 0.0 for a hinge that is not in the
+        # sum.
         rotations = np.zeros((2, len(hinges)))
         for row, coaxial_hinges in enumerate(groups):
             for hinge, sense in coaxial_hinges.hinges:
@@ -567,14 +570,13 @@ def _find_bevel_equations(
         if factors is None:
             continue
         bevel_equation = BevelEquation(
-            equation=factors @ rotations,
+            equation=factors @ rotations,  # u x + v y as factors of the hinge rates
             links=(path.first_link, path.last_link),
             axes=(groups[0].axis, groups[1].axis),
             factors=(factors[0], factors[1]),
         )
-        # A gear with a pitch circle of zero radius can't roll. The radius is the angle
-        # (rad) between the axis of the gear and the line of contact. A small angle is about
-        # its sine.
+        # A gear with a pitch circle of zero radius can't roll. The radius is an angle
+        # (rad), and a small angle is about its sine.
         circles = bevel_equation.construct_gears().circles
         if min(circle.radius for circle in circles) > SAME_WHEEL_AXIS_SINE:
             yield bevel_equation
@@ -627,7 +629,7 @@ def _find_coaxial_equations(
             axis=axis,
             factors=(factors[0], factors[1]),
             carrier=_find_common_link(hinges[to_carrier.hinge], hinges[from_carrier.hinge]),
-            # The idler is a bevel wheel. Any axis across that of the links will do.
+            # Any axis at right angles to the axis of the links will do.
             idler_axis=_find_perpendicular(axis),
         )
 

@@ -58,8 +58,7 @@ class NameRules:
         """Return a text as a name that the language allows; an allowed name is unchanged.
 
         Characters that names cannot have become underscores. If the name is then still not
-        allowed, "m_" is put before it. No reserved word and no name in the generated
-        sources begins with "m_", so the result is always allowed.
+        allowed, "m_" is put before it. No reserved name begins with "m_".
         """
         name = re.sub(r"\W", "_", text, flags=re.ASCII)
         if not self.underscores:

@@ -64,12 +64,11 @@ class ImportedDynamics:
         """Return the masses of the moving links, as tables of a mechanism file.
 
         The result has a table for each link with inertia, by the name of the link. The
-        table has the inertia tensor about the centre of the sphere, and also mass and
-        centre of mass if the model states them.
+        table has the inertia tensor about the centre of the sphere, and mass and centre of
+        mass if the model states them.
 
-        The tensor of a link is the sum over its bodies, and over rotors. MuJoCo can add a
-        moment of inertia about a hinge (its armature), such as the inertia of a motor's
-        rotor. This moment is added to the link that turns in this hinge.
+        The tensor of a link is the sum over its bodies and over rotors. A rotor is a moment
+        of inertia that MuJoCo adds about a hinge.
         """
         tables: dict[str, Table] = {}
         # (3, 3) tensor of the rotor, by number of the link that has one.
@@ -98,12 +97,11 @@ class ImportedDynamics:
         """Return the table of the inertia of a link: the sum over its bodies.
 
         The table has the inertia tensor about the centre of the sphere, the mass and the
-        centre of mass. The last two are omitted if the masses of the model are not real:
-        MuJoCo needs masses, so spherekit invents some when it exports a mechanism.
+        centre of mass. Mass and centre are omitted if spherekit invented the masses when it
+        exported the model.
 
-        MuJoCo can compensate the weight of a body by a force. A mechanism file cannot state
-        this. The centre of mass is then computed as if this body were at the centre of the
-        sphere, where its weight has no moment. A comment in the file tells the user.
+        MuJoCo can compensate the weight of a body by a force. Such a body counts as if its
+        mass were at the centre of the sphere, where its weight has no moment.
 
         Parameters
         ----------
@@ -112,8 +110,7 @@ class ImportedDynamics:
         bodies
             Numbers of its bodies with mass.
         rotor
-            (3, 3) tensor (kg m2) of a rotor that turns with the link, or None. Only its
-            moment of inertia is known, not its mass.
+            (3, 3) tensor (kg m2) of a rotor that turns with the link, or None.
         """
         tensor = self._sum_tensors(bodies)
         if rotor is not None:
@@ -190,7 +187,7 @@ class ImportedDynamics:
         (3,) vector from the centre of the sphere, m.
         """
         masses = self._mj_model.body_mass[bodies]
-        # Weightless bodies get the mass 0 here. They count in the total mass.
+        # Weightless bodies get the mass 0 here. The total mass includes these bodies.
         masses_with_weight = masses * ~self._is_weightless(bodies)
         arms = self._find_arms(bodies)  # from the sphere's centre to the centres of mass
         centre: Floats = masses_with_weight @ arms / np.sum(masses)
@@ -238,7 +235,7 @@ class ImportedDynamics:
         return tables
 
     def _list_loads(self, has_masses: bool) -> Iterator[tuple[str, Table]]:
-        """Yield the name and table of each load; `load_tables` makes the names unique.
+        """Yield the name and table of each load. Names may repeat.
 
         Loads are gravity, springs, friction and dampers at joints, and actuators without
         control. Parts that a mechanism file can't have are left out with a note.

@@ -34,8 +34,7 @@ def choose_inputs(linkage: ImportedLinkage) -> Table:
     Parameters
     ----------
     linkage
-        The links and pairs (joints), before idler wheels are added. The couplings (linear
-        equations between joint rates) do not contain idler wheels.
+        The links and pairs (joints), before idler wheels are added between gears.
     """
     pairs = linkage.pairs
     driven_ranges = linkage.foreign_model.driven_ranges
@@ -95,8 +94,8 @@ def _find_half_width(
 
     Without loops, all pairs (joints) move in proportion to the inputs, as gears do. The
     limits of other pairs then limit the inputs. The result is so small that no limit is
-    exceeded even if all unlimited inputs move this far at once. With loops it is half a
-    turn.
+    exceeded even if all unlimited inputs move this far at once. With loops the result is
+    half a turn.
 
     Parameters
     ----------
@@ -112,7 +111,7 @@ def _find_half_width(
     pairs = linkage.pairs
     # The rates of all pairs while each input in turn has the rate 1 and the others rest.
     # Couplings (linear equations between rates) may be redundant, so the equations are
-    # solved by least squares. They are consistent, so all are satisfied.
+    # solved by least squares.
     equations = np.vstack([_velocity_equations(linkage), np.eye(len(pairs))[inputs]])
     right_sides = np.zeros((len(equations), len(inputs)))
     right_sides[-len(inputs) :] = np.eye(len(inputs))
@@ -207,10 +206,10 @@ def find_outputs(linkage: ImportedLinkage) -> Table:
 def _find_last_links(linkage: ImportedLinkage) -> list[int]:
     """Return the indices of the links at the ends of chains, which become outputs.
 
-    The end of an open chain is a link with a single pair (joint). If there are such links,
-    they are returned, but a wheel in a gear train, such as the wheel of a motor, is no
-    output. So links at joints that gears turn are left out. The links farthest from the
-    ground are kept even then, since a gear train may drive the last link.
+    The end of an open chain is a link with a single pair (joint). These links are returned,
+    except wheels in a gear train, such as the wheel of a motor. Such wheels are links at
+    joints that gears turn. The links farthest from the ground are never left out, since a
+    gear train may drive the last link.
 
     If all chains are closed, the links farthest from the ground are returned.
     """

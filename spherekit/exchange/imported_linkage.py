@@ -103,8 +103,8 @@ class ImportedLinkage:
         """Merge bodies into links, find the centre of the sphere, and list the pairs.
 
         A link is one or more bodies of the model that do not move relative to each other.
-        Pairs (joints) become R pairs of a spherical mechanism: their axes meet in the
-        centre of the sphere.
+        Joints become R pairs of a spherical mechanism: their axes meet in the centre of the
+        sphere.
 
         Parameters
         ----------
@@ -138,9 +138,8 @@ class ImportedLinkage:
         self.loop_points = self._group_loop_points()  # points at which loops are closed
         # The centre (3,), and the largest distance (m) of an axis from it.
         self.centre, self.centre_distance = self._find_centre(max_distance)
-        # The reader of the file has replaced each ball joint by three hinges. These hinges
-        # are left out if other pairs connect the two links: all links turn about the
-        # centre, so the ball joint does not constrain the links.
+        # Each ball joint was replaced by three hinges. These hinges are left out if other
+        # pairs connect the two links.
         self._removed_hinges = self._find_redundant_ball_hinges()
         self.pairs: list[ImportedPair] = []
         self._add_joint_pairs()
@@ -204,7 +203,8 @@ class ImportedLinkage:
         """
         mj_model = self._mj_model
         # In MuJoCo, each body except the world (0) has a parent body. The joints of a body
-        # are between the body and its parent. Without a turning joint, both are rigid.
+        # are between the body and its parent. Without a turning joint, body and parent are
+        # one link.
         turning_bodies = {0, *mj_model.jnt_bodyid[self._turning_joints].tolist()}
         fixed_couples = [
             (mj_model.body_parentid[body], body)
@@ -229,8 +229,7 @@ class ImportedLinkage:
         """Return the points at which two links are held together, by the two links.
 
         Such points close the loops of the model. The two links are in the order of their
-        first point, also for points that name them in the other order. A point between
-        bodies of one link is left out.
+        first point. A point between bodies of one link is left out.
         """
         points_by_links: dict[tuple[int, int], list[LoopPoint]] = {}
         for loop_point in self.foreign_model.loop_points:
@@ -250,7 +249,7 @@ class ImportedLinkage:
 
         These are the axes of all joints that can turn. Loops of the model are closed at
         points at which two links are held together. Two links with two such points can only
-        turn about the line through them. This line is then an axis, too.
+        turn about the line through them. This line is one of the axes.
         """
         # MuJoCo's xanchor is a point of the axis of a joint, xaxis its unit vector.
         lines = [
@@ -349,12 +348,11 @@ class ImportedLinkage:
     def _find_redundant_ball_hinges(self) -> set[int]:
         """Return the indices of the hinges of ball joints that are to be left out.
 
-        A ball joint has been replaced by three hinges. At the centre of a spherical
-        mechanism it does not constrain anything. Its hinges would double the number of
-        assembly modes (ways to assemble the links), since three hinges reach each
-        orientation in two ways. But each link must be connected to the others by pairs
-        (joints), directly or through further links. A ball joint is therefore used only if
-        its links would not be connected without it.
+        A ball joint was replaced by three hinges. The joint does not constrain its links,
+        since all links turn about the centre of the sphere. Its hinges would double the
+        number of assembly modes (ways to assemble the links). The hinges are kept only if
+        the links are not connected without the ball joint, directly or through further
+        links.
 
         A note is added for each ball joint, whether it is left out or not.
         """
@@ -399,9 +397,8 @@ class ImportedLinkage:
         ]
         for links, loop_points in self.loop_points.items():
             radii = [np.linalg.norm(point.point - self.centre) for point in loop_points]
-            # A common point at the centre does not constrain the links. Axes of the model
-            # miss the centre by up to `centre_distance` (m), which is the error of its
-            # position.
+            # A common point at the centre does not constrain the links. `centre_distance`
+            # (m) is the error of the centre.
             if max(radii) > self.centre_distance:
                 connections.append(links)
         return connections
@@ -434,8 +431,8 @@ class ImportedLinkage:
             Variable (joint angle, rad) in the pose of the model.
         joint
             Number of the joint of the model. It is -1 for a pair that is no joint in the
-            model: a pair that closes a loop, or a pair that carries an idler wheel. Such a
-            wheel is added between two gears that turn about one axis.
+            model: a pair that closes a loop, or a pair that carries an idler wheel (a wheel
+            added between two gears).
         """
         name = self.make_unique_name(text, (pair.name for pair in self.pairs))
         self.pairs.append(ImportedPair(name, links, axis, value, joint))
@@ -444,8 +441,9 @@ class ImportedLinkage:
     def _add_joint_pairs(self) -> None:
         """Add the hinges of all bodies as pairs (joints) of the mechanism.
 
-        A body may be joined to its parent by several hinges. These hinges become a chain of
-        pairs, with a new link between each hinge and the next.
+        Hinges of ball joints that do not constrain the links (`_removed_hinges`) are left
+        out. A body may be joined to its parent by several hinges. These hinges become a
+        chain of pairs, with a new link between each hinge and the next.
         """
         hinges = [
             joint for joint in self._turning_joints if joint not in self._removed_hinges
@@ -468,7 +466,8 @@ class ImportedLinkage:
                 if joint != joints[-1]:
                     body_name = self.foreign_model.body_names[body]
                     second_link = self._add_link(f"{body_name}_{joint_name}")
-                axis = self._mj_data.xaxis[joint]
+                axis = self._mj_data.xaxis[joint]  # unit vector in world axes
+                # Joint angle (rad). All joints are hinges, so each has one position.
                 value = self._mj_data.qpos[joint]
                 self._add_pair(joint_name, (first_link, second_link), axis, value, joint)
                 first_link = second_link

@@ -155,9 +155,9 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
 
     A mode (way to assemble the mechanism) follows a smooth curve of configurations as q
     changes. The formulas take numbers that select the mode, the mode values. In closed form
-    these are the signs of the dyads (groups of two links). Otherwise they are the pair
-    variables of a known configuration. Crossings with other curves divide the range of q
-    into intervals. In each interval the mode has other values.
+    the mode values are the signs of the dyads (groups of two links). Without closed form
+    the mode values are the pair variables of a known configuration. Crossings with other
+    curves divide the range of q into intervals. In each interval the mode has other values.
 
     The written function takes the number k of the mode, the input q, and an array. It
     writes the mode values in the interval of q to the array::

@@ -154,9 +154,10 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
 
     A mode (way to assemble the mechanism) follows a smooth curve of configurations as q
     changes. The formulas take numbers that select the mode, the mode values. In closed form
-    these are the signs of the dyads (groups of two links). Otherwise they are the pair
-    variables of a known configuration. Where the curve crosses another one, the mode values
-    change. So there are values for each interval of q between crossings.
+    the mode values are the signs of the dyads (groups of two links). Without closed form
+    the mode values are the pair variables of a known configuration. Where the curve crosses
+    another one, the mode values change. There are values for each interval of q between
+    crossings.
 
     The written function takes the number k of the mode and the input q. It returns the mode
     values in the interval of q, or NaN if q is NaN::

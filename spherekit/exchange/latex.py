@@ -94,8 +94,7 @@ def latex(
         the ground and, if there are masses, torques.
     vary
         Keys of sizes and masses in the file of the mechanism, such as ``links.2.arc``, that
-        stay symbols. Otherwise an angle of 90 degrees, for example, is inserted as a
-        number.
+        stay symbols whatever their values.
 
     Raises
     ------
@@ -125,8 +124,8 @@ def latex(
     expressions = _select_expressions(latex_formulas, quantities)
     text = "\n".join(_document_lines(latex_formulas, expressions))
 
-    # Symbols that no printed formula uses have been removed from the meanings by now. A
-    # number of `vary` whose symbol is among them, or which has no symbol, is unused.
+    # `symbol_meanings` has only symbols that printed formulas use. Find the numbers of
+    # `vary` that have no such symbol.
     used_symbols = latex_formulas.formula_list.symbol_meanings
     unused_keys = []
     for size, key in key_by_size.items():
@@ -304,7 +303,7 @@ def _format_table(rows: Iterable[Sequence[str]]) -> str:
 def _find_free_sizes(mechanism: Mechanism, keys: Sequence[str]) -> dict[Any, str]:
     """Find the numbers of a mechanism file that remain symbols in the printed formulas.
 
-    Other numbers can be inserted as values. Only some kinds of numbers can be symbols.
+    Only some kinds of numbers can be symbols.
 
     Parameters
     ----------

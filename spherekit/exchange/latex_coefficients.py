@@ -107,8 +107,7 @@ class CoefficientFormulas:
         # All lists have one item for each input. A body consists of links that can't move
         # relative to each other while only this input moves.
         input_indices = range(len(pole_plans))
-        # `formula_list.section` is the section of the document that gets new formulas. For
-        # the poles, `_write_poles` sets it.
+        # `formula_list.section` is the section of the document that gets new formulas.
         self._poles = [self._write_poles(index) for index in input_indices]
         formula_list.section = "Velocity coefficients"
         # The velocity coefficient (a number) and the angular velocity (a vector) of each
@@ -118,15 +117,14 @@ class CoefficientFormulas:
         for index in input_indices:
             self._write_velocities(index)
         formula_list.section = "Acceleration coefficients"
-        # The formulas to differentiate. The list is copied now, because the derivatives are
-        # appended to `formula_list.formulas` and are not differentiated again.
+        # The formulas to differentiate, without the derivatives that are added below.
         earlier_formulas = list(formula_list.formulas.items())
         # The derivatives with respect to the input, by the symbol that is differentiated.
         self._derivatives_by_term = [
             self._write_derivatives(index, earlier_formulas) for index in input_indices
         ]
         # Coefficients of two links that both move relative to the ground. The method also
-        # stores which formula belongs to which name, such as "velocity_coefficient_2_1".
+        # names all coefficients, such as "velocity_coefficient_2_1".
         formula_list.section = "Coefficients between moving links"
         for index in input_indices:
             self._name_coefficients(index)
@@ -142,8 +140,8 @@ class CoefficientFormulas:
         The other inputs stay locked.
 
         The expression may contain axes of pairs (joints), poles (axes of relative
-        rotations) and velocity coefficients. The document has a formula for the derivative
-        of each of these. The expression must not contain inputs directly.
+        rotations) and velocity coefficients. The expression must not contain inputs
+        directly.
         """
         return differentiate([expression], self._derivatives_by_term[input_index])[0]
 
@@ -190,13 +188,13 @@ class CoefficientFormulas:
                 )
             smaller_body, larger_body = step.pole
             label = formula_list.join_labels(larger_body, smaller_body)
-            # `round` is the number of the pass in which the pole becomes known.
+            # The title has the number of the pass in which the pole becomes known.
             formula_list.section = (
                 f"Poles of pass {roman_numeral(step.pass_number)}{condition}"
             )
             # `via` are all third bodies whose two poles are known. Third bodies that turn
             # about one axis (`coaxial`) with one of the two bodies give the same plane.
-            # They form a group, and one body of each group is used.
+            # Such bodies form a group, and one body of each group is used.
             third_body_groups = group_by_circle(step.via, step.pole, pole_plan.coaxial)
             normals: list[Expr] = []
             for third_body, *_ in third_body_groups[:2]:
@@ -309,17 +307,15 @@ class CoefficientFormulas:
         -------
         The derivative of each symbol.
         """
-        # The axis of a pair (joint) moves with its link. Its derivative is the cross
-        # product of an angular velocity and the axis. So its formula, one of the positions,
-        # is not differentiated.
+        # The derivative of the axis of a pair (joint) is a cross product. The formula of
+        # the axis, one of the positions, is not differentiated.
         derivative_by_symbol = self._write_axis_derivatives(input_index)
         # Each formula contains only symbols of earlier formulas, so the derivatives that it
         # needs are already known.
         for symbol, formula in earlier_formulas:
             if formula.section == "Positions":
                 continue
-            # Each of these formulas has one expression. (Only some formulas of positions
-            # have the three components of a vector.)
+            # Each of these formulas has one expression.
             derivative = _differentiate_right_side(
                 symbol, formula.rows[0], derivative_by_symbol
             )
@@ -418,7 +414,7 @@ class CoefficientFormulas:
                         mark=mark,
                     )
                     # The derivative of the axis is at right angles to the difference of
-                    # velocities, which lies along the axis, so it drops out.
+                    # velocities, which lies along the axis, so this derivative drops out.
                     change = self.derivative(velocity_a, input_index) - self.derivative(
                         velocity_b, input_index
                     )

@@ -60,8 +60,8 @@ class LatexEquationOfMotion:
     Attributes
     ----------
     omitted_loads
-        Names of loads that are left out: their friction depends on reactions of pairs, of
-        which there are no formulas.
+        Names of loads that are left out: loads with friction in bearings, which has no
+        formula.
     free_symbols
         Symbols of the free inertia tensors.
     """
@@ -101,12 +101,13 @@ class LatexEquationOfMotion:
         self._input_suffixes = input_suffixes
         self._free_sizes = free_sizes
         self._input_indices = range(formula_list.input_count)
-        # Loads that are left out, because their friction depends on reactions of pairs, of
-        # which there are no formulas. The methods below add their names.
+        # Names of loads that are left out: loads with friction in bearings, which has no
+        # formula. The methods below add the names.
         self.omitted_loads: list[str] = []
         # The symbols of tensors in `free_sizes`, by their keys. `_write_torques` adds them.
         self.free_symbols: dict[Any, ExpressionNode] = {}
-        # The methods add formulas to `formula_list`. That of the torques includes inertia.
+        # Both methods add formulas to `formula_list`. The driving torque of an input is the
+        # torque of the inertia minus the generalized force of the loads.
         forces = self._write_generalized_forces()
         self._write_torques(forces)
 
@@ -188,7 +189,7 @@ class LatexEquationOfMotion:
 
         The printed list of symbols shows the numbers of the tensor as a matrix. A tensor is
         free if users want to insert other numbers for it. The symbol of a free tensor is
-        also stored in `free_symbols`. A later check makes sure that formulas contain it.
+        also stored in `free_symbols`.
         """
         link_label = self._formula_list.link_labels[self._mechanism.link_number[mass.link]]
         is_free = ("mass", mass.link) in self._free_sizes
@@ -308,8 +309,8 @@ class LatexEquationOfMotion:
         """Write the generalized force of each input (N m), and return the forces.
 
         The generalized force of an input is the power of all loads per unit rate of this
-        input. A load has components, each with a magnitude. Friction in bearings depends on
-        reactions, of which there are no formulas. Loads with such friction are omitted.
+        input. A load has components, each with a magnitude. Loads with friction in bearings
+        are omitted, since this friction has no formula.
         """
         formula_list = self._formula_list
         totals: list[Expr] = [0.0] * formula_list.input_count
@@ -359,9 +360,8 @@ class LatexEquationOfMotion:
                 f"T_{{{label}}}", f"torque of {latex_text(load_name)} at the time (N m)"
             )
         expression = require_expression(law)
-        # `convert_to_graph` takes two terms for each name. The second term is for sines and
-        # cosines, where programs reduce angles by whole turns. Printed formulas do not, so
-        # both terms are the same.
+        # `convert_to_graph` takes two terms for each name, the second for use in sines and
+        # cosines. In printed formulas both terms are the same.
         terms_by_name: dict[str, tuple[Expr, Expr]] = {}
         # Names in the expression are the time, variables of pairs (joints) and their rates.
         for name in expression.names:

@@ -40,7 +40,8 @@ class Formula(NamedTuple):
 class SymbolMeaning(NamedTuple):
     """Meaning and value of a symbol that no formula defines, such as a size.
 
-    Both are LaTeX texts. The value is empty if it is not known, as for an input.
+    Meaning and value are LaTeX texts. The value is empty if it is not known, as for an
+    input.
     """
 
     meaning: str
@@ -126,8 +127,8 @@ class FormulaList:
     def write(self, term: ExpressionNode, *rows: Expr, always: bool = False) -> Expr:
         """Add the formula of a symbol, unless the symbol would not save space.
 
-        A right-hand side that is a number, a symbol or the negative of a symbol is inserted
-        into further formulas instead.
+        A right-hand side that is a number, a symbol or the negative of a symbol gets no
+        formula, and is inserted into further formulas.
 
         Parameters
         ----------

@@ -197,7 +197,7 @@ class PositionFormulas:
         self._mechanism = mechanism
         self.inputs = assembly.inputs
         self._free_sizes = free_sizes
-        # Symbols of the free sizes, for a check that formulas contain them.
+        # Symbols of the free sizes.
         self.free_symbols: dict[Any, ExpressionNode] = {}
 
         self.input_angles = self._declare_input_symbols("q", "angle of an input (rad)")
@@ -250,8 +250,8 @@ class PositionFormulas:
         """Declare the symbol of a size (an angle), and return the size as an expression.
 
         If the angle is a multiple of 90 degrees, its sine and cosine become numbers, which
-        makes formulas shorter. A free size is an exception: users insert other values for
-        it, so its sine and cosine remain symbols.
+        makes formulas shorter. The sine and cosine of a free size remain symbols, since
+        users insert other values for the size.
 
         Parameters
         ----------
@@ -336,8 +336,8 @@ class PositionFormulas:
             # The angle about the first axis from the arc to the second axis.
             azimuth = AngleExpression()  # an angle of zero, for the second axis
             if arc_index:  # the third axis, or a later one
-                # The printed table of symbols explains this angle in the row below the arc
-                # to the same axis. The word "there" refers to that arc.
+                # In the printed table of symbols, "there" refers to the row above: the arc
+                # to the same axis.
                 azimuth = self._declare_size(
                     ("angles", (link_name, axis_name)),
                     rf"\beta_{{{label}}}",
@@ -404,8 +404,7 @@ class PositionFormulas:
             )
             frame_symbols.append(symbol)
         i, j, k = frame_symbols
-        # `_write_frame` needs the tangent at k of an arc to an axis, and this axis. This is
-        # the second axis here, whose tangent is j.
+        # j is the tangent at k of the arc to the second axis.
         second_axis = self._axes_by_link[0][1]
         self._write_frame(0, first_vector=k, tangent=j, axis=second_axis, i=i)
 
@@ -434,11 +433,11 @@ class PositionFormulas:
     def _place_driven_link(self, pair: int, parent: int, child: int) -> None:
         """Write the frame of a link that an input joins to a link with a known frame.
 
-        At the axis of a pair (joint), each link has a reference arc. It leads to another
-        axis of the link: the first one that the file lists. The input angle is the angle
-        between the reference arcs of the two links, apart from a constant. So the tangent
-        to the reference arc of the child follows from the frame of the parent and the input
-        angle. The axis and this tangent determine the frame of the child.
+        At the axis of a pair (joint), each link has a reference arc. The arc leads to the
+        first other axis of the link in the file. The input angle is the angle between the
+        reference arcs of the two links, apart from a constant. The tangent to the reference
+        arc of the child follows from the frame of the parent and the input angle. The axis
+        and this tangent determine the frame of the child.
 
         Parameters
         ----------
@@ -611,9 +610,8 @@ class PositionFormulas:
         A dyad has two links. The middle pair (joint) joins them to each other, and each
         outer pair joins one of them to a link that is already placed.
 
-        The result has the link and its axes at both pairs. They are in the order in which
-        the file lists the axes of the link. All arcs of a link are measured from the first
-        axis in the file. Formulas are simpler if this axis comes first.
+        The result has the link and its axes at both pairs, in the order in which the file
+        lists the axes of the link.
 
         Parameters
         ----------
@@ -661,18 +659,19 @@ class PositionFormulas:
     def _place_by_two_axes(self, side: DyadSide) -> None:
         """Write the frame of a link of a dyad from its known axes at two pairs (joints).
 
-        A dyad is two links that close a loop. The frame of a link is defined by its first
-        axis k in the mechanism file, and by the tangent at k of the arc from k to another
-        axis. The known axes are u and v, in the order of the file. If u is not k itself, k
-        is expressed by u and v.
+        A dyad is two links that close a loop. Let k be the first axis of the link in the
+        mechanism file. The frame of the link is defined by k and the tangent at k of the
+        arc from k to another axis. The known axes are u and v. The file lists u before v,
+        so u may be k, but v is never k. If u is not k, k is expressed by u and v.
 
         Raises
         ------
         EngineError
-            If the arc from k to v is 0 or 180 degrees. It then has no tangent at k.
+            If the arc from k to v is 0 or 180 degrees, so that the tangent is not
+            determined.
         """
         axis_v = side.axis_v
-        # The arc of an axis leads from k to this axis.
+        # Each axis has its arc from k (`arc`).
         if axis_v.arc.sine == 0.0:
             raise self._refuse_link(side.link)
         axis_k = self._axes_by_link[side.link][0]
@@ -734,8 +733,9 @@ class PositionFormulas:
         link
             Number of the link.
         first_vector
-            Expression of the unit vector along the first axis. It becomes the formula of
-            the symbol k, unless k already has a formula from the other link at this axis.
+            Expression of the unit vector along the first axis. The expression becomes the
+            formula of the symbol k, unless k already has a formula from the other link at
+            this axis.
         tangent
             The unit tangent at k of the arc from k to `axis`.
         axis
@@ -763,8 +763,7 @@ class PositionFormulas:
     def _write_axis(self, vector: ExpressionNode, right_side: Expr) -> None:
         """Write the formula of the unit vector along an axis, unless it is written already.
 
-        A formula with a single symbol on the right side is usually left out, and the symbol
-        is used directly. The formula of an axis is always written (`always`).
+        The formula is written even if its right side is a single symbol (`always`).
         """
         if vector not in self._formula_list.formulas:
             self._formula_list.write(vector, right_side, always=True)
@@ -821,21 +820,23 @@ class PositionFormulas:
     def _write_tangent(self, link: int, pair: int) -> Expr:
         """Write the unit tangent to the reference arc of a placed link at a pair (joint).
 
-        This arc leads from the axis of the pair to the first other axis of the link. The
-        result is the expression to use for the tangent in further formulas.
+        Let k be the first axis of the link in the mechanism file. The reference arc leads
+        from the axis of the pair to k. If the axis of the pair is k itself, the reference
+        arc leads to the second axis of the link. The result is the expression to use for
+        the tangent in further formulas.
 
         Raises
         ------
         EngineError
-            If the arc is 0 or 180 degrees. It then has no tangent.
+            If the arc is 0 or 180 degrees, so that the tangent is not determined.
         """
         axis = self._find_axis(link, pair)
-        # k is the first axis of the link, j the tangent at k of the arc to its second axis.
+        # j is the tangent at k of the arc from k to the second axis of the link.
         _, j, k = self.link_frames[link]
         tangent: Expr = j
         if axis.vector is not k:
-            # The reference arc leads from the axis of the pair to k. It is the arc from k
-            # to this axis, in the opposite direction.
+            # `axis.arc` is the arc from k to the axis of the pair. The reference arc is the
+            # same arc in the opposite direction.
             if axis.arc.sine == 0.0:
                 raise self._refuse_link(link)
             tangent_at_k = self._tangent_at_first_axis(link, axis)

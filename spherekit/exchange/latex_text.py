@@ -226,7 +226,7 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
 def _print_negative(positive: LatexText) -> LatexText:
     """Return an expression with a minus sign as LaTeX.
 
-    As a factor of a product, such an expression needs brackets. It therefore has the
+    As a factor of a product, such an expression needs brackets, so the result has the
     binding of a sum.
     """
     text = "-" + positive.bracketed_beyond(Binding.PRODUCT)
@@ -250,7 +250,7 @@ def _print_multiple(number_text: LatexText, factor: LatexText) -> LatexText:
     """Return a number times an expression as LaTeX.
 
     A negative number at the beginning needs no brackets, as in "-2 x". As a factor of
-    another product, "-2 x" needs brackets. It therefore has the binding of a sum.
+    another product, "-2 x" needs brackets, so the result has the binding of a sum.
     """
     text = rf"{number_text.text} \, {_print_factor(factor)}"
     if number_text.is_negative:

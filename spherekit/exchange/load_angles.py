@@ -41,8 +41,7 @@ def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[st
     turn of the input. It must be less than a turn by `LEAST_GAP_RAD`, because it is known
     at samples only.
 
-    The result is empty with several inputs, because angles then depend on the path, and
-    with contacts, because wheels may return only after several turns.
+    The result is empty if the mechanism has several inputs or contacts.
 
     Parameters
     ----------
@@ -52,6 +51,8 @@ def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[st
         Names of R pairs (revolute joints) that are not driven.
     """
     inputs = mechanism.input_pairs
+    # With several inputs, angles depend on the path. With contacts, wheels may return only
+    # after several turns.
     if len(inputs) != 1 or mechanism.has_contacts or not pairs:
         return {}
     # A whole turn covers every possible range of the input. `kinematics_only` removes
@@ -61,8 +62,8 @@ def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[st
     )
     position_analysis = PositionAnalysis(kinematics_only(one_turn), samples=SWING_SAMPLES)
     motion = position_analysis.motion()
-    # (n,) angles of each pair without jumps of whole turns. The last argument has the
-    # angles of samples before these; there are none.
+    # (n,) angles of each pair without jumps of whole turns. The last argument, the angles
+    # of earlier samples, is empty.
     angles = continue_angles(motion, pairs, position_analysis.angle_unwrapping, {})
     middles: dict[str, float] = {}
     for pair in pairs:

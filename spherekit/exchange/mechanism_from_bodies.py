@@ -101,8 +101,8 @@ class ImportedFile:
         """
         linkage = self._linkage
         # Inputs are chosen so that loops and couplings (linear equations between the rates
-        # of hinges) determine the rates of all other hinges. No coupling determines the
-        # hinge of an idler wheel. So inputs are chosen before idler wheels are added.
+        # of hinges) determine the rates of all other hinges. Idler wheels are added later:
+        # no coupling determines their hinges, so the hinges would become inputs.
         inputs = choose_inputs(linkage)
         # Couplings become gears. Coaxial wheels do not touch, so an idler wheel is put
         # between them.
@@ -111,9 +111,7 @@ class ImportedFile:
         contacts = self._contact_tables(gear_train.gears)
         masses: dict[str, Table] = {}
         links: Table = {linkage.link_name(link): {} for link in linkage.links}
-        # MuJoCo does not move bodies without mass. When spherekit exports a mechanism
-        # without masses, it adds invented masses, and servos at the inputs. Inputs are
-        # written without their servos. The masses are left out here.
+        # Masses that spherekit invented when it exported the model are left out.
         if self._foreign_model.has_made_up_masses:
             linkage.notes.append(
                 "the masses, which are not real according to the file, and its servos "

@@ -197,11 +197,10 @@ class MujocoModel:
         the farthest stated centre of mass from the centre of the sphere. It is 1 m if the
         file states none.
         """
-        # MuJoCo needs masses. If the file has none, the export has invented them, so the
-        # centres of mass mean nothing.
+        # If the export has invented the masses, the centres of mass mean nothing.
         if self._rigid_bodies.has_made_up_masses:
             return 1.0
-        # In other files, some bodies can still lack a mass or a centre of mass.
+        # Only bodies whose mass and centre of mass the file states are counted.
         centre_distances = [
             np.linalg.norm(body.centre)
             for body in self._rigid_bodies.bodies
@@ -333,8 +332,7 @@ class MujocoModel:
         """Add a site of the world for each load whose direction is constant in ground axes.
 
         A site is a marked point with axes. MuJoCo lets an actuator state its vector in the
-        axes of such a site ("refsite"). `_add_actuators` writes the name of the site that
-        is added here.
+        axes of such a site ("refsite").
         """
         size = _format_drawn(INVISIBLE_SITE_RATIO * self._radius)
         for load, attributes in self._loads.actuator_loads:
@@ -354,8 +352,7 @@ class MujocoModel:
         light_distance = LIGHT_DISTANCE_RATIO * radius
         gravity = self._loads.gravity
         if self._rigid_bodies.has_made_up_masses:
-            # The file has no masses. Links then are wires of 1 kg/m, because MuJoCo needs
-            # masses. Their weights have no meaning, so gravity is zero.
+            # The weights of invented masses have no meaning, so gravity is zero.
             gravity = np.zeros(3)
         text = MODEL_TEMPLATE.format(
             name=self._mechanism.name,
@@ -376,8 +373,8 @@ class MujocoModel:
         """Add numbers that only a later import by `spherekit import` reads.
 
         These numbers are the ranges of inputs (rad), and the joint angles (rad) of hinges
-        that close loops, in the exported configuration. MuJoCo has no other place for such
-        numbers. A text says whether the export has invented the masses.
+        that close loops, in the exported configuration. A text says whether the export has
+        invented the masses.
 
         Parameters
         ----------
@@ -404,9 +401,8 @@ class MujocoModel:
         A hinge joins a child (body) to its parent, which is already in the tree. A hinge
         that closes a loop is not a joint of the tree, and only joints can have loads. If
         such a hinge has a load, it becomes a joint with a child of its own: a second body
-        of the link `hinge.child`, called twin. `_add_loops` welds the twin to the first
-        body of the link. Each of these two bodies gets a part of the inertia
-        (`_add_inertia`). Twins are not drawn.
+        of the link `hinge.child`, called twin. A weld joins the twin to the first body of
+        the link. Twins are not drawn.
 
         Parameters
         ----------
@@ -454,12 +450,12 @@ class MujocoModel:
     def _add_inertia(self, body: Element, inertia: BodyInertia) -> None:
         """Add the inertia of a body: an equal part of the inertia of its link.
 
-        Bodies of a MuJoCo model form a tree, and loads at pairs need joints of this tree. A
-        pair that closes a loop and has a load is therefore the joint of a second body of
-        its link (twin), which is welded to the first one.
+        A link has one body, and a second body (twin) for each pair that closes a loop and
+        has a load. All bodies of a link are welded together.
 
-        MuJoCo refuses a tensor whose largest moment exceeds the sum of the two others, so
-        all moments are enlarged by about the rounding error of the file.
+        MuJoCo refuses a tensor whose largest moment exceeds the sum of the two others. All
+        moments are enlarged by this excess, if there is one, and by a margin for digits
+        that are lost in the file.
 
         Parameters
         ----------
@@ -478,8 +474,9 @@ class MujocoModel:
         # moments, the excess decreases by this amount.
         largest_moment = np.linalg.eigvalsh(tensor)[-1]
         excess = 2.0 * largest_moment - np.trace(tensor)
-        thickness = TENSOR_THICKNESS * np.trace(tensor) + max(excess, 0.0)
-        tensor = tensor + thickness * np.eye(3)
+        margin = TENSOR_THICKNESS * np.trace(tensor)
+        enlargement = margin + max(excess, 0.0)
+        tensor = tensor + enlargement * np.eye(3)
         # MuJoCo's order: xx, yy, zz, xy, xz, yz.
         elements = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         _add(
@@ -490,9 +487,8 @@ class MujocoModel:
             fullinertia=elements,
         )
         if not inertia.is_stated:
-            # The mechanism file does not state mass and centre of this link. The export has
-            # chosen them. Their weight is not a load of the mechanism, so MuJoCo cancels
-            # gravity at this body.
+            # The export has chosen mass and centre of this link. Its weight is not a load
+            # of the mechanism, so MuJoCo cancels gravity at this body.
             body.set("gravcomp", "1")
 
     def _add_appearance(self, body: Element, link: str) -> None:
@@ -624,9 +620,9 @@ class MujocoModel:
     def _add_actuators(self, actuators: Element) -> None:
         """Add motors or servos of the inputs, and the loads that are actuators.
 
-        Inputs (driven pairs) have motors. If the file has no masses, `find_link_inertias`
-        has invented some, because MuJoCo needs masses. Torques then mean nothing. Inputs
-        get servos for their angles in place of motors, and loads are left out.
+        Inputs (driven pairs) have motors. If the export has invented the masses, torques
+        mean nothing. In such a model, inputs have servos for their angles, and loads are
+        left out.
 
         Parameters
         ----------

@@ -49,8 +49,8 @@ class MujocoLoads:
         Other loads, each with the attributes of the actuator (drive) that exerts it in
         MuJoCo. An actuator without a control signal can exert a torque b0 + b1 angle + b2
         rate at a pair, with constants b. It can also exert a constant force or moment on a
-        link. Such a load acts at a site (marked point of a body). The name of the site is
-        chosen later. Until then the attributes contain the name of the load.
+        link. Such a load acts at a site (marked point of a body). In the attributes, the
+        name of the load stands for the name of the site.
     reason_by_omitted_load
         For each load that MuJoCo cannot express, by name, the reason.
     approximations
@@ -67,8 +67,7 @@ class MujocoLoads:
     def loaded_pairs(self) -> list[str]:
         """Pairs (joints) at which a load or a limit acts.
 
-        These pairs have to be joints in MuJoCo. A pair without loads that closes a loop can
-        be a constraint of MuJoCo instead, at which no torque can act.
+        These pairs have to be joints in MuJoCo, since no torque can act at a constraint.
         """
         torque_pairs = [
             load.pair for load, _ in self.actuator_loads if isinstance(load, PairTorque)
@@ -180,8 +179,7 @@ def _actuator_attributes(mechanism: Mechanism, load: ActuatorLoad) -> Attributes
     - ``biasprm``: three factors b. The magnitude, by which ``gear`` is multiplied, is
       b[0] + b[1] length + b[2] rate. At a joint the length is its angle.
 
-    The names of sites are chosen later, when all elements of the model are known
-    (`MujocoModel`). Until then ``site`` and ``refsite`` are the name of the load.
+    In the result, the name of the load stands for the names of ``site`` and ``refsite``.
 
     Parameters
     ----------
@@ -268,8 +266,7 @@ def _require_motion_law(
         If the magnitude is a Python function, or depends on the time or other variables.
     """
     law = component.magnitude
-    # Loads with a table of torques are left out earlier (`convert_loads`). The table is
-    # named here only for the type checker.
+    # A `TorqueTable` never occurs here. The class is named only for the type checker.
     if isinstance(law, TorqueCallback | TorqueTable):
         raise EngineError("it is a Python function")
     if "t" in law.names:

@@ -51,10 +51,7 @@ class ModelNames:
 
     @property
     def notes(self) -> Iterator[str]:
-        """Sentences on elements whose name in the model is not that in the mechanism file.
-
-        They are the elements of links and loads.
-        """
+        """Sentences on links and loads whose elements have other names in the model."""
         for kind, names in (
             ("body of link", self.bodies),
             ("site of load", self.load_sites),

@@ -121,16 +121,16 @@ class ModeCandidate:
         The n known configurations, in the order of the inputs. Their loops are well
         conditioned.
     values
-        (n, variables) pair variables (rad) in these configurations. For contacts of
-        circles, the formulas belong to an equivalent linkage without contacts. The
-        variables are then the variables of this linkage.
+        (n, variables) variables (rad) of the pairs in the formulas, in these
+        configurations. The formulas may belong to an equivalent linkage, in which links
+        replace contacts of circles.
     interval
         (n,) index of the interval of each configuration.
     mode_values
-        (intervals, values) mode values in each interval. For formulas in closed form, they
-        are the signs (+1 or -1) of the dyads (two links and three R pairs). Otherwise they
-        are the variables (rad) from which Newton's method starts. They can be NaN for an
-        interval in which the mode has no configuration.
+        (intervals, values) mode values in each interval. For formulas in closed form, the
+        mode values are the signs (+1 or -1) of the dyads (two links and three R pairs).
+        Otherwise the mode values are the variables (rad) from which Newton's method starts.
+        Values can be NaN in an interval in which the mode has no configuration.
     """
 
     mode: AssemblyMode
@@ -390,8 +390,8 @@ def _join_mode_values(
         ]
         all_inputs += [np.where(changes, np.nan, inputs[k]), inputs[k + 1]]
     if position_analysis.solver.gear_phases is not None:
-        # Where wheels count the turns, curves may cross outside of the range as well, and
-        # these crossings were not looked for.
+        # Where wheels count the turns, curves may cross at unknown inputs outside of the
+        # range. Mode values are unknown (NaN) there.
         margin = 2.0 * UNKNOWN_AT_CROSSING_RAD
         starts = [-np.inf, low - margin, *starts[1:], high + margin]
         unknown = np.full_like(mode_values[0], np.nan)
@@ -500,8 +500,7 @@ def _select_well_conditioned_rows(
     Parameters
     ----------
     position_analysis
-        The position analysis of the mechanism. It computes a finer motion if the mode has
-        no accurate row in `sampled_motion` and there is only one input.
+        The position analysis of the mechanism, which computes more samples if necessary.
     sampled_motion
         The motion of all modes at about `MODE_SAMPLES` samples.
     crossing_inputs
@@ -540,8 +539,8 @@ def _select_well_conditioned_rows(
         return motion.rows(
             _spread_well_conditioned(sensitivity, np.arange(len(rows)), COMPARED_INPUTS)
         )
-    # Crossings are known with one input only. Choose rows in each interval that has
-    # accurate ones.
+    # Choose rows in each interval that has accurate rows. Crossings are known with one
+    # input only.
     interval = np.searchsorted(crossing_inputs, motion.inputs[:, 0])
     interval_numbers = np.unique(interval)
     count = max(LEAST_COMPARED_INPUTS, COMPARED_INPUTS // len(interval_numbers))
@@ -594,9 +593,9 @@ def _dyad_signs(terms: DesignExpressions, values: Floats) -> Floats:
     """Return the sign of each dyad (two links and three R pairs) in one assembly mode.
 
     A dyad can be assembled in two ways. The sign of the dyad, which is the sign of the
-    triple product of its three axes, tells which way is meant. If the mechanism has
-    contacts of circles, the formulas belong to an equivalent linkage: a link between the
-    centres replaces the contact.
+    triple product of its three axes, tells which way is meant. The formulas belong to an
+    equivalent linkage of the mechanism: links between the centres of circles replace their
+    contacts.
 
     Parameters
     ----------
@@ -626,8 +625,8 @@ def _dyad_signs(terms: DesignExpressions, values: Floats) -> Floats:
         dyad_variables = [mechanism.variables_of(pair)[0] for pair in group.pairs]
         axes = axis_by_variable[:, dyad_variables]  # (n, 3, 3)
         triple_products = np.linalg.det(axes)  # (n,)
-        # At a dead centre the triple product is zero. The largest one is farthest from it,
-        # so its sign is the most reliable.
+        # At a dead centre the triple product is zero. The sign of the largest triple
+        # product is the most reliable.
         largest = triple_products[np.argmax(np.abs(triple_products))]
         reliable = triple_products[np.abs(triple_products) > MIN_TRIPLE_PRODUCT]
         if np.any(reliable * largest < 0.0):

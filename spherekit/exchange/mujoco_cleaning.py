@@ -14,8 +14,7 @@ import numpy as np
 def drop_missing_files(mujoco: Any, spec: Any, folder: Path) -> list[str]:
     """Delete everything that a model reads from files that are missing.
 
-    Files that show only the appearance are often missing. MuJoCo would refuse a model that
-    refers to missing files.
+    MuJoCo refuses models that refer to missing files.
 
     Textures become plain colours. Skins, height fields, meshes and the shapes (geoms) of
     bodies that use them are deleted.

@@ -211,8 +211,7 @@ class ForeignModel:
     def _check_joints(self) -> None:
         """Raise `FileError` unless there are joints, and all of them are hinges with names.
 
-        Each ball joint of the file has already been replaced by three hinges, so ball
-        joints are allowed.
+        Ball joints of the file were replaced by hinges before this check.
         """
         other_joints: list[str] = []
         for joint, joint_type in enumerate(self.mj_model.jnt_type):
@@ -261,7 +260,7 @@ class ForeignModel:
         for drive in self._transmissions:
             if isinstance(drive, DrivenWheel):
                 # In a differential, a motor turns a wheel that turns two joints together.
-                # The inner joint carries the outer one. Only the wheel is driven.
+                # Only the wheel is driven.
                 driven_name = drive.wheel
                 joints_on_wheels |= {drive.inner_joint, drive.outer_joint}
             else:
@@ -280,8 +279,8 @@ class ForeignModel:
             )
             # An actuator without gain is a load, not a drive.
             if is_at_joint and np.any(mj_model.actuator_gainprm[actuator]):
-                # An actuator with position feedback is a servo, whose control is an angle.
-                # Only then the range of the control is a range of angles. biasprm[1] is
+                # A servo is an actuator with position feedback, whose control is an angle.
+                # The range of the control of a servo is a range of angles. biasprm[1] is
                 # MuJoCo's factor of the angle in the torque.
                 has_position_feedback = mj_model.actuator_biasprm[actuator][1] != 0.0
                 is_limited_servo = (
@@ -293,6 +292,7 @@ class ForeignModel:
                     if is_limited_servo
                     else None
                 )
+        # Custom numbers take precedence over other ranges.
         for joint in ranges:
             stated_range = numbers_by_name.get(f"input_{self.joint_names[joint]}", [])
             if len(stated_range) == 2:
@@ -336,8 +336,8 @@ class ForeignModel:
         """Store a weld of two bodies, or a common point that closes a loop.
 
         The point is computed in world axes in the present pose, in which loops are closed.
-        MuJoCo also reads URDF files. Their loop joints have become constraints of MuJoCo,
-        and `_loop_axes` has the axes of these joints by name.
+        `_loop_axes` has the axes of loop joints of a URDF file, by the names of their
+        constraints.
 
         Parameters
         ----------
@@ -367,14 +367,14 @@ class ForeignModel:
         self.loop_points.append(LoopPoint(name, bodies, point))
         if name in self._loop_axes:
             # The loop joint of a URDF has an axis, in the axes of its first link. A second
-            # point on it coincides in both bodies as well.
+            # point of this axis coincides in both bodies as well.
             second_point = point + rotation @ self._loop_axes[name]
             self.loop_points.append(LoopPoint(name, bodies, second_point))
 
     def _find_observed_links(self) -> list[ObservedLink]:
         """Return the bodies whose orientation relative to another body is read by a sensor.
 
-        Each of them becomes an output (observed link) of the mechanism.
+        Each of these bodies becomes an output (observed link) of the mechanism.
         """
         mj_model = self.mj_model
         body_type = int(self.mujoco.mjtObj.mjOBJ_BODY)

@@ -101,9 +101,8 @@ def close_loops(
 def _measure_gaps(mujoco: Any, model: Any, data: Any) -> tuple[Bools, Floats]:
     """Measure how far loops of a MuJoCo model are open in the present pose.
 
-    Equality constraints join two bodies and so close loops, or they couple or lock joints.
-    Other constraints, such as limits of joints, are inequalities. The call updates `data`
-    to the constraints of this pose.
+    Gaps are the errors of equality constraints, which close loops, or couple or lock
+    joints. The call updates `data` to the constraints of this pose.
 
     Returns
     -------
@@ -149,7 +148,7 @@ def _move_joints(mujoco: Any, model: Any, data: Any, joints: Sequence[int]) -> b
         previous_gap = gap
         jacobian = data.efc_J.reshape(data.nefc, model.nv)[is_equality_row][:, joints]
         # Loops about one centre have more equations than they need, so J is singular.
-        # `lstsq` then finds the least change.
+        # `lstsq` finds the least change.
         step = np.linalg.lstsq(jacobian, gaps, rcond=LOOP_SINGULAR_VALUE)[0]
         scale = MAX_JOINT_STEP_RAD / max(max_abs(step), MAX_JOINT_STEP_RAD)  # at most 1
         data.qpos[joints] -= step * scale

@@ -123,7 +123,7 @@ def _write_function(source: FormulaSource, function: SourceFunction) -> str:
     returned = "the RESULTS (results, ...)"
     residual = ""
     # A function that makes one step of Newton's method returns the pair variables after the
-    # step, and the closure residual: how far loops were open before it.
+    # step, and the closure residual: how far loops were open before the step.
     if function.closure_residual:
         returned = "variables after a step of Newton's method, and how far loops were open"
         residual = f", {function.closure_residual}"
@@ -161,8 +161,8 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
             mode_there = np.moveaxis(places[interval, mode], -1, 0)
             return np.where(np.isnan(q), np.nan, mode_there)
 
-    Configurations can repeat after a period of the input. The function then has further
-    lines, which move q by whole periods into the range of the input.
+    If configurations repeat after a period of the input, further lines move q by whole
+    periods into the range of the input.
 
     For Newton's method the written function also returns the input of the known
     configuration.
@@ -187,7 +187,7 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
     # `step` has the pair variables after a step of Newton's method. Empty in closed form.
     needs_newton_steps = bool(source.formulas.step)
     if needs_newton_steps:
-        # The written function then has a second table, `inputs`, like `places`.
+        # The table `inputs` has the input of the known configuration, by interval and mode.
         returned += ", " + _nan_where_q_is_nan("inputs[interval, mode]")
         input_lines = f"    inputs = np.array(\n        {texts.known_inputs}\n    )\n"
         docstring_end = KNOWN_INPUTS_TEXT

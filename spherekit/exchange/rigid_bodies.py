@@ -54,11 +54,10 @@ class Hinge(NamedTuple):
         Name of the R pair.
     parent, child
         Names of the two bodies. Bodies form a tree, in which a hinge to the parent places
-        each body but the ground. A hinge that closes a loop is not in the tree. It is
-        exported as a constraint: a point of its axis stays the same in both bodies.
+        each body but the ground. A hinge that closes a loop is not in the tree.
     axis
         (3,) unit vector in ground axes, in the exported configuration. A positive variable
-        turns the child about it.
+        turns the child about this axis.
     value
         Variable (rad) of the pair in the exported configuration.
     """
@@ -113,8 +112,7 @@ class RigidBodies(NamedTuple):
         Whether the mechanism file has no masses, so that the export invented some.
     light_ends
         Links without mass at the ends of the tree, beyond which there is no link with mass.
-        They get more inertia than other links without mass, because engines close a loop
-        less exactly at a light body.
+        Such links get more inertia than other links without mass.
     """
 
     mechanism: Mechanism
@@ -214,8 +212,8 @@ def construct_rigid_bodies(
             )
         else:
             # Circles that slide keep the distance of their centres, so a body between the
-            # centres replaces the contact. The centre of a circle, or the opposite point,
-            # is the direction that is fixed while its tangent turns with the curvature.
+            # centres replaces the contact. In the frame of the contact, the centre of a
+            # circle, or the opposite point, is along (0, 1, curvature).
             name = f"centres_{pair.name}"
             first_centre, second_centre = (
                 pair_frames[number] @ [0.0, 1.0, curvature] / np.hypot(1.0, curvature)
@@ -247,8 +245,7 @@ def _find_light_ends(
     Dynamics programs (engines) need a mass in each body, so links without mass get a little
     inertia. This is enough for a link that carries links with mass in the tree. A link that
     carries no link with mass needs more inertia (`LIGHT_END_RATIO`), because engines follow
-    a load on a light body less exactly. If a whole chain has no mass, all its links are
-    returned.
+    a load on a light body less exactly.
 
     Parameters
     ----------
@@ -305,7 +302,7 @@ def _find_gear_equation(
     ------
     ModelError
         If the ratio is not constant: no link carries both circles, or a profile is not a
-        circle. The model cannot have such a pair.
+        circle.
     """
     pair = mechanism.pairs[contact]
     carried_contact = find_carried_contact(mechanism, joints, contact, pairs=tree_pairs)

@@ -60,7 +60,7 @@ class SmoothModeTexts:
 
     The function reads the mode values at an input from a table, which these parts define.
 
-    Mode values are arguments of the formulas. Mode values select the assembly mode (way to
+    Mode values are the arguments of the formulas that select the assembly mode (way to
     assemble the mechanism):
 
     - Formulas in closed form need the sign of each dyad (two links and three R pairs),
@@ -69,8 +69,8 @@ class SmoothModeTexts:
       configuration of the mode: the variables (rad) of all pairs.
 
     A mode can follow a smooth curve of configurations through crossings with other modes.
-    Its mode values change there. The table therefore divides the range of the input into
-    intervals, and has one set of mode values for each interval and mode.
+    The mode values change at crossings. The table therefore divides the range of the input
+    into intervals, and has one set of mode values for each interval and mode.
 
     Attributes
     ----------
@@ -100,9 +100,9 @@ def smooth_mode_texts(
     Mode values are numbers that select an assembly mode (way to assemble the mechanism) in
     the formulas. Over the input, the configurations of a mode form a smooth curve. This
     curve can cross the curve of another mode. Beyond the crossing the curve has other mode
-    values. The table therefore has mode values for each interval of the input. It also has
-    an input at which a configuration with these values is known. Newton's method can start
-    there.
+    values. The table therefore has mode values for each interval of the input. The table
+    also has an input at which a configuration with these values is known, as a start for
+    Newton's method.
 
     Parameters
     ----------

@@ -71,9 +71,8 @@ def check_sizes_change_no_constants(varied: VariedMechanism) -> None:
     file may state the axis of a pair (joint). If a contact profile depends on an arc or an
     angle, this size is refused too. The message for the user names all refused sizes.
 
-    In one case no size is refused: all contacts are between circles, and links between the
-    centres replace them (`varied.equivalent_linkage`). The formulas then compute the sizes
-    of these links from all numbers of the file.
+    No size is refused if links replace all contacts in the formulas
+    (`varied.equivalent_linkage`).
 
     Parameters
     ----------
@@ -85,6 +84,7 @@ def check_sizes_change_no_constants(varied: VariedMechanism) -> None:
     DesignError
         If one of these constants would have to change with a size.
     """
+    # The formulas compute the sizes of links that replace contacts from all numbers.
     if varied.equivalent_linkage is not None:
         return
     mechanism = varied.mechanism
@@ -118,10 +118,10 @@ def check_sizes_change_no_constants(varied: VariedMechanism) -> None:
 def _profile_numbers(mechanism: Mechanism) -> Floats:
     """Return all numbers of the contact profiles of a mechanism as one array.
 
-    If a size changes these numbers, it cannot be an argument of the formulas, in which they
-    are constants. First come, for each profile, the numbers that define the curve: centre,
-    radius, points and coefficients of a series. Then comes, for each profile, the arc
-    length of the contact point at which the variable of the contact is zero.
+    These numbers are constants in the formulas. First come, for each profile, the numbers
+    that define the curve: centre, radius, points and coefficients of a series. Then comes,
+    for each profile, the arc length of the contact point at which the variable of the
+    contact is zero.
     """
     numbers = [profile_numbers(item.profile) for item in list_profiles(mechanism)]
     starts = [track.start for track in make_contact_profiles(mechanism)]
@@ -203,8 +203,7 @@ def _idle_arguments(formulas: Formulas) -> list[str]:
     assemble the mechanism).
 
     Formulas without a closed form contain a step of Newton's method that computes the pair
-    variables. A size that changes only this step is in use too. The variables after the
-    step therefore count as results.
+    variables. The variables after the step count as results.
     """
     if not formulas.sizes:
         return []
@@ -232,7 +231,7 @@ def _choose_motion(formulas: Formulas) -> Floats:
 
     The configuration of a mode (way to assemble the mechanism) is at the inputs `Mode.at`.
     All other arguments, such as rates and accelerations, get arbitrary values that are not
-    zero. Results that depend on them are then not all zero.
+    zero, so that results which depend on rates are not all zero.
 
     Returns
     -------

@@ -33,10 +33,14 @@ def head_comment(source: FormulaSource) -> str:
 def _head_lines(source: FormulaSource) -> Iterator[str]:
     """Yield the lines of the comment at the head of an exported source file.
 
-    The marks of a comment (such as //) are added later. The lines state the title, how
-    positions are computed, what is in the arrays of arguments and results, and the assembly
-    modes (ways to assemble the mechanism). The last sentences tell how well the formulas
-    agree with the mechanism.
+    The lines have no marks of a comment (such as //). The lines state in turn
+
+    - the title, and names that were changed because the language does not allow them;
+    - how positions are computed;
+    - how modes continue where curves of configurations cross, if they continue smoothly;
+    - what is in the arrays of arguments and results;
+    - the assembly modes (ways to assemble the mechanism);
+    - how well the formulas agree with the mechanism.
     """
     formulas = source.formulas
     mechanism = formulas.mechanism
@@ -48,7 +52,7 @@ def _head_lines(source: FormulaSource) -> Iterator[str]:
         yield from wrap(sentence, LINE_WIDTH)
     yield ""
     yield from wrap(_method_sentences(source), LINE_WIDTH)
-    # Whether modes follow smooth curves where curves of configurations cross.
+    # Sentences on modes that continue smoothly where curves of configurations cross.
     if source.smooth_modes is not None:
         yield from wrap(_smooth_mode_sentences(source), LINE_WIDTH)
     yield from _argument_lines(source)
@@ -108,15 +112,15 @@ def _sign_note(formulas: Formulas, middle_pair: str) -> str:
 def _mode_lines(source: FormulaSource, position: int, mode: Mode) -> Iterator[str]:
     """Yield the lines on an assembly mode, for the head of an exported source file.
 
-    The lines state its number, name, mode values and inputs. Mode values are the numbers
-    that select the mode (way to assemble the mechanism). They are the signs of its dyads
+    The lines state the number, name, mode values and inputs of the mode. Mode values are
+    the numbers that select the mode (way to assemble the mechanism): the signs of its dyads
     (two links and three R pairs), or the pair variables (rad) from which Newton's method
     starts. The inputs belong to one configuration with these values.
 
     Over the input, the configurations of a mode form a curve. This curve can cross the
     curve of another mode. If the modes continue smoothly (`source.smooth_modes`), a mode
-    has other mode values beyond a crossing. A further line then states the mode values of
-    each part of the curve, and an input at which a configuration with them is known.
+    has other mode values beyond a crossing. Each part of the curve has a further line, with
+    its mode values and the input of a known configuration.
 
     Parameters
     ----------
@@ -155,8 +159,7 @@ def _method_sentences(source: FormulaSource) -> str:
     assemble the mechanism). A sign tells on which side of the dyad its middle pair is.
 
     Where the three axes of a dyad are in one plane, the mechanism can continue on either
-    side. A sentence warns of this if modes keep their signs for all inputs. Modes that
-    follow smooth curves change signs there, as `_smooth_mode_sentences` explains.
+    side. If modes keep their signs for all inputs, a sentence warns of this.
     """
     # `step` has the expressions of a step of Newton's method. It is empty in closed form.
     # The function of the step returns the closure residual, by how much loops are open.
@@ -171,8 +174,10 @@ def _method_sentences(source: FormulaSource) -> str:
         "No iteration is needed; results are NaN at inputs at which the mode cannot be "
         "assembled."
     )
-    follows_smooth_curves = source.formulas.mode_table.smooth is not None
-    if follows_smooth_curves:
+    # `smooth` has the mode values by intervals of the input. It is None if modes keep their
+    # signs for all inputs.
+    keeps_signs = source.formulas.mode_table.smooth is None
+    if not keeps_signs:
         return method
     return method + (
         " A mode is one side of each dyad. At a change point, an input at which the "
@@ -192,12 +197,10 @@ def _smooth_mode_sentences(source: FormulaSource) -> str:
     - In closed form, it changes the signs of the dyads (two links and three R pairs). The
       sign of a dyad tells on which side its middle pair is.
     - Otherwise, it starts Newton's method from a known configuration. This configuration is
-      chosen so that no crossing is between its input and the requested one. At a crossing
-      Newton's method could change to the other curve.
+      chosen so that no crossing is between its input and the requested one.
 
-    If configurations repeat after a period of the input, an input outside of the range is
-    moved by whole periods. The input can still be outside afterwards if the range is
-    shorter than a period.
+    If configurations repeat after a period of the input, a sentence says that inputs
+    outside of the range are moved by whole periods.
     """
     smooth_modes = source.smooth_modes
     assert smooth_modes is not None

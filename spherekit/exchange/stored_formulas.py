@@ -36,8 +36,7 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
         The reduced model, along one configuration curve.
     """
     # The model stores its functions in groups. Group 0 has the functions of the motion.
-    # Their names and units are in the heading, their series in the model. Other groups are
-    # for poles (axes of relative rotations), which are not exported.
+    # Their names and units are in the heading, their series in the model.
     heading = model.heading
     series: Any = model.groups[0]
     unit_by_result = {function.name: function.unit for function in heading.groups[0]}
@@ -64,7 +63,7 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
         closed=heading.periodic,
     )
     # The model belongs to one mode and one set of sizes, so there are no arguments that
-    # select the mode or change sizes, and nothing is iterated (step).
+    # select the mode or change sizes.
     mode = Mode(heading.assembly_mode, name="", at=heading.low, values=())
     # `heading.torques` is the driving torque as an expression of the symbols above.
     return Formulas(

@@ -27,8 +27,9 @@ class UrdfContent:
     spec
         The `MjSpec` of the model.
     transmissions
-        What the motors of transmissions drive: single joints, or added wheels. The angle of
-        such a wheel is the combination of two joint angles that the motor turns.
+        What the motors of transmissions drive: single joints, or wheels that are added to
+        the model. Each motor of a differential, for example, turns such a wheel. The angle
+        of the wheel is a combination of the angles of two joints.
     loop_axes
         Unit axis (3,) of each revolute loop joint (joint that closes a loop), by the name
         of the joint. Its components are those along the axes of the first link.

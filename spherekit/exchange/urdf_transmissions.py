@@ -48,8 +48,7 @@ class DrivenWheel:
     The inner joint carries the outer joint. In a differential, for example, each motor
     turns a side wheel, and both wheels together move both joints. The wheel is coaxial with
     the inner joint. The angle of the wheel is the angle of the inner joint plus `ratio`
-    times the angle of the outer joint. The other motor of the transmission has a second
-    equation of this form.
+    times the angle of the outer joint.
 
     Attributes
     ----------
@@ -142,7 +141,7 @@ def read_transmissions(
                 f"transmission {name} of type {kind} is not known: its joints {names} are "
                 "read as driven each on its own"
             )
-        # Each joint has its own actuator. One that is missing turns as far as the joint.
+        # Each joint has its own actuator. A missing actuator turns as far as the joint.
         for number, joint in enumerate(joints):
             actuator = (
                 actuators[number]
@@ -375,8 +374,7 @@ def describe_motors(driven: Sequence[DrivenJoint | DrivenWheel]) -> Iterator[str
 
     The input of the imported mechanism is the driven joint or wheel, not the motor. A
     driven wheel stands for one motor of a transmission with two motors, such as a bevel
-    differential. The outer joint of this transmission is carried by the inner joint, and
-    the angle of the wheel is a sum of both joint angles with factors.
+    differential. The angle of the wheel is a sum of both joint angles with factors.
     """
     for drive in driven:
         if isinstance(drive, DrivenWheel):

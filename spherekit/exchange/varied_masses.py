@@ -144,12 +144,13 @@ def _express_mass(
 def arc_inertia(first: Exprs, second: Exprs, mass: Expr, radius: Expr) -> ArcInertia:
     """Return inertia tensor and centre of a uniform arc between two axes, as expressions.
 
-    Such arcs model links. Let L be the length of the arc (rad), and s = sin(L) / (2 L). The
-    unit vector m is along the sum of the two axes, and the unit vector a along their
-    difference. The mean of r r^T over all points r of the arc on the unit sphere is M =
-    (1/2 + s) m m^T + (1/2 - s) a a^T. The tensor is mass radius^2 (1 - M), and the centre
-    is m radius sin(L/2) / (L/2). `spherekit.mechanism.inertia.uniform_arc` has the same
-    formulas for numbers.
+    Let L be the length of the arc (rad), and s = sin(L) / (2 L). The unit vector m is along
+    the sum of the two axes, and the unit vector a along their difference. The mean of r r^T
+    over all points r of the arc on the unit sphere is
+
+        M = (1/2 + s) m m^T + (1/2 - s) a a^T.
+
+    The tensor is mass radius^2 (1 - M), and the centre is m radius sin(L/2) / (L/2).
 
     Parameters
     ----------
