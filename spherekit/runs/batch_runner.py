@@ -671,7 +671,8 @@ class BatchRunner:
     predict
         Function that predicts configurations along a path. None if there is a closed form.
     is_recorded
-        Whether drawings of the run are recorded, which limits the size of blocks.
+        Whether the run is recorded or verified, so that rotation matrices of all links are
+        read.
     looks_ahead
         Whether the next block is computed in another thread while a block is used. While a
         thread computes a block, nothing else may use the position analysis.
@@ -724,7 +725,7 @@ class BatchRunner:
             The poles to evaluate, for each input that moves while the other inputs are
             locked.
         is_recorded
-            Whether the run is recorded.
+            Whether the run is recorded or verified.
         looks_ahead
             Whether the next block is computed in another thread while a block is used.
         needs_timing
@@ -775,8 +776,8 @@ class BatchRunner:
 
         - The columns of a block (group of samples) need at most `BLOCK_BYTES`.
         - `PositionAnalysis.block` is the size without compiled functions. With compiled
-          functions, a block may be `MAX_BLOCK_FACTOR` times larger. If drawings of the run
-          are recorded, a block is not larger, because rotation matrices need more memory.
+          functions, a block may be `MAX_BLOCK_FACTOR` times larger. If the run is recorded
+          or verified, a block is not larger, because rotation matrices need more memory.
         """
         position_analysis = self.sampling.position_analysis
         # Each sample has one row in each assembly mode (way to assemble the mechanism).

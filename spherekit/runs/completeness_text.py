@@ -52,9 +52,9 @@ def can_prove_modes(position_analysis: PositionAnalysis) -> bool:
     """Return whether a proof of the assembly modes should be proposed to the user.
 
     An assembly mode is a way to assemble the mechanism. The search could have missed a
-    mode. The command ``spherekit certify`` can then prove that none is missing, if the
-    mechanism has one input and can be constructed link by link. With many loops of links
-    the proof would take hours, and is not proposed.
+    mode. The command ``spherekit certify`` can prove that none is missing, if the mechanism
+    has one input and can be constructed link by link. With many loops of links the proof
+    would take hours, and is not proposed.
 
     Parameters
     ----------

@@ -140,7 +140,7 @@ class AbstractAnalysis(ABC):
     An analysis that reads none is computed once, with the first block.
     """
     trades: ClassVar[tuple[ParameterTrade, ...]] = ()
-    """Parameters that trade speed for accuracy, if not the samples take the time."""
+    """Parameters that trade speed for accuracy, with values for `spherekit.trade`."""
 
     def requested_tables(self) -> tuple[Table, ...]:
         """Return the tables of results, with only the columns that the user requests.

@@ -188,15 +188,18 @@ class ExaminedRows:
         reference_rotation = self.rotations[rows, output.reference]
         link_rotation = self.rotations[rows, output.link]
         if output.variable is not None:
+            # The output is the angle of a pair, with a signed velocity ratio.
             owner = self.motion.mechanism.variable_owners[output.variable]
             axis = output.sense * self.motion.axes[rows, owner]
             ratios = np.einsum("mik,mk->mi", velocity, axis)
             jacobian = ratios[:, :, None]
         elif output.direction is not None:
+            # The output is a direction on the link. Its velocity is a vector.
             pointing = link_rotation @ np.array(output.direction)
             jacobian = np.cross(velocity, pointing[:, None])
             ratios = np.linalg.norm(jacobian, axis=2)
         else:
+            # The output is the orientation of the link.
             jacobian = velocity
             ratios = np.linalg.norm(jacobian, axis=2)
         ratios[~is_ok] = np.nan

@@ -43,8 +43,9 @@ def registered(*classes: type[AbstractAnalysis]) -> Iterator[None]:
 def _find_entry_points() -> Mapping[str, list[EntryPoint]]:
     """Return the entry points of all installed packages by name.
 
-    Entry points are package metadata through which packages announce their analyses. They
-    are listed again only if a folder of packages has changed, because listing takes long.
+    Entry points are package metadata through which packages announce their analyses. Entry
+    points are listed again only if a folder of packages has changed, because listing takes
+    long.
     """
     folder_states = [
         (folder, Path(folder).exists() and Path(folder).stat().st_mtime_ns)

@@ -48,8 +48,8 @@ def compute_checked_tables(
 
     Returns
     -------
-    The columns of each table, by name of the table. They are converted to the declared
-    kinds (numbers, whole numbers, texts and so on).
+    The columns of each table, by name of the table. The columns are converted to the
+    declared kinds (numbers, whole numbers, texts and so on).
 
     Raises
     ------

@@ -118,9 +118,9 @@ def run_study(
 ) -> RunResult:
     """Run analyses over the motion of a study.
 
-    The run first finds the assembly modes, or solves the simulation. It then evaluates
-    blocks of samples for all analyses, and saves a checkpoint after each block. At the end
-    it writes the summary and, if there is a folder, the files. `run` lists the errors.
+    The run first finds the assembly modes, or solves the simulation. Blocks of samples are
+    evaluated for all analyses, and a checkpoint is saved after each block. At the end the
+    summary and, if there is a folder, the files are written. `run` lists the errors.
 
     Parameters
     ----------
@@ -154,16 +154,16 @@ def run_study(
         declared_needs = collect_needs(analyses, study.mechanism)
 
         # Engine "auto" and the setting for a required accuracy depend on measured times. A
-        # resumed run takes both from its journal. Otherwise its rows could differ from the
-        # rows that are already stored.
+        # resumed run takes both from its journal, so that its rows fit the rows that are
+        # already stored.
         identity = unfinished_identity(run_folder, execution.unfinished)
         engine = execution.engine
         if engine == "auto" and identity.get("engine") in ENGINE_CHOICES:
             engine = identity["engine"]
         setting = execution.setting
         if execution.accuracy is not None and "setting" in identity:
-            # The journal of another version can have other fields. `resume_or_start` then
-            # refuses it with a message.
+            # The journal of another version can have other fields. `resume_or_start`
+            # refuses such a journal with a message.
             with suppress(TypeError):
                 setting = Setting(**identity["setting"])
 

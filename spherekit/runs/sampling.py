@@ -151,8 +151,8 @@ class Sampling:
     def _simulated_motion(self, simulation: Simulation, samples: Indices) -> Motion:
         """Return the positions of the mechanism at some samples of a simulation.
 
-        They are in one assembly mode (way to assemble the mechanism), the one in which the
-        simulation starts.
+        All positions get the number of the assembly mode (way to assemble the mechanism) in
+        which the simulation starts.
 
         Parameters
         ----------
@@ -516,8 +516,8 @@ def _sample_laws(study: Study, mechanism: Mechanism, t: Floats) -> Sampling:
     """
     laws = study.laws
     if not laws:
-        # There is a single input. It moves from the start of its range at the default
-        # speed, in the sense in which the range is given.
+        # The single input moves from the start of its range at the default speed, in the
+        # sense in which the range is given.
         driven = mechanism.inputs[0]
         law = ConstantSpeed(driven.sense * DEFAULT_INPUT_SPEED, driven.start)
         laws = {driven.pair: law}
@@ -591,8 +591,9 @@ def _simulate_study(
     def show_progress(partial_simulation: Simulation) -> None:
         """Pass the part of a simulation that is solved so far to `on_progress`.
 
-        It is passed as a `Sampling` at all times `t`, including times that are not solved
-        yet. `on_progress`, `t` and `position_analysis` belong to the enclosing function.
+        This part is passed as a `Sampling` at all times `t`, including times that are not
+        solved yet. `on_progress`, `t` and `position_analysis` belong to the enclosing
+        function.
         """
         # Inputs and rates at later samples are not known yet. `on_progress` reads only how
         # many rows these arrays have, so one column of NaN stands for all inputs.
@@ -783,9 +784,9 @@ def _default_timing(q: Floats, is_straight: bool) -> Timing:
     q
         (k, inputs) values of the inputs, rad.
     is_straight
-        Whether the inputs move on a straight path from the first to the last row. Otherwise
-        there is a single input, with values in any order. It moves from its least to its
-        greatest value, so the times are not sorted.
+        Whether the inputs move on a straight path from the first to the last row. If not,
+        there is a single input with values in any order, which moves from its least to its
+        greatest value.
     """
     # (2, inputs): the first and the last values, or the least and the greatest.
     ends = q[[0, -1]] if is_straight else input_extents(q)[0]

@@ -427,8 +427,8 @@ def measure_simulation_settings(
         setting = measured.setting
         is_compiled = setting is not None and setting.integrator == "compiled"
         if is_compiled and not measured.reason:
-            # All compiled settings share compiled functions. They were compiled by the
-            # simulation `tightest`, so its compile time is stated for all of them.
+            # All compiled settings share the functions that the simulation `tightest` has
+            # compiled. So the compile time of `tightest` is stated for all of them.
             measured = replace(measured, compile_seconds=tightest.compile_seconds)
         results.append(measured)
     return SettingMeasurement(

@@ -30,8 +30,8 @@ class StoredTables:
     folder
         Folder of the files.
     has_several_blocks
-        Whether more than one block is stored. The rows of a file are then grouped by
-        assembly mode, since tables are read mode after mode.
+        Whether more than one block is stored, so that the rows of a file are grouped by
+        assembly mode.
     file_counts
         Number of files of each table, from the journal: analysis, table, number.
     """

@@ -38,7 +38,7 @@ class Measured:
     """The times and errors of one setting of a run, or of one value of a parameter.
 
     A setting is a way to compute a run, such as an engine. Settings may be measured with
-    fewer samples than the run has. The times are then scaled up to all samples of the run.
+    fewer samples than the run has. Such times are scaled up to all samples of the run.
 
     Attributes
     ----------

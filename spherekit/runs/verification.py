@@ -335,10 +335,10 @@ class Verifier:
         block_rows = _BlockRows(
             motion, tuple(field.as_arrays for field in pole_fields), continued_angles
         )
-        # Some analyses (`whole_analyses`) read all samples at once. The run then has a
-        # single block, which is stored. At the end, the verified rows are replaced by
-        # values in many digits, and the tables of these analyses are computed again from
-        # all rows.
+        # Some analyses (`whole_analyses`) read all samples at once. A run with such an
+        # analysis has a single block, which is stored. At the end, the verified rows are
+        # replaced by values in many digits, and the tables of these analyses are computed
+        # again from all rows.
         if self._run_plan.whole_analyses:
             self._whole = block_rows
         is_valid = run_status(motion, block_rows.pole_fields) == Status.OK
@@ -639,8 +639,8 @@ class Verifier:
             self._requests,
             pole_fields,
             reference.pole_fields,
-            # If no poles are requested, the reference still has values for the first input.
-            # They are then skipped.
+            # If no poles are requested, the values that the reference has for the first
+            # input are skipped.
             strict=False,
         ):
             moving = motion.mechanism.pairs[exact.driven].name
