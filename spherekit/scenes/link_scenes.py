@@ -82,9 +82,8 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
     A pole is the axis of the relative rotation of two links. A plan lists the steps in
     which poles are found while one input moves and the other inputs are locked. The search
     for poles has several rounds, called passes. In each pass poles are found as
-    intersections of great circles through poles of earlier passes. Some poles cannot be
-    found singly. They follow together from one system of equations for a group of links,
-    called an irreducible part.
+    intersections of great circles through poles of earlier passes. Some poles follow
+    together from one system of equations for a group of links, called an irreducible part.
 
     Parameters
     ----------

@@ -14,19 +14,19 @@ def motion_plots(motion: Motion, is_over_time: bool) -> list[list[Series]]:
     """Return the plots that a recording shows beside the moving links, for a block.
 
     If the samples are times, the plots show the pair variables (joint angles) over time.
-    Otherwise there are no such plots.
+    There are no plots if the samples are values of the inputs.
 
     Parameters
     ----------
     motion
         The motion of the block of samples.
     is_over_time
-        Whether the samples are times. Otherwise they are values of the inputs.
+        Whether the samples are times.
 
     Returns
     -------
-    One list for each assembly mode (way to assemble the mechanism). It is empty if the
-    samples are not times.
+    One list for each assembly mode (way to assemble the mechanism), empty if the samples
+    are not times.
     """
     plots_by_mode = []
     for position in range(len(motion.assembly_modes)):

@@ -151,9 +151,9 @@ def insert_gaps(line: Floats, gaps: Bools) -> Floats:
 def break_at_jumps(line: Floats, frame: Range, turn: float | None) -> Floats:
     """Return points of a curve with gaps (NaN) where it should not be drawn continuously.
 
-    There are two reasons for a gap between two points. The first point is above the frame
-    of the plot and the second below, or conversely (the curve passes through infinity), or
-    an angle jumps by half a turn or more.
+    There are two reasons for a gap between two points. One is that the curve passes through
+    infinity: one point is above the frame of the plot, and the other one below. The other
+    is that an angle jumps by half a turn or more.
 
     Parameters
     ----------

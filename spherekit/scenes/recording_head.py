@@ -40,7 +40,8 @@ class RecordingHead:
         several inputs. The drawn paths of poles (axes of relative rotation) are cut after
         each row. None if the samples follow one path.
     times : array (n,) s, or None
-        All times of the run, if its samples are times. They then replace the inputs.
+        All times of the run, if its samples are times. The timeline then has these times in
+        place of inputs.
     """
 
     scenes: Sequence[Scene] = ()

@@ -116,10 +116,9 @@ class Arrow:
         Whether the arrow is a primary pole, the axis of a pair (joint). In recordings such
         an arrow is thin, without a label or path. Other arrows are drawn more prominently.
     shown : bool
-        Whether the arrow is drawn from the start. Otherwise users can switch it on.
+        Whether the arrow is drawn from the start. If not, users can switch the arrow on.
     path_shown : bool
-        Whether the path of the tip is shown. This is useful if successive samples follow
-        one motion.
+        Whether the path of the tip is shown.
     """
 
     path: str
@@ -132,7 +131,7 @@ class Arrow:
 
 @dataclass(frozen=True)
 class Trace:
-    """The path of a direction as seen from a link. It is drawn on the link.
+    """The path of a direction as seen from a link, drawn on the link.
 
     An example is an axode, the path of the axis of the relative rotation of two links. In
     the axes of the first link the path is the fixed axode, in the axes of the second link
@@ -383,7 +382,7 @@ class SphereCurves:
 class SphereMap:
     """A part of the unit sphere, coloured by a value at each point.
 
-    It does not move. Without triangles the vertices are drawn as points.
+    The map does not move. Without triangles the vertices are drawn as points.
 
     Attributes
     ----------
@@ -480,8 +479,8 @@ class Diagram:
     words : sequence of str (n,), or empty
         A text that is shown in the diagram at each sample.
     readings : array (n, k, 2) rad, or None
-        Two angles that belong to each point at each sample. They are listed as numbers
-        beside the plane, under the `reading_names`.
+        Two angles that belong to each point at each sample. The angles are listed as
+        numbers beside the plane, under the `reading_names`.
     reading_names : two texts
         Names of these two angles.
     """
@@ -588,7 +587,7 @@ Page = int | str | None
 class Scene:
     """What is drawn together on one page of a viewer, or on every page.
 
-    It consists of primitives: objects that can be drawn, such as arrows and curves.
+    A scene consists of primitives: objects that can be drawn, such as arrows and curves.
 
     Attributes
     ----------
@@ -599,8 +598,8 @@ class Scene:
         The objects that are drawn.
     over : tuple of Axis
         The quantities over which values are plotted, such as a frequency. Empty if values
-        belong to the samples of the run. They are then plotted over the inputs or the time
-        of the run, which are filled in when the scene is drawn.
+        belong to the samples of the run: these are plotted over the inputs or the time of
+        the run.
     source : str
         Name of the analysis that shows the scene. The run fills it in.
     """
@@ -662,7 +661,8 @@ def _convert_fields(item: Any, axis_factors: Floats) -> Any:
         (axes,) factors that convert values on the axes of the scene: 180/pi for angles and
         their rates, 1 for other quantities.
     """
-    # `InputMarks` have no unit of their own. They are values on the axes of the scene.
+    # `InputMarks` have no unit of their own: their values are in the units of the axes of
+    # the scene.
     if isinstance(item, InputMarks):
         return replace(item, inputs=axis_factors * item.inputs)
     # A field such as "unit" states the unit of some other fields, such as "values".

@@ -336,8 +336,8 @@ def _check_fields(where: str, item: Any, sizes: dict[str, _SharedSize]) -> Facts
             continue
         array = _check_numbers(f"{where}: {name}", value, shape, sizes)
         if name in RANGE_FIELDS:
-            # A range is a pair of floats. In contrast to arrays, such pairs can be compared
-            # by == and give a single truth value.
+            # A range is a pair of floats. The comparison of such pairs by == gives a single
+            # truth value.
             arrays[name] = tuple(map(float, array))
         else:
             arrays[name] = array
@@ -372,7 +372,8 @@ def _check_numbers(
     Parameters
     ----------
     where
-        Words for the field, with which messages begin. They end with its name.
+        Words for the field, with which messages begin. The words end with the name of the
+        field.
     shape
         The length of each axis, or the letter of a shared length.
     sizes
@@ -381,7 +382,7 @@ def _check_numbers(
     try:
         array = np.asarray(value)
     except ValueError:
-        # Rows of unequal length are no array; the message about them follows below.
+        # Rows of unequal length are no array. An error is raised below.
         array = np.array(None)
     # The shape as Python writes it, with a comma after a single length.
     needed = "(" + ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "") + ")"

@@ -398,7 +398,7 @@ class _AspectGraph:
         )
 
     def add_configurations(self, values: Floats, samples: Indices) -> Indices:
-        """Add configurations at samples of the grid, unless the graph has them already.
+        """Add configurations at samples of the grid, if the graph does not have these yet.
 
         The table `numbers_at_sample` has one row per sample, with the indices of the
         configurations at this sample:
@@ -534,8 +534,8 @@ class _AspectGraph:
         configurations are in one aspect (a part of the configurations without a singularity
         inside).
 
-        A path can lead to a configuration that is not in the graph yet. The configuration
-        is added, and paths are followed from there, too. This ends when no path leads to a
+        If a path leads to a configuration that is not in the graph yet, the configuration
+        is added, and paths are followed from there. The search ends when no path leads to a
         new configuration, or at the limit of time or of the number of configurations.
         """
         # Direction 2 k of the grid leads upwards along input k, and 2 k + 1 downwards.
@@ -583,8 +583,8 @@ class _AspectGraph:
         ends are connected if they are not singular.
 
         Connected configurations are an aspect (a part without singularities). If type I
-        (inputs can move while the output rests) also divides aspects, there is one more
-        condition. The determinant that vanishes at type I must keep its sign on the path.
+        (inputs can move while the output rests) divides aspects, the determinant that
+        vanishes at type I must keep its sign on the path.
 
         Parameters
         ----------
@@ -739,8 +739,8 @@ def _most_modes_at_a_sample(
     """Return the largest number of configurations that each aspect has at one sample.
 
     An aspect is a set of configurations that are connected without a singularity. Several
-    of them at one sample of the inputs are different assembly modes: ways to assemble the
-    mechanism.
+    configurations at one sample of the inputs are different assembly modes: ways to
+    assemble the mechanism.
 
     Parameters
     ----------

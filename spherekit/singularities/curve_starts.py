@@ -156,8 +156,8 @@ class LocusPointSearch:
             # The rest of the time is for following curves or surfaces from the points.
             slice_limit = self.time_limit.part(TIME_SHARE_OF_SLICES)
             self.section = cut(solver, ranges_of(mechanism), slices_of_each, slice_limit)
-        # Counters of the search. They decide when the search ends, and `completeness`
-        # reports them.
+        # Counters of the search, which decide when the search ends, and which
+        # `completeness` reports.
         self._random_starts = 0
         self._singular_points = 0
         self._searched_slice_curves = 0
@@ -240,7 +240,7 @@ class LocusPointSearch:
             return Completeness(Guarantee.SAMPLED, reason)
         if self.section is None:
             return self._completeness_of_random_starts(item)
-        # Notes say what was left out because of a time limit. They can be empty.
+        # Notes say what was left out because of a time limit, and can be empty.
         notes = [self.section.note, self.time_limit.note]
         if any(notes):
             reason = f"{self._searched_slice_curves} curves on slices were searched"
@@ -261,7 +261,7 @@ class LocusPointSearch:
             f"{self._singular_points} singular configurations; the last "
             f"{starts_without_result} starts led to no new {item}"
         )
-        # The note says what was left out because of the time limit. It can be empty.
+        # The note says what was left out because of the time limit, and can be empty.
         reasons = [reason, self.time_limit.note]
         return Completeness(Guarantee.SAMPLED, _join_reasons(reasons))
 
@@ -420,8 +420,8 @@ def _locked_input_conditions(
     choices = []
     for free_input in range(len(input_rows)):
         choices.append(np.delete(input_rows, free_input, 0))
-    # The last choice locks no input. Its equations 0 = 0 do no harm, because each step of
-    # Newton's method is the shortest one that satisfies all equations.
+    # The last choice locks no input. The equations 0 = 0 of this choice do no harm, because
+    # each step of Newton's method is the shortest one that satisfies all equations.
     choices.append(np.zeros_like(input_rows[1:]))
     choice_of_row = np.arange(row_count) % len(choices)
     return np.array(choices)[choice_of_row]

@@ -175,8 +175,8 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     def _end_closed_curves(self, rows: Indices) -> None:
         """End the second direction of curves that closed in the first direction.
 
-        Each curve is followed from its start in two directions. If it closes in the first
-        one, the second direction would only repeat it.
+        Each curve is followed from its start in two directions. If the curve closes in the
+        first direction, the second one would only repeat the curve.
 
         Parameters
         ----------

@@ -172,7 +172,7 @@ class LinkMotion:
     def rests(self, pole: Pole) -> Bools:
         """Return, for n configurations, whether both links of a pole move together.
 
-        They move together if their relative angular speed is at most a multiple of the
+        Links move together if their relative angular speed is at most a multiple of the
         rounding error of this speed.
         """
         speed, _ = self.speeds(pole)
@@ -301,8 +301,8 @@ def bound_velocity_rounding(
         (n,) whether curves cross in the configuration. Such configurations are computed by
         another method, which does not amplify rounding (k = 1).
     """
-    # With the tangent as a further row, the closure equations are square. They are regular
-    # except at crossings of curves.
+    # With the tangent as a further row, the closure equations are square. These square
+    # equations are regular except at crossings of curves.
     equations = bordered(jacobian, tangents)
     reciprocal_condition = bordered_reciprocal_condition(equations, left_inverse(equations))
     reciprocal_condition = np.maximum(reciprocal_condition, EPS)  # prevents division by 0
@@ -413,8 +413,8 @@ class CurveMotion:
         axes = self.pole_axes(start_and_s, poles)
         oriented: dict[Pole, Floats] = {}
         for pole, direction in axes.directions.items():
-            # This direction is less accurate where the links nearly rest. Only its sense is
-            # used.
+            # Only the sense of this direction is used, because the direction is less
+            # accurate where the links nearly rest.
             continuous = self._continuous_direction(start_and_s, pole)
             # The axis at the start keeps its sense. If this is opposite to the continuous
             # direction, all axes along the curve must be opposite to it.
@@ -432,7 +432,7 @@ class CurveMotion:
         axis of the pole, per unit of the arc length s of the curve.
 
         The axis does not jump to its opposite where the rate vanishes, so the rate changes
-        its sign smoothly there. It is not negative at the start of the curve.
+        its sign smoothly there. At the start of the curve the rate is not negative.
         """
         w, dw = self.links_at(s).relative(*pole)
         direction = self._continuous_direction(s, pole)
@@ -543,11 +543,10 @@ class CurveMotion:
     def _find_rest_points(self, pole: Pole) -> RestPoints | None:
         """Return all points of a curve at which two links rest relative to each other.
 
-        First the zeros of one component of their relative angular velocity are located.
-        The component is along `PROJECTION`, a constant vector that is hardly ever at
-        right angles to the velocity. The result has those zeros at which the whole
-        vector vanishes within its rounding error. It is None if the links rest on the
-        whole curve.
+        First the zeros of one component of their relative angular velocity are located. The
+        component is along `PROJECTION`, a constant vector that is hardly ever at right
+        angles to the velocity. The result has those zeros at which the whole vector
+        vanishes within its rounding error, or is None if the links rest on the whole curve.
 
         Zeros very near to an end at a crossing with other curves are left out. Rounding
         errors are large there, so any velocity may seem to be zero.
@@ -677,7 +676,7 @@ class CurveMotion:
         ----------
         s, is_double
             (k,) arc lengths of the zeros (rad), and whether they are double. Double zeros
-            are not changed: w' vanishes there as well, so the steps are not determined.
+            are not changed: w' vanishes at these, so the steps are not determined.
         pole
             The two links.
 

@@ -45,19 +45,20 @@ combines several axes. Larger: more conditions are reported beside crossings."""
 class FulfilledCondition:
     """A geometric condition that is fulfilled at a singular configuration.
 
-    It says that axes of relative rotation of links are parallel, or that planes through
-    such axes coincide.
+    The condition says that axes of relative rotation of links are parallel, or that planes
+    through such axes coincide.
 
     Attributes
     ----------
     label
         Name of the condition, such as ``III.4``: the type of singularity, and a number or
-        letter by which R. Di Gregorio's lecture on singularities names the condition.
+        letter. The names of type III are those of R. Di Gregorio's lecture on
+        singularities.
     words
         The condition in words, with the names of the links.
     residual
-        The largest sine of the angles between the axes or planes. It is 0 if the condition
-        is fulfilled exactly.
+        The largest sine of the angles between the axes or planes: 0 if the condition is
+        fulfilled exactly.
     certain
         Whether the residual is within the tolerance, which follows from the error bounds of
         the axes. False if the residual is between this tolerance and `UNDECIDED_FACTOR`
@@ -116,10 +117,9 @@ class CoincidentPlanes:
     def sine(self, poles: SixPoles) -> Floats:
         """Return how far (n,) the two planes are from coinciding, as the sine of an angle.
 
-        In general this is the angle between the planes. If the three axes of a plane are
-        parallel, they determine no plane. The angles of all six axes to the plane nearest
-        to them are then taken, and the largest sine is returned. The result is NaN if an
-        axis is unknown.
+        In general this is the angle between the planes. Three parallel axes determine no
+        plane. In this case the result is the largest sine of the angles of all six axes to
+        the plane nearest to these axes. The result is NaN if an axis is unknown.
 
         Parameters
         ----------
@@ -365,7 +365,7 @@ class RelationAt:
         "i" if the output is the rotation of link o relative to s, "ii" if it is the
         rotation relative to r.
     c, d
-        The coefficients. They follow from the directions of pole axes (axes of relative
+        The coefficients, which follow from the directions of pole axes (axes of relative
         rotation of two links) alone.
     residual
         Size of the difference c y' - d q', relative to the size of the rates y' and q'.
@@ -377,7 +377,7 @@ class RelationAt:
         coincide.
     note
         The type also follows from the rates: y' = 0 (I), q' = 0 (II) or both (III). If this
-        type is not `type`, the note says why. It is empty if both are the same.
+        type is not `type`, the note says why. The note is empty if both types are the same.
     """
 
     form: Form
@@ -531,8 +531,8 @@ def _explain_vanishing_coefficients(resting_links: Sequence[str]) -> str:
     """Return why both coefficients of an input-output relation vanish, as a phrase.
 
     The coefficients follow from the six pole axes (axes of relative rotation) of any two of
-    four links. They vanish if all six axes are in one plane. If some of the links rest
-    relative to each other, the phrase names these links as the cause.
+    four links. The coefficients vanish if all six axes are in one plane. If some of the
+    links rest relative to each other, the phrase names these links as the cause.
 
     Parameters
     ----------

@@ -298,7 +298,7 @@ def _third_axis_of_shared_reference(links: FourLinks) -> ThirdAxis:
     """Return the third axis if output o and input i both rotate relative to r (form ii).
 
     The third axis belongs to the rotation of o relative to i, which is the difference of
-    both rotations. If i is also s, the names "os" and "io" mean the same axis.
+    output and input. If s and i are the same link, "os" and "io" are the same axis.
     """
     name = "os" if links.s == links.i else "io"
     return ThirdAxis(name, SIGN_OF_D_FOR_DIFFERENCE, label_suffix="")

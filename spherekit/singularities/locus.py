@@ -96,9 +96,9 @@ class SingularityMeasure:
     def _square_matrix(self) -> Floats:
         """(n, k, k) the square matrix whose determinant is `value`.
 
-        It is the matrix B of `constrained_rates` if det B changes its sign across the locus
-        (the set of singular configurations). Otherwise it is B^T B. Both are singular in
-        the same configurations.
+        The matrix is B, that of `constrained_rates`, if det B changes its sign across the
+        locus (the set of singular configurations). If not, the matrix is B^T B. B and B^T B
+        are singular in the same configurations.
         """
         matrix = self.constrained_rates
         return matrix if self.changes_sign else np.swapaxes(matrix, 1, 2) @ matrix
@@ -107,8 +107,8 @@ class SingularityMeasure:
     def value(self) -> Floats:
         """(n,) determinant, zero in singular configurations.
 
-        It is det B of the matrix B of `constrained_rates`, or det(B^T B). Rows without a
-        configuration (NaN) have no determinant (NaN).
+        The value is det B of the matrix B of `constrained_rates`, or det(B^T B). Rows
+        without a configuration (NaN) have no determinant (NaN).
         """
         matrix = self._square_matrix
         is_finite = all_finite(matrix, (1, 2))
@@ -275,9 +275,8 @@ class _LinearisedLocus:
     space
         The g independent rates that close the loops.
     motion_space
-        The k independent rates of which x is a combination. They are those of `space`. If
-        only a part of the mechanism can move the output, they are those of this part, so
-        that motions of other links do not count as singular.
+        The k independent rates of which x is a combination. These are the rates of `space`,
+        or of the part of the mechanism that can move the output.
     unit_motions
         (n, V) the motions x, of length 1.
     motion_slopes
@@ -448,8 +447,8 @@ class SingularityLocus:
 
         In a singular configuration the inputs (type II) or the output (type I) rest in some
         motion x (unit rates that close the loops). The rates of the inputs, or of the
-        output, are E x. The measure is the smallest size of E x for any x. It is the
-        smallest singular value of E times an orthonormal basis of the motions.
+        output, are E x. The measure is the smallest size of E x for any x: the smallest
+        singular value of E times an orthonormal basis of the motions.
 
         Parameters
         ----------
@@ -512,10 +511,10 @@ class SingularityLocus:
         conditions, targets
             (n, b, V) and (n, b) matrices and right-hand sides of b linear equations in the
             variables, which select a point of the locus of g - 1 dimensions. With fewer
-            than g - 1 of them, Newton's steps are the shortest ones.
+            than g - 1 equations, Newton's steps are the shortest ones.
         reference
-            Bases at neighbouring points. Those of the result are aligned to these, so that
-            they change continuously from point to point.
+            Bases at neighbouring points. The bases of the result are aligned to these, so
+            that bases change continuously from point to point.
         max_steps
             Largest number of Newton steps.
 
@@ -601,8 +600,8 @@ class SingularityLocus:
         conditions, targets
             (n, b, V) and (n, b) linear equations in the variables that select a point.
         reference
-            Bases (of changes of configuration and motion) at neighbouring points. The bases
-            of the step are aligned with them. None without neighbours.
+            Bases (of changes of configuration and motion) at neighbouring points, with
+            which the bases of the step are aligned. None without neighbours.
         """
         values, motions = np.split(unknowns, 2, axis=1)
         # Part 1: `unit_motions` are the nearest unit rates that close the loops.

@@ -57,9 +57,9 @@ class NearMiss:
         Numbers of the assembly modes (ways to assemble the mechanism) that have the
         configuration.
     angle
-        The distance (rad) from the singularity. For type I it is the arctangent of the
-        velocity coefficient. For type II it is the arcsine of the transmission measure, a
-        number from 0 to 1 that states how firmly the locked input holds the output.
+        The distance (rad) from the singularity: for type I the arctangent of the velocity
+        coefficient, for type II the arcsine of the transmission measure. This measure
+        states from 0 to 1 how firmly the locked input holds the output.
     velocity_coefficient
         The absolute value of y'/q', the rate of the output divided by the rate of the
         input.
@@ -194,11 +194,12 @@ def _sine_limits(
     everywhere, which the limits take into account:
 
     - Type I: the tangent of the angle is the velocity coefficient (size of the output's
-      rate over that of the input's rate). In a gear reducer this is small throughout. If it
-      is below 1 on the whole curve, the upper limit is multiplied by its largest value.
-    - Type II: the sine of the angle says how firmly the locked input holds the output. It
-      is small if all arcs between the axes of links are small. Both limits are multiplied
-      by the largest sine of such an arc.
+      rate over that of the input's rate). In a gear reducer the coefficient is small
+      throughout. If the coefficient is below 1 on the whole curve, the upper limit is
+      multiplied by its largest value.
+    - Type II: the sine of the angle says how firmly the locked input holds the output. The
+      sine is small if all arcs between the axes of links are small. Both limits are
+      multiplied by the largest sine of such an arc.
 
     Parameters
     ----------
@@ -229,9 +230,9 @@ def least_transmission(
     """Return the transmission angle of an output that is nearest to type II.
 
     If a dyad (two links in series) places the output, its transmission angle is the acute
-    angle between the planes of the arcs of both links. It is 0 where the dyad is stretched
-    or folded. This is a singularity of type II: the output can move although the inputs are
-    locked. The smallest angle in the range of the input is found among the local minima
+    angle between the planes of the arcs of both links. The angle is 0 where the dyad is
+    stretched or folded, a singularity of type II: the output can move although the inputs
+    are locked. The smallest angle in the range of the input is found among the local minima
     along all configuration curves, also between samples, the ends of the range, and the
     crossings of curves.
 
@@ -331,8 +332,8 @@ def local_minima(
     """Return the local minima of the sine of an angle along a curve of configurations.
 
     The angle is a distance from a singularity, or a transmission angle. A minimum is a
-    point between two points with larger sines. It can also be an end of the curve, if the
-    sine is not smaller a little inwards.
+    point between two points with larger sines, or an end of the curve if the sine is not
+    smaller a little inwards.
 
     Parameters
     ----------

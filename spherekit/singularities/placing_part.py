@@ -94,8 +94,9 @@ def _find_smaller_part(whole: PositionAnalysis, links: Iterable[int]) -> Placing
 
     - Each assembly mode (way to assemble the links) of the whole mechanism contains one
       mode of the part. This is tested at some samples of the input.
-    - Whole and part have the same dead centres, at which the input turns back. Otherwise
-      links outside of the part would stop the input where the part alone moves on.
+    - Whole and part have the same dead centres, at which the input turns back. With other
+      dead centres, links outside of the part would stop the input where the part alone
+      moves on.
 
     Parameters
     ----------

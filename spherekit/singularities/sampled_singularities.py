@@ -73,8 +73,8 @@ class _CrossingDistances:
     """Distances of n configurations from the crossings of curves of configurations.
 
     A curve consists of the configurations that a mechanism with one input can reach. The
-    distance of two configurations is the largest difference of their variables (rad). It is
-    infinite if there is no crossing.
+    distance of two configurations is the largest difference of their variables (rad). All
+    distances are infinite if there is no crossing.
 
     Attributes
     ----------
@@ -436,8 +436,7 @@ class SampledSingularities:
     def _is_same_input(self, curve: int, periods_between: int) -> bool:
         """Return whether two inputs that differ by some periods count as the same input.
 
-        A period is the growth of the input after which configurations repeat. So the
-        mechanism has the same configuration at both inputs.
+        A period is the growth of the input after which configurations repeat.
 
         Parameters
         ----------
@@ -708,9 +707,8 @@ class SampledSingularities:
     def transmission_angles(self, values: Floats) -> list[Floats]:
         """Return the transmission angle of each output at configurations.
 
-        It is the transmission angle of the dyad (two links in series) that places the
-        output: the acute angle between the planes of both links. The links of a mechanism
-        are placed group by group. A dyad is the simplest such group.
+        The transmission angle is the acute angle between the planes of the two links in
+        series (dyad) that place the output.
 
         Parameters
         ----------
@@ -772,10 +770,10 @@ class SampledSingularities:
     def largest_arc_sine(self) -> float:
         """The largest sine of an arc between two axes of a link.
 
-        It is the scale of the transmission measure, which says how far a configuration is
-        from a singularity of type II. If all arcs are small, the mechanism is nearly
-        planar, and the measure is proportional to this sine. For mechanisms with contacts
-        the scale is 1, because not only the arcs but also the profiles have a size.
+        This sine is the scale of the transmission measure, which says how far a
+        configuration is from a singularity of type II. If all arcs are small, the mechanism
+        is nearly planar, and the measure is proportional to this sine. For mechanisms with
+        contacts the scale is 1, because profiles have a size, too.
         """
         mechanism = self.position_analysis.solver.mechanism
         if mechanism.has_contacts:
@@ -844,8 +842,8 @@ class SampledSingularities:
         Returns
         -------
         For each such end its arc length (rad), and the variables (variables,) of the
-        crossing (rad). They include the same whole revolutions as the variables at the end
-        of the curve.
+        crossing (rad). These variables include the same whole revolutions as those at the
+        end of the curve.
         """
         arc_curve = self.curves[curve]
         first_output = self.report.outputs[0]
@@ -864,8 +862,9 @@ class SampledSingularities:
     def _input_margin(self, number: int, output: int, kind: Type, s: Floats) -> Floats:
         """Return how far the input is from the input of the nearest singularity on a curve.
 
-        The curve consists of configurations. The singularities before and after each point
-        of the curve are compared, and the smaller difference of inputs is taken.
+        The curve consists of configurations. Each point has a difference of inputs to the
+        singularity before it, and one to the singularity after it. The smaller difference
+        is the result.
 
         Parameters
         ----------
@@ -901,8 +900,8 @@ class SampledSingularities:
 
         Crossings with other curves are included, because they are singular, too.
 
-        Singularities of a closed curve repeat in each lap. They are listed for three laps,
-        so that each point of the curve has one before and one after it.
+        Singularities of a closed curve repeat in each lap. Singularities are listed for
+        three laps, so that each point of the curve has one before and one after it.
 
         Parameters
         ----------

@@ -51,8 +51,8 @@ class RowType(IntEnum):
     The rates of all variables satisfy linear equations, which keep the loops closed. Where
     surfaces of configurations cross, these equations lose rank, and some solutions are no
     motions. A solution in which the output rests then does not prove type I. Such a
-    configuration counts as type II if a solution moves the output while the inputs rest.
-    Otherwise it counts as SELF_MOTION.
+    configuration counts as type II if a solution moves the output while the inputs rest,
+    and as SELF_MOTION if none does.
     """
 
     REGULAR = 0
@@ -480,9 +480,9 @@ def _find_single_input_motions(
 
     Each of the g columns of a matrix N is a motion: rates of all variables that close the
     loops. N_a are the rows of the g inputs in N. The motion of input i is a combination of
-    the columns. The coefficients are column i of the inverse of N_a. The adjugate (inverse
-    times det N_a) is used instead, because it is also finite at singularities. Input i then
-    has the rate det N_a.
+    the columns. The coefficients are column i of the inverse of N_a. In place of the
+    inverse, the adjugate (inverse times det N_a) is used, because it is finite at
+    singularities. Input i then has the rate det N_a.
 
     The output can be the orientation of a link, or only a direction of the link. In the
     second case, rotations of the link about this direction do not count as its rate.
@@ -502,7 +502,7 @@ def _find_single_input_motions(
     # that are divided by the size are then NaN, too.
     unique_sizes = _discard_ambiguous_motions(sizes)
 
-    # The rate of the input in its motion, det N_a. It is without sign if the signs of the
+    # The rate of the input in its motion, det N_a. The rate has no sign if the signs of the
     # columns of N are arbitrary.
     input_determinant = _determinant_with_sense(input_rates, space)
     # The components of the angular velocity that are zero if the output rests: two for a
@@ -543,9 +543,9 @@ def _turning_directions(angular_velocity: Floats, sizes: Floats) -> Floats:
 def _discard_ambiguous_motions(sizes: Floats) -> Floats:
     """Return the sizes (n, g) of motions with NaN for those that are not unique.
 
-    Each of the g motions moves one input while the others are locked. A size is the
-    size of all rates in the motion. It is zero, up to rounding, if the links can move
-    in several ways.
+    Each of the g motions moves one input while the others are locked. A size is the size of
+    all rates in the motion. The size is zero, up to rounding, if the links can move in
+    several ways.
     """
     largest_size = np.max(sizes, axis=1, keepdims=True)
     is_unique = sizes > SINGULAR_TRANSMISSION * largest_size
@@ -555,9 +555,8 @@ def _discard_ambiguous_motions(sizes: Floats) -> Floats:
 def _determinant_with_sense(input_rates: Floats, space: TangentSpace) -> Floats:
     """Return the determinant (n,) of the rates of the inputs in independent motions.
 
-    Its sign depends on the signs of the motions in the basis of `space`. Sometimes these
-    signs are arbitrary, for example if equations of the loops depend on each other. The
-    determinant is then returned without its sign.
+    The sign depends on the signs of the motions in the basis of `space`. If these signs are
+    arbitrary, the determinant is returned without its sign.
 
     Parameters
     ----------
@@ -744,8 +743,8 @@ def _smallest_output_size(occurring_rates: _OccurringRates) -> Floats:
     """Return the smallest size (n,) of the output's rates in a motion.
 
     The rates of inputs and output in a motion are scaled to a vector of length 1. The size
-    is that of the m rates of the output in this vector. It is zero in a singularity of type
-    I, where inputs can move while the output rests.
+    is that of the m rates of the output in this vector, zero in a singularity of type I,
+    where inputs can move while the output rests.
 
     If there are more independent motions than the m rates of the output, the output rests
     in some motions in every configuration. These motions say nothing and are not counted.
@@ -803,7 +802,7 @@ def what_vanishes(
     3. two axes coplanar with the pointing direction,
     4. the reason why none of these is decided.
 
-    For a self-motion the moving links are reported instead.
+    For a self-motion, the text has the moving links.
 
     Parameters
     ----------
@@ -813,8 +812,8 @@ def what_vanishes(
         Whether degrees of freedom are determined from the rank of the closure equations,
         instead of by counting links and pairs.
     pointing
-        (n, 3) the output direction, in axes of the output's reference link. It rests if the
-        output link turns about it. None if the orientation of the link is the output.
+        (n, 3) the output direction, in axes of the output's reference link. None if the
+        orientation of the link is the output.
 
     Returns
     -------

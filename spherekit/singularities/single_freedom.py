@@ -378,8 +378,8 @@ class SingleFreedomSingularities:
     def _points_on_curve(self, number: int, output: int) -> list[SingularPoint]:
         """Return the singularities of an output on a configuration curve.
 
-        They are the points at which the input or the output is at rest while the mechanism
-        moves along the curve.
+        Singularities are the points at which the input or the output is at rest while the
+        mechanism moves along the curve.
 
         Parameters
         ----------
@@ -468,8 +468,7 @@ class SingleFreedomSingularities:
 
         Returns
         -------
-        For each singularity its one or two relations. They use the axes of different links,
-        see `_choose_links`.
+        For each singularity its one or two relations.
         """
         poles = tuple(self.poles(output))
         axes = link_motion.pole_axes(poles, self._plan_poles(poles))
@@ -521,11 +520,9 @@ class SingleFreedomSingularities:
     def crossings(self) -> list[SingularPoint]:
         """The singularities at which the closure equations lose rank, for each output.
 
-        Generally several curves of configurations cross there. Each curve ends at the
-        crossing, because its direction behind the crossing is open. At a crossing, the
-        velocity equations have at least two independent solutions. In one combination of
-        these the input rests, and in another one the output rests. So the singularity is of
-        type III.
+        Generally several curves of configurations cross there. At a crossing, the velocity
+        equations have at least two independent solutions. In one combination of these the
+        input rests, and in another one the output rests. So the singularity is of type III.
         """
         points: list[SingularPoint] = []
         for curve_end in self._singular_curve_ends():
@@ -713,8 +710,7 @@ class _SingularCurveEnd:
     """A configuration at which curves of configurations end.
 
     The loop-closure equations lose rank at this configuration, and generally several curves
-    cross there. Each curve is followed up to the crossing only, because its direction
-    behind the crossing is open.
+    cross there.
 
     Attributes
     ----------
@@ -737,7 +733,7 @@ class _SingularCurveEnd:
 class InputOutputRests:
     """The n points of a curve of configurations where the input, the output, or both rest.
 
-    They are the singularities of the curve. The zeros of both rates are computed
+    These points are the singularities of the curve. The zeros of both rates are computed
     independently. A zero of the input's rate and a zero of the output's rate count as one
     point if they agree within their error bounds.
 
@@ -767,9 +763,9 @@ def find_input_output_rests(
 ) -> InputOutputRests:
     """Return the points at which an input or an output rests, in order of arc length.
 
-    They are zeros of the rates of input and output along the curve. If a zero of the input
-    and a zero of the output agree within their error bounds, they are one point at which
-    both rest. Neither may rest on the whole curve.
+    The points are zeros of the rates of input and output along the curve. If a zero of the
+    input and a zero of the output agree within their error bounds, they are one point at
+    which both rest. Neither may rest on the whole curve.
 
     Parameters
     ----------
@@ -844,7 +840,7 @@ def explain_doubts(
     - One point counts as a self-motion, at which input and output both rest. The input and
       the output may rest at two different points near each other.
     - Two neighbouring points count as different, one where the input rests and one where
-      the output rests. They may be the same point.
+      the output rests, but may be the same point.
 
     Parameters
     ----------
@@ -939,15 +935,15 @@ def _relative_rate(
 ) -> Floats:
     """Return the rate (n,) of the first of two links relative to the second.
 
-    It is the component of their relative angular velocity along their pole axis (axis of
-    relative rotation). It can be negative.
+    The rate is the component of the relative angular velocity along the pole axis (axis of
+    relative rotation) of both links.
 
     Parameters
     ----------
     motion
         Angular velocities of all links at n configurations.
     axes
-        (n, 3) unit vectors by pole. Their sense decides the sign of the rate.
+        (n, 3) unit vectors by pole. The sense of the vectors decides the sign of the rate.
     links
         Indices of the two links.
     """

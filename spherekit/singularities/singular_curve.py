@@ -122,8 +122,8 @@ class SingularCurve:
         components_of_nodes = np.vecdot(directions, self.nodes.values[chord_numbers])
         components = components_of_nodes + parts * lengths
         # At each point, all rates that close the loops are combinations of some basis
-        # vectors. Callers compare signs of determinants in this basis. So the basis is
-        # aligned with that of the first node of the chord, and no sign changes by chance.
+        # vectors. The basis is aligned with that of the first node of the chord, so that
+        # signs of determinants in this basis do not change by chance.
         first_node_bases = self.nodes.bases.rows(chord_numbers)
         points = self.locus.correct(
             values=start_values,
@@ -228,8 +228,8 @@ class SingularCurve:
         aligned with that of the node before, so signs of successive nodes are comparable.
 
         The last node of a closed curve is the first node again, with the basis of the first
-        node. Its value is therefore computed again, in a basis that is aligned with the
-        node before.
+        node. The value at the last node is computed again, in a basis that is aligned with
+        the node before.
         """
         node_values = function(self.nodes)
         if self.closed:
@@ -269,8 +269,9 @@ def cusp_determinants(points: LocusPoints) -> Floats:
 
     The singular motion has the rates with which the inputs or the output rest. With two
     degrees of freedom, the rates that close the loops are a plane. Tangent and singular
-    motion are vectors in it, with two coordinates each. The result (n,) is the determinant
-    of these coordinates. It changes its sign at a cusp, where both vectors are parallel.
+    motion are vectors in this plane, with two coordinates each. The result (n,) is the
+    determinant of these coordinates, which changes its sign at a cusp, where both vectors
+    are parallel.
     """
     # Axes of the arrays: point, variable, vector of the orthonormal basis of the plane.
     plane_basis = points.bases.motion

@@ -79,9 +79,8 @@ class CurveSeen:
     def cusps(self) -> SingularPoints:
         """Points at which the curve turns back in the plane of the inputs or of the output.
 
-        Such points are cusps. For type II they are seen in the plane of the two inputs,
-        for type I in the plane of the output. They are not computed for curves in
-        closed form.
+        Such points are cusps: in the plane of the two inputs for type II, in the plane of
+        the output for type I. Cusps are not computed for curves in closed form.
         """
         if self.traced is None:
             return self.points.rows(slice(0))

@@ -75,7 +75,7 @@ class SingularSurface:
     view
         The type of singularity, with the mechanism, its output and the ranges of inputs.
     nodes
-        The n vertices. They are singular configurations up to `points.residual`.
+        The n vertices, which are singular configurations up to `points.residual`.
     triangles
         (m, 3) indices of vertices. Variables at the ends of an edge may differ by whole
         revolutions in addition to the length of the edge.
@@ -203,33 +203,9 @@ class SingularSurface:
         part = first_distance / (first_distance + second_distance)
         guess = self._interpolate(ends, part[:, None])
 
-        # Newton's method moves the guess onto the surface. A surface has two dimensions, so
-        # two linear equations in the variables are added, which the guess satisfies. The
-        # first says that the input is at its limit. The surface has one tangent direction
-        # in which this input is constant. The second equation says that the point does not
-        # move in this direction.
-        driven = self.view.solver.driven
-        variable = driven[input_position]
-        unit_vectors = np.eye(guess.values.shape[1])
+        variable = self.view.solver.driven[input_position]
         tangents = self.nodes.tangents[ends[:, 0]]
-        # The tangent plane at the first end of the edge is used. This is accurate
-        # enough, because the second equation only selects one of the singular
-        # configurations with this input. (k, 2) is the change of the input along the
-        # two basis vectors of the plane. Turned by 90 deg in this plane, it is the
-        # direction along which the input is constant.
-        input_gradient = tangents[:, variable]
-        level_coordinates = input_gradient[:, ::-1] * [-1.0, 1.0]
-        second_rows = np.vecmat(level_coordinates, np.swapaxes(tangents, 1, 2))
-        # The mesh may have been cut before, at a limit of another input. Along the edges of
-        # that cut, the second equation says that the other input keeps its value. (The
-        # limited input itself is not constant along edges that cross its limit.)
-        for other_variable in driven:
-            # Change of the other input from the first end of an edge to the second.
-            edge_change = np.abs(guess.edge_vectors[:, other_variable])
-            is_constant = edge_change < EQUAL_INPUT_TOLERANCE_RAD
-            second_rows[is_constant] = unit_vectors[other_variable]
-        first_rows = np.broadcast_to(unit_vectors[variable], guess.values.shape)
-        equation_rows = np.stack([first_rows, second_rows], axis=1)
+        equation_rows = self._limit_equations(variable, tangents, guess.edge_vectors)
         # The guess is moved (in place) to the limit, without a jump by whole revolutions.
         guess.values[:, variable] += less_periods(
             limit - guess.values[:, variable], self.periods[variable]
@@ -237,6 +213,47 @@ class SingularSurface:
         # Cut these edges at the new points, and remove the vertices outside.
         new_points = self._correct(guess, equation_rows)
         return self._subdivide(crossing_edges, new_points, is_inside)
+
+    def _limit_equations(
+        self, variable: int, tangents: Floats, edge_vectors: Floats
+    ) -> Floats:
+        """Return two equations for each point at which an edge crosses a limit of an input.
+
+        Newton's method moves such a point onto the surface of singular configurations. Two
+        linear equations in the V pair variables select one point of the surface:
+
+        1. The input is at its limit.
+        2. The point does not move along the tangent direction of the surface in which the
+           input is constant. On an edge that lies on a limit of another input, this other
+           input keeps its value.
+
+        Parameters
+        ----------
+        variable
+            Index of the variable of the input.
+        tangents
+            (k, V, 2) orthonormal tangents of the surface at the first end of each edge.
+        edge_vectors
+            (k, V) differences of the variables from the first to the second end (rad).
+
+        Returns
+        -------
+        (k, 2, V) coefficients of both equations.
+        """
+        # (k, 2) changes of the input along the two tangents. Turned by 90 deg in the
+        # tangent plane, they are the direction along which the input is constant.
+        input_gradient = tangents[:, variable]
+        level_coordinates = input_gradient[:, ::-1] * [-1.0, 1.0]
+        second_rows = np.vecmat(level_coordinates, np.swapaxes(tangents, 1, 2))
+        unit_vectors = np.eye(edge_vectors.shape[1])
+        for other_variable in self.view.solver.driven:
+            # An edge lies on a limit of another input if this input is the same at both
+            # ends. (The limited input itself differs at the ends.)
+            edge_change = np.abs(edge_vectors[:, other_variable])
+            is_constant = edge_change < EQUAL_INPUT_TOLERANCE_RAD
+            second_rows[is_constant] = unit_vectors[other_variable]
+        first_rows = np.broadcast_to(unit_vectors[variable], edge_vectors.shape)
+        return np.stack([first_rows, second_rows], axis=1)
 
     @property
     def periods(self) -> Floats:
@@ -246,7 +263,7 @@ class SingularSurface:
     def _interpolate(self, edges: Indices, part: Floats | float) -> _EdgePoints:
         """Return points on edges of the mesh, by linear interpolation between the two ends.
 
-        They are starts of Newton's method, which moves them onto the surface.
+        From these points, Newton's method leads onto the surface.
 
         Parameters
         ----------
@@ -297,7 +314,7 @@ class SingularSurface:
         )
         distance = np.linalg.norm(points.values - guess.values, axis=1)
         edge_length = np.linalg.norm(guess.edge_vectors, axis=1)
-        # The negated comparison is also true for points that are NaN.
+        # The negated comparison is true for points that are NaN.
         points.residual[~(distance < 0.5 * edge_length)] = np.nan
         return points
 
@@ -402,8 +419,7 @@ def _inside_polygon(
 
     When a mesh is cut at a limit, the part of a triangle beyond the limit is removed. The
     vertices are the corners that are inside, and the new vertices on the sides. The list is
-    empty if nothing remains. It is also empty if a side has to be cut but has no new
-    vertex.
+    empty if nothing remains, or if a side has to be cut but has no new vertex.
 
     When a mesh is refined, all corners are inside, and sides can have a new vertex.
 

@@ -36,14 +36,14 @@ class SingularPoints(ArrayRows):
     """n singular configurations of a mechanism with g inputs and V pair variables.
 
     In a singular configuration a motion exists in which the inputs (type II) or the output
-    (type I) rest: the singular motion. It is a vector of rates of the V variables with
-    which the loops stay closed.
+    (type I) rest: the singular motion. The singular motion is a vector of rates of the V
+    variables with which the loops stay closed.
 
     Attributes
     ----------
     kind
-        The type that was looked for. It says what rests in `motion`: the inputs ("II"), the
-        output ("I"), or both ("self-motion").
+        The type that was looked for, which says what rests in `motion`: the inputs ("II"),
+        the output ("I"), or both ("self-motion").
     type
         (n,) the type of each configuration, as a number of
         `spherekit.singularities.several_inputs.RowType`. A configuration that is of types I
@@ -51,8 +51,8 @@ class SingularPoints(ArrayRows):
     values
         (n, V) pair variables (rad).
     motion
-        (n, V) rates of the singular motion, with norm 1. For types I and II, pairs that
-        cannot move the output are left out of the search. Their rates are then set to 0.
+        (n, V) rates of the singular motion, with norm 1. For types I and II, the rates of
+        pairs that cannot move the output are 0.
     inputs
         (n, g) values of the inputs (rad). Whole revolutions are added to the pair
         variables, so that the inputs are in their declared ranges or next to them.
@@ -198,8 +198,8 @@ class SingularityReport:
 
         In a singular motion the inputs rest (type II), the output rests (type I), or both
         (self-motion). The report looks for one of these types, which is the `kind` of all
-        points. Some points can also be of another type. The `type` of each point therefore
-        considers all its singular motions.
+        points. The `type` of each point considers all its singular motions, so some points
+        can be of another type.
 
         Parameters
         ----------

@@ -176,8 +176,8 @@ def _slice_starts(
     For each slice the variables (starts, V) of the configurations (rad).
     """
     # If all groups of links are dyads (two links joined by a pair), modes are computed by
-    # formulas in little time. Otherwise they have to be searched, so fewer values are
-    # examined.
+    # formulas in little time. For other groups modes have to be searched, so fewer values
+    # are examined.
     if solver.assembly.has_closed_form:
         value_count = FREE_INPUT_VALUES_OF_DYADS
     else:
@@ -296,9 +296,9 @@ def _spread_order(count: int) -> list[int]:
 def singular_points_on_slice(curve: ArcCurve, locus: SingularityLocus) -> LocusPoints:
     """Return the singular configurations of one type on a curve of configurations.
 
-    A function of the configuration (the measure) is zero at singular configurations. Its
-    zeros along the curve are located first. From each zero, Newton's method computes a
-    singular configuration more exactly. It also computes the singular motion: rates that
+    A function of the configuration (the measure) is zero at singular configurations. The
+    zeros of the measure along the curve are located first. From each zero, Newton's method
+    computes a singular configuration more exactly, with its singular motion: rates that
     close the loops while the inputs (or the output) rest.
 
     Parameters
@@ -312,8 +312,8 @@ def singular_points_on_slice(curve: ArcCurve, locus: SingularityLocus) -> LocusP
     def measure_along_curve(points: CurvePoints) -> tuple[Floats, Floats]:
         """Return a determinant that is zero in singular configurations, and its derivative.
 
-        The derivative is with respect to the arc length of the curve. Each is an array
-        (n,), for n points of the curve.
+        Determinant and derivative with respect to the arc length are arrays (n,), for n
+        points of the curve.
         """
         # All rates that close the loops. The columns of `space.basis` are orthonormal.
         space = locus.tangent_space(points.values)

@@ -27,7 +27,8 @@ from spherekit.wording import nearest
 class InputsLocked:
     """The condition E x = 0 that all inputs rest, for rates x of the V pair variables.
 
-    At a singularity of type II the mechanism can move with rates x that satisfy it.
+    At a singularity of type II the mechanism can move with rates x that satisfy this
+    condition.
 
     Attributes
     ----------
@@ -177,9 +178,9 @@ class OutputStationary:
     def _constrained_directions(self, linearisation: Linearisation) -> Floats:
         """Return unit vectors (n, m, 3) about which the output must not turn if it rests.
 
-        They are fixed in the output link, with components in the axes of body 0 (the
-        ground). If the output is an orientation, they are the three axes of the link. If it
-        is a pointing direction, they are two directions at right angles to it.
+        The vectors are fixed in the output link, with components in the axes of body 0 (the
+        ground). For an orientation, these are the three axes of the link. For a pointing
+        direction, these are two directions at right angles to the pointing direction.
         """
         link_directions = np.eye(3)
         if self.pointing is not None:
@@ -256,7 +257,7 @@ def output_of(
     number = mechanism.link_number
     direction = declared.direction if len(mechanism.inputs) == 2 else None
     if pointing is not None:
-        # A direction that the caller names takes precedence.
+        # A direction that is given takes precedence.
         direction = _unit_direction(mechanism, declared.link, pointing)
     return OutputStationary(number[declared.link], number[declared.relative_to], direction)
 

@@ -131,8 +131,7 @@ class SurfaceFront:
         """Cover the surfaces of singular configurations that `search` finds with triangles.
 
         Configurations with an input outside its range are no starts of a mesh. The mesh is
-        stored as `vertices` and `triangles`. It is not complete if the time limit is
-        reached.
+        stored as `vertices` and `triangles`, incomplete if the time limit is reached.
 
         Returns
         -------

@@ -43,10 +43,10 @@ class OutputPart:
         The variables among them that are inputs.
     variable_senses
         (V,) a factor for each variable of the whole mechanism. With these factors the
-        angular velocities of the pairs add up to the angular velocity of the output.
-        The sum runs along the path in the tree from the reference link to the output
-        link. The factor is +1 if the path goes from the first to the second link of the
-        pair, and -1 in the other sense. It is 0 for a pair that is not on the path.
+        angular velocities of the pairs add up to the angular velocity of the output. The
+        sum runs along the path in the tree from the reference link to the output link. The
+        factor is +1 if the path goes from the first to the second link of the pair, -1 in
+        the other sense, and 0 for a pair that is not on the path.
     """
 
     tree: LoopTree
@@ -168,7 +168,7 @@ class ConfigurationChanges:
 class TangentSpace:
     """Rates that close the loops, at n configurations of a mechanism with V variables.
 
-    They are the rates x with J x = 0, where J is the Jacobian of the loop closure. The
+    These are the rates x with J x = 0, where J is the Jacobian of the loop closure. The
     loops belong to the whole mechanism or only to an `OutputPart`. The space has k
     dimensions.
 

@@ -53,8 +53,8 @@ def check_reads(case: ConformanceCase) -> str:
     Reading an undeclared public attribute raises an error. To detect other ways of reading,
     all undeclared quantities are replaced by NaN. The tables must then stay the same.
 
-    An analysis may declare that it needs the tracer: the position analysis, which can
-    compute any configuration. Then no quantity is undeclared.
+    If an analysis declares that it needs the tracer (the position analysis, which can
+    compute any configuration), no quantity is undeclared.
 
     Returns
     -------
@@ -230,7 +230,8 @@ def check_failed_rows(case: ConformanceCase) -> str:
                 is_allowed = is_failed
                 if column.kind == "number":
                     is_allowed = is_failed & np.isnan(values)
-                # They become the expected values, so that they cause no difference.
+                # Allowed values become the expected values, so that these cause no
+                # difference.
                 expected[column.name] = np.where(is_allowed, values, expected[column.name])
         if fault := describe_difference(table, expected, computed):
             raise PluginError(

@@ -32,7 +32,7 @@ class Report:
     analysis
         Name of the analysis.
     lines
-        The lines. A line is also read by its name, as in ``report["blocks"]``.
+        The lines. ``report["blocks"]`` is the line with the name "blocks".
     """
 
     analysis: str

@@ -40,8 +40,8 @@ def describe_difference(
     expected, compared
         The columns of the two tables.
     is_variant
-        Whether `compared` is of a variant. Its numbers differ more by rounding. Columns
-        that describe the computation, such as error bounds, are then not compared.
+        Whether `compared` is of a variant. A larger tolerance applies to a variant. Columns
+        that describe the computation, such as error bounds, are not compared.
     rotation
         (3, 3) rotation of the mechanism of `compared`, None if it is not rotated. Vectors
         of `expected` are rotated before they are compared. Columns that depend on axes in
@@ -185,8 +185,8 @@ def match_rows(
     whole numbers. If a key occurs twice, rows cannot be identified, and both tables are
     returned unchanged.
 
-    A row about one link relative to another may be missing: with other numbers, the table
-    may have a row about the second link relative to the first instead.
+    A row about one link relative to another may be missing. With other numbers of links,
+    the table may have a row about the second link relative to the first in its place.
 
     Parameters
     ----------

@@ -102,8 +102,8 @@ def rename_links(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
     mechanism
         The mechanism.
     names
-        The new name of each link, by its old name. Their order becomes the order of the
-        links.
+        The new name of each link, by its old name. The order of the new names becomes the
+        order of the links.
     """
     geometry = mechanism.geometry
     # The geometry is stated either by sizes of links or by axes of pairs in a pose. Axes
@@ -129,7 +129,7 @@ def rename_parameters(
     """Return an analysis with the new names of links in its parameters.
 
     A parameter can be the name of a link or of a pole. A pole, the axis of the relative
-    rotation of two links, is named by them, such as ``4/1``.
+    rotation of two links, is named by both links, such as ``4/1``.
 
     Parameters
     ----------
