@@ -266,10 +266,10 @@ def _choose_mass_centre(tensor: Floats) -> MassCentre:
     same tensor about O. MuJoCo closes loops wrongly if the centre of mass is at O, so a
     centre away from O is chosen.
 
-    The second moments S of a body are the sum of mass times r r^T over its points r. They
-    follow from the tensor. A mass m and a centre c can belong to a real body if S - m c c^T
-    (the second moments about c) has no negative eigenvalues. The mass and the centre are
-    chosen as follows:
+    The second moments S of a body are the sum of mass times r r^T over its points r. The
+    second moments follow from the tensor. A mass m and a centre c can belong to a real body
+    if S - m c c^T (the second moments about c) has no negative eigenvalues. The mass and
+    the centre are chosen as follows:
 
     1. m = trace(S). The root mean square of the distances of the points from O is then 1 m.
     2. c is on the axis of the largest eigenvalue of S, where its distance from O may be up

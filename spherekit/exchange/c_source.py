@@ -263,7 +263,7 @@ def _prototype_comment(source: FormulaSource) -> str:
 def write_cpp(source: FormulaSource) -> str:
     """Return the formulas of a mechanism as a C++ header of templates.
 
-    The number type of variables, ``Scalar``, is a parameter of the templates. It may be a
+    The number type of variables, ``Scalar``, is a parameter of the templates, and may be a
     type for automatic differentiation. The number type of constants, ``Real``, follows from
     ``Scalar`` by the template `CONSTANT_OF`.
 
@@ -459,9 +459,9 @@ def _smooth_mode_head(source: FormulaSource, scalar: str) -> str:
     input.
 
     If positions have a closed form, the mode values are the signs of the dyads (groups of
-    two links), and the function returns nothing. Otherwise they are the pair variables
-    (joint angles, rad) of a known configuration, from which Newton's method starts. The
-    function then returns the input of that configuration.
+    two links), and the function returns nothing. Otherwise the mode values are the pair
+    variables (joint angles, rad) of a known configuration, from which Newton's method
+    starts. The function then returns the input of that configuration.
 
     Parameters
     ----------
@@ -470,7 +470,7 @@ def _smooth_mode_head(source: FormulaSource, scalar: str) -> str:
     scalar
         Name of the number type of the array, such as ``double``.
     """
-    # `step` is a step of Newton's method. It is empty if positions have a closed form.
+    # `step`, a step of Newton's method, is empty if positions have a closed form.
     has_closed_form = not source.formulas.step
     returned_type = "void" if has_closed_form else "double"
     return (

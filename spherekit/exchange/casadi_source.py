@@ -182,7 +182,7 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
     )
     # Parts of the text about the input of the known configuration: the array of inputs, the
     # end of the docstring, the line before the loop over the intervals, and the lines in
-    # it. They are empty in closed form.
+    # it. All parts are empty in closed form.
     input_lines = ""
     docstring_end = ""
     first_input = ""

@@ -65,8 +65,8 @@ class CouplingValues(NamedTuple):
         (n, K, m, m) derivatives of the coefficients with respect to each input (1/rad).
     turning
         (n, P, m, 3) for each of P poles (axes of relative rotation of two links) the
-        angular velocity of its first link relative to its second. It is per unit rate of
-        each input, in ground axes.
+        angular velocity of its first link relative to its second, per unit rate of each
+        input, in ground axes.
     """
 
     angles: Floats

@@ -44,8 +44,8 @@ def express_dependent_numbers(
     describe masses, loads and links that replace contacts. If a number of the file becomes
     an argument of the formulas, the dependent numbers have to follow it. The inertia of a
     mass that the file states by axes of pairs (joints) becomes an expression of the sizes
-    of links. Any other number is a linear function of the numbers that vary. Its slopes are
-    measured by changing these numbers.
+    of links. Any other number is a linear function of the numbers that vary. The slopes of
+    the function are measured by changing these numbers.
 
     Parameters
     ----------

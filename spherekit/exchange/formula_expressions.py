@@ -43,9 +43,9 @@ class Argument(NamedTuple):
     unit
         Unit of the argument, ``"as in the file"`` for sizes that are not angles.
     value
-        Value of a size in the mechanism file, in `unit`. It is 0 for the motion.
+        Value of a size in the mechanism file, in `unit`; 0 for the motion.
     key
-        Key of a size in the mechanism file, such as ``"links.2.arc"``. It is empty for the
+        Key of a size in the mechanism file, such as ``"links.2.arc"``; empty for the
         motion.
     """
 
@@ -66,8 +66,8 @@ class Mode(NamedTuple):
         The inputs (rad) of one known configuration of the mode.
     values
         The numbers that select the mode in the formulas. In closed form they are the signs
-        of the dyads (groups of two links). Otherwise they are the pair variables (joint
-        angles, rad) of the known configuration, from which Newton's method starts.
+        of the dyads (groups of two links). Otherwise the values are the pair variables
+        (joint angles, rad) of the known configuration, from which Newton's method starts.
     """
 
     number: int
@@ -127,8 +127,8 @@ class SmoothModes(NamedTuple):
     starts
         (intervals,) the input (rad) at which each interval begins; the first is -inf.
     mode_values
-        (intervals, modes, values) the mode values of each mode in each interval. They are
-        NaN if no configuration of the mode is known there.
+        (intervals, modes, values) the mode values of each mode in each interval, NaN if no
+        configuration of the mode is known there.
     inputs
         (intervals, modes) inputs (rad) of the configurations that have these values, NaN
         if none is known.
@@ -146,7 +146,8 @@ class SmoothModes(NamedTuple):
     def pieces(self, mode: int) -> list[ModePiece]:
         """Return the parts of the input's range in which a mode's values are constant.
 
-        A mode is one way to assemble the mechanism. Its values select it in the formulas.
+        A mode is one way to assemble the mechanism. The values select the mode in the
+        formulas.
 
         Parameters
         ----------
@@ -406,7 +407,8 @@ class Formulas:
                 ]
             )
             # Functions without a formula, such as the coordinates of a contact profile, are
-            # stored as series. They are evaluated at one of the arguments, an arc length.
+            # stored as series. The series are evaluated at one of the arguments, an arc
+            # length.
             series_values = [
                 table.evaluate(argument_rows[variable_row])
                 for table, variable_row in zip(self.tables, variable_rows, strict=True)

@@ -274,7 +274,7 @@ def refuse_link_sizes(mechanism: AnyMechanism, vary: Sequence[str]) -> None:
     The configurations of an assembly mode (way to assemble the mechanism) form a curve over
     the input. The curves of two modes can cross. If modes continue smoothly through
     crossings (option "pass"), the generated code contains the inputs of all crossings as
-    fixed numbers. These would be wrong for other sizes of links.
+    fixed numbers. The numbers would be wrong for other sizes of links.
 
     Parameters
     ----------
@@ -352,8 +352,8 @@ def _find_results(
     Most expressions come from `design_expressions`. A quantity such as "closure_2" tells
     whether the second dyad (two links with three revolute joints) can be assembled. The
     three axes are the corners of a spherical triangle with known arcs. The quantity is the
-    square of the triple product of the axes, computed from the arcs. It is negative if no
-    triangle has such arcs.
+    square of the triple product of the axes, computed from the arcs. The square is negative
+    if no triangle has such arcs.
 
     Parameters
     ----------
@@ -362,8 +362,7 @@ def _find_results(
     names
         Names of the quantities.
     can_omit
-        Whether quantities without an expression are left out. Otherwise they raise an
-        error.
+        Whether quantities without an expression are left out. If not, an error is raised.
     """
     closure_by_name = {
         f"{CLOSURE_PREFIX}{dyad + 1}": square
@@ -526,7 +525,7 @@ def _find_motion_arguments(
     used_symbols = _list_symbols(outputs)
     used_symbols |= {*design_expressions.sample_symbols[: len(inputs)]}
     argument_symbols = tuple(symbol for symbol in unit_by_symbol if symbol in used_symbols)
-    # A symbol is a node of an expression graph. It stores its name as its first argument.
+    # A symbol is a node of an expression graph whose first argument is the name.
     arguments = tuple(
         Argument(name=symbol.arguments[0], unit=unit_by_symbol[symbol])
         for symbol in argument_symbols

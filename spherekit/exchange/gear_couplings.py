@@ -289,9 +289,9 @@ class CoaxialEquation:
         The idler is a wheel between the two links, which turn about one axis of a carrier.
         Let x, z and y be the angular velocities of the first link, the idler and the second
         link relative to the carrier, each about its own axis. The equation u x + v y = 0
-        determines the ratio y / x. It is the product of the ratios z / x and y / z of the
-        two meshes. Both ratios get the same magnitude, sqrt(abs(y / x)), so that no wheel
-        is very small. The sign of z / x is free, and is chosen negative.
+        determines the ratio y / x, which is the product of the ratios z / x and y / z of
+        the two meshes. Both mesh ratios get the same magnitude, sqrt(abs(y / x)), so that
+        no wheel is very small. The sign of z / x is free, and is chosen negative.
 
         Parameters
         ----------
@@ -333,7 +333,7 @@ def find_gears(
     Parameters
     ----------
     hinges
-        All hinges of the model. They form a tree of links.
+        All hinges of the model, which form a tree of links.
     couplings
         The couplings, by joints. Factors of joints that are no hinges are ignored.
     first_new_link
@@ -395,8 +395,8 @@ def _write_equations(
 ) -> Floats:
     """Return the couplings of an imported model as equations between the rates of hinges.
 
-    A coupling is a linear equation between the rates of joints. It becomes a row of a
-    matrix, with a column for each hinge (revolute joint).
+    A coupling is a linear equation between the rates of joints. Each coupling becomes a row
+    of a matrix, with a column for each hinge (revolute joint).
 
     Parameters
     ----------
@@ -444,7 +444,7 @@ def construct_gears_with_ratio(
         these.
     ratio
         Angular velocity of the second gear, divided by the angular velocity of the first
-        gear. Both are relative to the carrier of the gears.
+        gear. Both angular velocities are relative to the carrier of the gears.
     """
     # `construct_bevel_gears` needs the factors u and v of an equation u x + v y = 0. There,
     # x is the angular velocity of the carrier relative to the first gear. So relative to
@@ -541,10 +541,11 @@ def _find_bevel_equations(
     relative to the carrier.
 
     All couples of links are tried as gears. A path of hinges (revolute joints) leads from
-    the first link to the second. Its first hinges must have one common axis, and all others
-    a second common axis. The link in between is the carrier. x is the sum of the rates of
-    the first hinges, and y the sum of the others, each rate with the sign of the hinge's
-    sense. The two links are gears if the couplings imply an equation u x + v y = 0.
+    the first link to the second. The first hinges of the path must have one common axis,
+    and all others a second common axis. The link in between is the carrier. x is the sum of
+    the rates of the first hinges, and y the sum of the others, each rate with the sign of
+    the hinge's sense. The two links are gears if the couplings imply such an equation of x
+    and y.
 
     Parameters
     ----------
@@ -588,10 +589,10 @@ def _find_coaxial_equations(
     """Yield the equations of coaxial gears that follow from the couplings of joints.
 
     A coupling is a linear equation between the rates of joints. Coaxial gears are two links
-    that are hinged to a third link, the carrier, about the same axis. Their equation is
-    u x + v y = 0, with the angular velocities x and y of the first and the second link
-    relative to the carrier. The equation must follow from the couplings. Coaxial gears do
-    not touch, so an idler wheel on the carrier transmits the motion.
+    that are hinged to a third link, the carrier, about the same axis. The gears have the
+    equation u x + v y = 0, with the angular velocities x and y of the first and the second
+    link relative to the carrier. The equation must follow from the couplings. Coaxial gears
+    do not touch, so an idler wheel on the carrier transmits the motion.
 
     Parameters
     ----------
@@ -603,14 +604,15 @@ def _find_coaxial_equations(
     for path in _link_paths(hinges):
         if len(path.hinges) != 2:
             continue
-        # Successive hinges about one axis are one group. Both hinges must be in one.
+        # Successive hinges about one axis are one group. Both hinges must be in one group.
         groups = _group_by_axis(hinges, path)
         if len(groups) != 1:
             continue
         axis = groups[0].axis
         # The path leads from the first link over the carrier to the second link. At each
-        # hinge, the link after the hinge turns relative to the link before it. Its angular
-        # velocity about `axis` is the rate of the hinge times `sense`, which is 1 or -1.
+        # hinge, the link after the hinge turns relative to the link before it. The relative
+        # angular velocity about `axis` is the rate of the hinge times `sense`, which is 1
+        # or -1.
         to_carrier, from_carrier = groups[0].hinges
         # x and y as sums of factors times the rates of all hinges.
         rotations = np.zeros((2, len(hinges)))

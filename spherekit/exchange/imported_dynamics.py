@@ -198,9 +198,9 @@ class ImportedDynamics:
 
         MuJoCo can add a moment of inertia (armature) about the axis of a hinge, such as the
         inertia of a motor's rotor. If the hinge is on the ground, a thin disc that turns
-        with the link has the same effect. Its moments about the other two axes are half as
-        large. If the hinge is on a moving link, no rigid body has this effect, so the
-        armature is left out with a note.
+        with the link has the same effect. The moments of the disc about the other two axes
+        are half as large. If the hinge is on a moving link, no rigid body has this effect,
+        so the armature is left out with a note.
         """
         rotors: dict[int, Floats] = {}
         for pair in self._linkage.pairs:
@@ -316,8 +316,8 @@ class ImportedDynamics:
         The force of an actuator may follow a control signal. At a hinge, such an actuator
         becomes an input of the mechanism and is no load; elsewhere it is left out. An
         actuator without control signal is a load if it exerts a torque at a hinge, or a
-        constant force or moment at a point of a body (a site). Otherwise it is left out.
-        The user gets a note on all that is lost.
+        constant force or moment at a point of a body (a site). Other actuators are left
+        out. The user gets a note on all that is lost.
         """
         mj_model = self._mj_model
         kinds = self._linkage.foreign_model.mujoco.mjtTrn
@@ -349,8 +349,9 @@ class ImportedDynamics:
     def _note_lost_control(self, actuator: int, name: str, is_at_joint: bool) -> None:
         """Add a note on what is lost of an actuator that is driven by a control signal.
 
-        At a hinge such an actuator becomes an input. Its feedback, a force that depends on
-        the angle or rate of the hinge, is lost. An actuator elsewhere is lost as a whole.
+        At a hinge such an actuator becomes an input. The feedback of the actuator, a force
+        that depends on the angle or rate of the hinge, is lost. An actuator elsewhere is
+        lost as a whole.
 
         Parameters
         ----------

@@ -118,8 +118,8 @@ def _find_half_width(
     rates = np.linalg.lstsq(equations, right_sides, rcond=None)[0]  # (pairs, inputs)
     half_width = float(np.pi)
     for pair, pair_rates in zip(pairs, np.abs(rates), strict=True):
-        # Largest rate of the pair if all unlimited inputs have rates of 1 or -1. It is zero
-        # up to rounding if the pair does not depend on these inputs.
+        # Largest rate of the pair if all unlimited inputs have rates of 1 or -1. The rate
+        # is zero up to rounding if the pair does not depend on these inputs.
         total_rate = sum(pair_rates[inputs.index(k)] for k in unlimited_inputs)
         if pair.joint in linkage.joint_limits and total_rate > LEAST_RATE_RATIO:
             low, high = linkage.joint_limits[pair.joint]

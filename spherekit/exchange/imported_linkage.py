@@ -349,7 +349,7 @@ class ImportedLinkage:
         """Return the indices of the hinges of ball joints that are to be left out.
 
         A ball joint was replaced by three hinges. The joint does not constrain its links,
-        since all links turn about the centre of the sphere. Its hinges would double the
+        since all links turn about the centre of the sphere. The hinges would double the
         number of assembly modes (ways to assemble the links). The hinges are kept only if
         the links are not connected without the ball joint, directly or through further
         links.
@@ -421,8 +421,8 @@ class ImportedLinkage:
         Parameters
         ----------
         text
-            The name of the pair. It is changed if another pair has it, or if it has
-            characters that names in a mechanism file can't have.
+            The name of the pair. A name that another pair has, or with characters that
+            names in a mechanism file can't have, is changed.
         links
             Numbers of the first and the second link.
         axis
@@ -430,9 +430,9 @@ class ImportedLinkage:
         value
             Variable (joint angle, rad) in the pose of the model.
         joint
-            Number of the joint of the model. It is -1 for a pair that is no joint in the
-            model: a pair that closes a loop, or a pair that carries an idler wheel (a wheel
-            added between two gears).
+            Number of the joint of the model. The number is -1 for a pair that is no joint
+            in the model: a pair that closes a loop, or a pair that carries an idler wheel
+            (a wheel added between two gears).
         """
         name = self.make_unique_name(text, (pair.name for pair in self.pairs))
         self.pairs.append(ImportedPair(name, links, axis, value, joint))

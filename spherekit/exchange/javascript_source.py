@@ -90,7 +90,8 @@ def write_javascript(source: FormulaSource) -> str:
     follow:
 
     - Functions that the formulas contain, such as the profile of a contact (a curve on a
-      link along which it is touched). They are tables of Chebyshev coefficients (series).
+      link along which it is touched). Such functions are tables of Chebyshev coefficients
+      (series).
     - The formulas. If there is no closed form, a step of Newton's method is one of these
       functions.
     - A function that returns the mode values at an input, if they depend on the input.
@@ -128,7 +129,7 @@ def _write_function(source: FormulaSource, function: SourceFunction) -> str:
 
     - The function of the formulas writes to the array ``result`` and returns it.
     - If positions have no closed form, another function makes one step of Newton's method.
-      Its argument ``variables`` has approximate pair variables (joint angles), which the
+      The argument ``variables`` has approximate pair variables (joint angles), which the
       step improves in place. The function returns the closure residual: how far the loops
       were open before the step.
     """
@@ -167,9 +168,9 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
           return mode;
         }
 
-    If the formulas have a closed form, the written function returns the array. Otherwise it
-    returns the input of the known configuration, from which steps of Newton's method lead
-    to q. Nothing is yielded if the mode values do not depend on q.
+    If the formulas have a closed form, the written function returns the array. Otherwise
+    the written function returns the input of the known configuration, from which steps of
+    Newton's method lead to q. Nothing is yielded if the mode values do not depend on q.
     """
     if source.smooth_modes is None:
         return

@@ -105,8 +105,8 @@ def write_julia(source: FormulaSource) -> str:
     assemble the mechanism), such as the signs of dyads (groups of two links). Julia
     functions follow:
 
-    - Functions that the formulas contain, such as profiles of contacts. They are stored as
-      tables of Chebyshev coefficients (series).
+    - Functions that the formulas contain, such as profiles of contacts, stored as tables of
+      Chebyshev coefficients (series).
     - The formulas. If there is no closed form, a step of Newton's method is one of these
       functions.
     - A function that returns the mode values at an input, if they depend on the input.

@@ -399,12 +399,12 @@ def _find_new_frame(axes: Mapping[str, Floats]) -> Floats:
 
     Returns
     -------
-    (3, 3) matrix with the x, y and z axes of the frame in its rows. It rotates vectors to
-    this frame.
+    (3, 3) matrix with the x, y and z axes of the frame in its rows. The matrix rotates
+    vectors to this frame.
     """
     first_name = next(iter(axes))
     # Unit vectors: towards the second pair axis, at right angles to it, and along the first
-    # pair axis. They form a right-handed frame.
+    # pair axis. The three vectors form a right-handed frame.
     toward, across, first = reference_frame(axes, first_name).T
     return np.stack([-across, toward, first])
 

@@ -55,7 +55,7 @@ class CoefficientFormulas:
     Parameters
     ----------
     formula_list
-        The list to which formulas are added. It has the formulas of the positions.
+        The list to which formulas are added, with the formulas of the positions.
     mechanism
         The mechanism.
     positions
@@ -89,14 +89,14 @@ class CoefficientFormulas:
         Parameters
         ----------
         formula_list
-            The list to which formulas are added. It has the formulas of the positions.
+            The list to which formulas are added, with the formulas of the positions.
         mechanism, positions
             The mechanism, and the formulas of its positions.
         pole_plans
             For each input the steps in which poles follow from poles that are known.
         input_suffixes
-            For each input the text that ends the names of quantities while it moves. It is
-            empty for the only input.
+            For each input the text that ends the names of quantities while it moves; empty
+            for the only input.
         """
         self._formula_list = formula_list
         self._mechanism = mechanism
@@ -157,11 +157,11 @@ class CoefficientFormulas:
 
         A body is a set of links that are rigid with each other while the other inputs are
         locked. The pole of two bodies is the axis of their relative rotation. If a pair
-        (joint) joins the bodies, the pole is its axis, called primary. Otherwise it is the
-        line common to two planes (Aronhold and Kennedy). Each plane is spanned by the poles
-        of the two bodies relative to a third body. The line is the cross product of the
-        normals of the two planes. Poles are found in passes; each pass uses the poles of
-        earlier passes.
+        (joint) joins the bodies, the pole is its axis, called primary. Otherwise the pole
+        is the line common to two planes (Aronhold and Kennedy). Each plane is spanned by
+        the poles of the two bodies relative to a third body. The line is the cross product
+        of the normals of the two planes. Poles are found in passes; each pass uses the
+        poles of earlier passes.
 
         Returns
         -------
@@ -327,8 +327,8 @@ class CoefficientFormulas:
     def _write_axis_derivatives(self, input_index: int) -> dict[ExpressionNode, Expr]:
         """Write the derivatives of the axes of all pairs (joints) with respect to an input.
 
-        An axis is fixed in both links of its pair. Its derivative is the cross product of
-        the angular velocity of a link (per unit rate of the input) and the axis.
+        An axis is fixed in both links of its pair. The derivative of the axis is the cross
+        product of the angular velocity of a link (per unit rate of the input) and the axis.
 
         Returns
         -------

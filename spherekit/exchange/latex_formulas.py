@@ -47,7 +47,7 @@ class LatexFormulas:
         Numbers of the driven pairs.
     input_suffixes
         For each input the text that ends the names of derivatives with respect to this
-        input. It is empty if there is only one input.
+        input; empty if there is only one input.
     pole_plans
         For each input the plan of the poles (axes of relative rotations) while it moves.
     omitted_loads
@@ -87,7 +87,7 @@ class LatexFormulas:
         input_names = mechanism.names_of(self.inputs)
         self.formula_list = FormulaList(mechanism, len(input_names))
         # With several inputs, each derivative is with respect to one input while the others
-        # are locked. Its name ends in the name of this input.
+        # are locked. The name of the derivative ends in the name of this input.
         self.input_suffixes = [""]
         if len(input_names) > 1:
             self.input_suffixes = [f"_by_{name}" for name in input_names]

@@ -206,8 +206,8 @@ class PositionFormulas:
             r"\ddot{q}", "its acceleration (rad/s$^2$)"
         )
         # Symbols of the variables of all pairs: q for inputs, theta for passive pairs.
-        # Their index is the second link and the first one, from which the angle is
-        # measured. An axis has no such order, so its index begins with the larger number.
+        # Their index is the second link and the first link, from which the angle is
+        # measured. The index of an axis begins with the larger number.
         self.pair_angles = [
             make_symbol(rf"\theta_{{{formula_list.join_labels(second, first)}}}")
             for first, second in mechanism.ends
@@ -503,7 +503,7 @@ class PositionFormulas:
     def _place_by_reference_arc(self, link: int, pair: int, tangent: Expr) -> None:
         """Write the frame of a link from its axis and reference arc at a pair (joint).
 
-        The reference arc begins at the axis of the pair. It ends at k, the first axis of
+        The reference arc begins at the axis of the pair, and ends at k, the first axis of
         the link. If the pair has the axis k itself, the reference arc ends at the second
         axis of the link.
 
@@ -739,10 +739,10 @@ class PositionFormulas:
         tangent
             The unit tangent at k of the arc from k to `axis`.
         axis
-            Any axis of the link except its first. Its azimuth is the angle about k from the
-            second axis to this axis.
+            Any axis of the link except its first. The azimuth of this axis is the angle
+            about k from the second axis to this axis.
         i
-            The vector i if it is known. Otherwise it is written as j x k.
+            The vector i if it is known; by default the formula i = j x k is written.
         """
         formula_list = self._formula_list
         k = self._axes_by_link[link][0].vector  # the symbol of the first axis

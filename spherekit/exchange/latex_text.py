@@ -198,8 +198,8 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
     Parameters
     ----------
     node
-        The product as an expression. It shows whether factors are equal, or numbers. Only
-        the first factor can be a number.
+        The product as an expression, which shows whether factors are equal, or numbers.
+        Only the first factor can be a number.
     arguments
         The two factors of the product as LaTeX.
     """

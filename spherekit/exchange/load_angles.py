@@ -38,8 +38,8 @@ def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[st
     angles only up to whole turns. If a pair (joint) swings over less than a turn, the
     actual angle is the value nearest to the middle of the swing. The swing is the range of
     the angle in all assembly modes (ways to assemble the mechanism) together, over a whole
-    turn of the input. It must be less than a turn by `LEAST_GAP_RAD`, because it is known
-    at samples only.
+    turn of the input. The swing must be less than a turn by `LEAST_GAP_RAD`, because the
+    angle is known at samples only.
 
     The result is empty if the mechanism has several inputs or contacts.
 

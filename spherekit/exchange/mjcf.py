@@ -143,8 +143,8 @@ class MujocoModel:
         """Choose the bodies and names of the model. The property `text` writes the model.
 
         MuJoCo moves bodies on the joints of a tree, and closes loops by constraints. A pair
-        (joint of the mechanism) that closes a loop is therefore a constraint. But a load at
-        a pair needs a joint of the tree. So if a pair with a load closes a loop, one of its
+        (joint of the mechanism) that closes a loop is therefore a constraint. A load at a
+        pair needs a joint of the tree. If a pair with a load closes a loop, one of its
         links gets a second body (twin). The pair is then the joint of the twin, and a weld
         joins both bodies of the link.
 
@@ -181,7 +181,8 @@ class MujocoModel:
             else:
                 self._loaded_loop_hinges.append(hinge)
         # Bodies are the links and the couplers. A coupler is a body without mass between
-        # the centres of two circles that slide on each other. It replaces their contact.
+        # the centres of two circles that slide on each other. The coupler replaces the
+        # contact of the circles.
         children = [hinge.child for hinge in self._rigid_bodies.hinges]
         body_names = list(dict.fromkeys([*mechanism.links, *children]))
         link_by_twin_pair = {hinge.pair: hinge.child for hinge in self._loaded_loop_hinges}
@@ -194,8 +195,8 @@ class MujocoModel:
 
         Axes and arcs of a spherical mechanism are angles, so they have no size in metres.
         Only centres of mass have a size in metres. The radius is therefore the distance of
-        the farthest stated centre of mass from the centre of the sphere. It is 1 m if the
-        file states none.
+        the farthest stated centre of mass from the centre of the sphere, or 1 m if the file
+        states none.
         """
         # If the export has invented the masses, the centres of mass mean nothing.
         if self._rigid_bodies.has_made_up_masses:
@@ -214,8 +215,8 @@ class MujocoModel:
         """Return sentences on everything that the model leaves out or has in another form.
 
         The sentences name omitted loads, limits that MuJoCo enforces only softly, and
-        masses that are invented because the file has none. They also name links with a
-        chosen mass, because the file has only an inertia tensor.
+        masses that are invented because the file has none. Further sentences name links
+        with a chosen mass, because the file has only an inertia tensor.
         """
         mechanism = self._mechanism
         rigid_bodies = self._rigid_bodies
@@ -298,7 +299,7 @@ class MujocoModel:
         _set_rotation(ground, rigid_bodies.rotations[0])
         self._add_appearance(ground, mechanism.ground)
         self._add_bodies(ground, mechanism.ground)
-        # Sites are marked points. Those of the ground show axes for forces and moments.
+        # Sites are marked points. Sites of the ground show axes for forces and moments.
         self._add_ground_sites(part_by_tag["worldbody"])
         self._add_loops(part_by_tag["tendon"], part_by_tag["equality"])
         self._add_actuators(part_by_tag["actuator"])
@@ -462,7 +463,7 @@ class MujocoModel:
         body
             Element of the body.
         inertia
-            Inertia of the whole link in ground axes. Its tensor is about the centre of
+            Inertia of the whole link in ground axes, with the tensor about the centre of
             mass.
         """
         twin_count = sum(hinge.child == inertia.link for hinge in self._loaded_loop_hinges)
@@ -533,8 +534,8 @@ class MujocoModel:
     def _add_output_sites(self, body: Element, link: str) -> None:
         """Add a yellow point for each output of a link that has a direction.
 
-        An output is a link whose motion is of interest. It may have a direction in the link
-        that is observed. The point is drawn in this direction from the centre.
+        An output is a link whose motion is of interest. An output may have a direction in
+        the link that is observed. The point is drawn in this direction from the centre.
         """
         radius = self._radius
         for output in self._mechanism.outputs:
@@ -652,9 +653,9 @@ class MujocoModel:
         if has_made_up_masses:
             return
         for load, attributes in self._loads.actuator_loads:
-            # A force or moment acts at a site, a marked point of a body. Its components can
-            # be in the axes of another site, "refsite". The attributes get the final names
-            # of both sites here.
+            # A force or moment acts at a site, a marked point of a body. The components of
+            # the force or moment can be in the axes of another site, "refsite". The
+            # attributes get the final names of both sites here.
             named_attributes = dict(attributes)
             if "site" in attributes:
                 named_attributes["site"] = self._names.load_sites[load.name]

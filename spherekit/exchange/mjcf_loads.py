@@ -48,9 +48,9 @@ class MujocoLoads:
     actuator_loads
         Other loads, each with the attributes of the actuator (drive) that exerts it in
         MuJoCo. An actuator without a control signal can exert a torque b0 + b1 angle + b2
-        rate at a pair, with constants b. It can also exert a constant force or moment on a
-        link. Such a load acts at a site (marked point of a body). In the attributes, the
-        name of the load stands for the name of the site.
+        rate at a pair, with constants b. Such an actuator can also exert a constant force
+        or moment on a link. Such a load acts at a site (marked point of a body). In the
+        attributes, the name of the load stands for the name of the site.
     reason_by_omitted_load
         For each load that MuJoCo cannot express, by name, the reason.
     approximations
@@ -172,8 +172,8 @@ def _actuator_attributes(mechanism: Mechanism, load: ActuatorLoad) -> Attributes
 
     - ``joint``: the pair (joint) at which a torque acts;
     - ``site``: the point of a link at which a force or moment acts;
-    - ``refsite``: the site in whose axes the vector of a force or moment is stated. It is a
-      site of the ground. Without ``refsite`` the axes of ``site`` are used;
+    - ``refsite``: the site in whose axes the vector of a force or moment is stated, a site
+      of the ground. Without ``refsite`` the axes of ``site`` are used;
     - ``gear``: (6,) the vector of the force, then the vector of the moment. The name is
       MuJoCo's;
     - ``biasprm``: three factors b. The magnitude, by which ``gear`` is multiplied, is
@@ -325,7 +325,7 @@ def _compute_affine_factors(
     """
     variables = symbols(variable_names)
     # `convert_to_graph` takes two symbols for each variable: the angle, and the angle
-    # without whole revolutions. Both are the same here.
+    # without whole revolutions. Both symbols are the same here.
     expression_pair_by_name = {
         name: (variable, variable)
         for name, variable in zip(variable_names, variables, strict=True)

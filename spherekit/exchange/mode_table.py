@@ -109,8 +109,8 @@ class ModeCandidate:
     The formulas are evaluated at the inputs of n known configurations of the mode. The mode
     is exported if the formulas compute the same configurations.
 
-    In the formulas, a few numbers select the mode: its mode values. They can change at
-    inputs at which curves of configurations cross. These crossings divide the range of the
+    In the formulas, a few numbers select the mode: its mode values. Mode values can change
+    at inputs at which curves of configurations cross. Crossings divide the range of the
     input into intervals. Without crossings there is one interval.
 
     Attributes
@@ -325,8 +325,8 @@ def _sample_intervals(crossing_inputs: Floats, low: float, high: float) -> Float
     """
     # gaps[k] and gaps[k + 1] are the distances of crossing k from its neighbours.
     gaps = np.diff(crossing_inputs, prepend=-np.inf, append=np.inf)
-    # Distance of the inputs beside each crossing. It is at most a tenth of the gap to the
-    # next crossing, so these inputs stay in the two adjacent intervals.
+    # Distance of the inputs beside each crossing. The distance is at most a tenth of the
+    # gap to the next crossing, so these inputs stay in the two adjacent intervals.
     distance = np.minimum(
         BESIDE_CROSSING_RAD, MAX_BESIDE_RATIO * np.minimum(gaps[:-1], gaps[1:])
     )
@@ -348,8 +348,8 @@ def _join_mode_values(
 ) -> SmoothModes:
     """Return the mode values of all modes in the intervals of the input.
 
-    A mode is one way to assemble the links. It follows a smooth curve of configurations,
-    which crosses other curves.
+    A mode is one way to assemble the links. Each mode follows a smooth curve of
+    configurations, which crosses other curves.
 
     Mode values are the numbers that select a mode in the formulas. Crossings divide the
     range of the input into intervals, and a mode can have other values in each of them.
@@ -438,8 +438,8 @@ def _find_candidate(
     position_analysis, sampled_motion
         The position analysis of the mechanism, and its motion at `MODE_SAMPLES` samples.
     crossing_inputs
-        Inputs (rad) at which curves of configurations cross. They divide the range into
-        intervals, in which the mode has different values if it follows a smooth curve.
+        Inputs (rad) at which curves of configurations cross. The crossings divide the range
+        into intervals, in which the mode has different values if it follows a smooth curve.
     varied, terms
         The mechanism of the formulas, and the terms from which they are built. The formulas
         can belong to an equivalent linkage, in which links replace contacts of circles.
@@ -663,8 +663,8 @@ def _compute_deviations(
     Returns
     -------
     For each candidate an array (n,): in each of its n configurations, the largest
-    difference (rad) of a variable between formulas and mechanism. It is NaN where the
-    formulas do not close.
+    difference (rad) of a variable between formulas and mechanism; NaN where the formulas do
+    not close.
     """
     if not candidates:
         return []

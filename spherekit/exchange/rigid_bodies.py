@@ -95,8 +95,8 @@ class RigidBodies(NamedTuple):
         First the hinges of the tree, depth first, so that the hinges of each subtree follow
         each other, as Pinocchio assumes. Then the hinges of couplers. A coupler is a body
         that replaces the contact of two circles that slide on each other, because their
-        centres have a constant distance. Its hinge at the centre of the first circle joins
-        it to the first link.
+        centres have a constant distance. The hinge of a coupler at the centre of the first
+        circle joins the coupler to the first link.
     bodies
         Inertia of the bodies. Body k is the child of hinge k.
     loop_hinges

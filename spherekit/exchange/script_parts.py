@@ -65,7 +65,7 @@ class SmoothModeTexts:
 
     - Formulas in closed form need the sign of each dyad (two links and three R pairs),
       because each dyad can be assembled in two ways.
-    - Other formulas are steps of Newton's method. They need a start, which is a known
+    - Other formulas are steps of Newton's method. The steps need a start, which is a known
       configuration of the mode: the variables (rad) of all pairs.
 
     A mode can follow a smooth curve of configurations through crossings with other modes.
@@ -112,7 +112,8 @@ def smooth_mode_texts(
         NaN and infinity in the language.
     moved_template
         Template of the lines that move an input from outside of the range into it, by whole
-        periods. They are written only if configurations repeat after a period of the input.
+        periods. The lines are written only if configurations repeat after a period of the
+        input.
     """
     smooth_modes = source.smooth_modes
     assert smooth_modes is not None

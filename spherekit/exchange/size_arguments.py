@@ -279,8 +279,8 @@ def _compute_least_effects(
     (r,) smallest change that counts as an effect, in the unit of the result.
     """
     result_units = list(formulas.results.values())
-    # Variables after a step of Newton's method are angles. They have the empty unit here,
-    # which is one of the `KINEMATIC_UNITS` like "rad".
+    # Variables after a step of Newton's method are angles. Their unit here is the empty
+    # text, one of the `KINEMATIC_UNITS` like "rad".
     variable_units = [""] * len(formulas.step)
     units = result_units + variable_units
     # A result that is zero up to rounding has no scale of its own. For angles and velocity
@@ -307,7 +307,7 @@ def _has_effect(values_before: Floats, values_after: Floats, least_effect: Float
     """
     is_nan_twice = np.isnan(values_after) & np.isnan(values_before)
     change = np.where(is_nan_twice, 0.0, np.abs(values_after - values_before))
-    # The difference from a single NaN is NaN. It counts as infinitely large.
+    # The difference from a single NaN is NaN, which counts as infinitely large.
     change = np.nan_to_num(change, nan=np.inf)
     return bool(np.any(change > least_effect[:, None]))
 
@@ -330,7 +330,7 @@ def _estimate_noise(
 
     Returns
     -------
-    (r,) largest change of each result, in its unit. It is 0 for results that are NaN.
+    (r,) largest change of each result, in its unit; 0 for results that are NaN.
     """
     random = np.random.default_rng(0)
     before = evaluate(*arguments)

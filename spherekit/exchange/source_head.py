@@ -75,15 +75,16 @@ def _argument_lines(source: FormulaSource) -> Iterator[str]:
     The lines are a part of the comment at the head of an exported source file. The
     arguments are arrays: the motion (inputs, rates, ...), the mode values, and the sizes
     (numbers of the mechanism file). Mode values select the assembly mode (way to assemble
-    the mechanism). In closed form they are the signs of the dyads (two links and three R
-    pairs). Otherwise they are the pair variables from which Newton's method starts.
+    the mechanism). In closed form mode values are the signs of the dyads (two links and
+    three R pairs). Otherwise mode values are the pair variables from which Newton's method
+    starts.
     """
     formulas = source.formulas
     # `step` has the expressions of a step of Newton's method. It is empty in closed form.
     if formulas.step:
         mode_notes = ["rad"] * len(formulas.mode_value_names)
     else:
-        # There is one sign for each dyad. Its note names the middle pair of the dyad.
+        # There is one sign for each dyad. The note names the middle pair of the dyad.
         mode_notes = [_sign_note(formulas, pair) for pair in formulas.middle_pairs]
     notes_by_array = {
         "motion": [(argument.name, argument.unit) for argument in formulas.motion],
@@ -174,7 +175,7 @@ def _method_sentences(source: FormulaSource) -> str:
         "No iteration is needed; results are NaN at inputs at which the mode cannot be "
         "assembled."
     )
-    # `smooth` has the mode values by intervals of the input. It is None if modes keep their
+    # `smooth` has the mode values by intervals of the input, or is None if modes keep their
     # signs for all inputs.
     keeps_signs = source.formulas.mode_table.smooth is None
     if not keeps_signs:

@@ -73,8 +73,8 @@ def operation_formats(prefix: str, differing: Mapping[str, str]) -> dict[str, st
     prefix
         Text before the names of functions, such as ``Math.`` in JavaScript.
     differing
-        Formats of operations that the language does not write in the usual way. They
-        replace the usual formats.
+        Formats of operations that the language does not write in the usual way. These
+        formats replace the usual formats.
     """
     formats = {operator: f"{{0}} {operator} {{1}}" for operator in "+-*/"}
     formats |= {name: f"{prefix}{name}({{0}})" for name in UNARY_FUNCTIONS}

@@ -33,7 +33,7 @@ class SourceFunction(NamedTuple):
     results
         The values that the function returns: names or numbers.
     closure_residual
-        Name of the variable with the closure residual (how far loops are open). It is empty
+        Name of the variable with the closure residual (how far loops are open); empty
         unless the function is a step of Newton's method.
     used_arguments
         Names of the arguments that the lines contain.
@@ -65,7 +65,8 @@ class FormulaSource:
     mode_argument
         Name of the argument that selects the assembly mode (way to assemble the mechanism).
         In closed form it is ``mode``, with the signs of the dyads (groups of two links).
-        Otherwise it is ``variables``: pair variables from which Newton's method starts.
+        Otherwise the name is ``variables``: pair variables from which Newton's method
+        starts.
     arguments
         Names of the three arguments, in the order of `Formulas.variables`: the motion,
         `mode_argument`, and the sizes.
@@ -203,8 +204,8 @@ class FormulaSource:
         mode values, such as the sign 1 or -1 of each dyad (two links). The range of the
         input is divided into intervals, and a mode has mode values of its own in each
         interval. `smooth_function` is a function of the generated source that returns the
-        mode values for a mode and an input. It has a table with a row for each interval and
-        mode. Keys of the result are:
+        mode values for a mode and an input. The function has a table with a row for each
+        interval and mode. Keys of the result are:
 
         - ``name``, ``mode``: names of the function and of the argument that selects a mode,
         - ``low``, ``high``, ``period``: range and period of the input (rad), as text,

@@ -24,9 +24,10 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
 
     A reduced model stores the inertia, its derivative and the pair variables along one
     configuration curve as series of one coordinate. The results of the formulas are these
-    functions and the driving torque. Their arguments are the motion that a user gives: the
-    coordinate, its rate and acceleration, and the time. If the mechanism file states the
-    torque of a load by a table, the present torque of this load is a further argument.
+    functions and the driving torque. The arguments of the formulas are the motion that a
+    user gives: the coordinate, its rate and acceleration, and the time. If the mechanism
+    file states the torque of a load by a table, the present torque of this load is a
+    further argument.
 
     Parameters
     ----------
@@ -51,8 +52,9 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
         Argument(symbol.arguments[0], unit)
         for symbol, unit in zip(motion_symbols, motion_units, strict=True)
     )
-    # The formulas have a symbol for each function. The table gives its values. Its range
-    # begins at the least coordinate, so the coordinate needs no offset (`start`).
+    # The formulas have a symbol for each function. The table gives the values of the
+    # functions. The range of the table begins at the least coordinate, so the coordinate
+    # needs no offset (`start`).
     series_symbols = tuple(symbols(unit_by_result))
     table = SeriesTable(
         terms=series_symbols,
@@ -88,7 +90,7 @@ def profile_table(
     """Return the functions of a contact profile as a stored series.
 
     A profile is the curve along which the contact point moves on one link. A stored series
-    evaluates nine functions of its arc length s as Chebyshev series. They are the
+    evaluates nine functions of its arc length s as Chebyshev series. The functions are the
     components of the tangent (3) and of the point (3), which are unit vectors, the geodesic
     curvature k, dk/ds and d2k/ds2.
 

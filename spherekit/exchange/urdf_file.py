@@ -32,7 +32,7 @@ class UrdfContent:
         of the wheel is a combination of the angles of two joints.
     loop_axes
         Unit axis (3,) of each revolute loop joint (joint that closes a loop), by the name
-        of the joint. Its components are those along the axes of the first link.
+        of the joint, in the axes of the first link.
     notes
         Sentences on parts that were left out or are not known.
     """

@@ -47,7 +47,7 @@ def add_loop_joint(
     spec
         The `MjSpec` of the model, which is changed.
     loop_joint
-        The element of the joint. It has two links, with position and orientation of the
+        The element of the joint, which has two links, with position and orientation of the
         joint on each.
     path
         The file, for messages.

@@ -191,9 +191,9 @@ def _drive(
 
     With the angles q_i and q_o of the inner and the outer joint, the angle of the actuator
     is a = f_i q_i + f_o q_o. If one factor is zero, the actuator turns only the joint with
-    the other factor. Otherwise it turns a wheel that is coaxial with the inner joint. The
-    angle of the wheel is q_i + ratio q_o with ratio = f_o / f_i. The angle of the actuator
-    is f_i times the angle of the wheel.
+    the other factor. Otherwise the actuator turns a wheel that is coaxial with the inner
+    joint. The angle of the wheel is q_i + ratio q_o with ratio = f_o / f_i. The angle of
+    the actuator is f_i times the angle of the wheel.
 
     Parameters
     ----------

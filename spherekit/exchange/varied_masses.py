@@ -38,9 +38,9 @@ def express_masses(
     A mass consists of an inertia tensor, and often an amount (kg) and a centre of mass. A
     mass becomes an expression if one of its numbers in the file has an expression.
 
-    The file can also refer to axes of pairs (joints). It can state a mass as a uniform arc
-    between two axes, or a tensor in a frame of two axes. The mass then becomes an
-    expression if the sizes of links change these axes. All other masses are returned
+    The file can also refer to axes of pairs (joints). The file can state a mass as a
+    uniform arc between two axes, or a tensor in a frame of two axes. The mass then becomes
+    an expression if the sizes of links change these axes. All other masses are returned
     unchanged.
 
     Parameters
