@@ -104,7 +104,7 @@ class ArcLength:
 
         Here s is the arc length. The inverse of s(u) gives the point at an arc length. The
         linear part, s times the mean slope of u over s, is left out here, and `invert` adds
-        it again. The rest is zero if the speed ds/du is constant.
+        it again.
         """
 
         def find_deviations(s: Floats) -> Floats:
@@ -129,7 +129,7 @@ class ArcLength:
     def _find_parameters(self, s: Floats) -> Floats:
         """Return the parameters u (n,) at arc lengths s (n,), by iteration.
 
-        `invert` is faster: it interpolates the parameters that are computed here.
+        `invert` interpolates the parameters that are computed here.
         """
         panel = np.searchsorted(self.starts[1:-1], s, side="right")
         length_in_panel = s - self.starts[panel]
@@ -255,9 +255,9 @@ def integrate_rate(
         half = 0.5 * (high - low)[:, None]
         series = half * (rate(low[:, None] + half * (1.0 + nodes)) @ to_coefficients)
         largest = max_abs(series, axis=1)
-        # The integral over a panel is twice its first coefficient, which is the largest one
-        # of a smooth speed. The largest coefficient is taken instead, because the first
-        # coefficient can vanish if the function changes its sign.
+        # The integral over a panel is twice its first coefficient. The scale is taken from
+        # the largest coefficient, because the first one can vanish where the function
+        # changes its sign.
         if halvings == 0:
             scale = 2.0 * float(np.sum(largest))
         # Integration divides the coefficient of order k by 2 k + 1, so the last ones are

@@ -29,8 +29,7 @@ from spherekit.tolerances import EPS
 
 ORDERS = (1, 4, 8, 16)
 """Orders of the polynomials of height. The order of a segment is raised until its area is
-known well enough. Order 1 is the chord itself. This order is used for a segment whose
-border was not found.
+known well enough. Order 1 is the chord itself, for a segment whose border was not found.
 
 The nodes of each order are among the nodes of the next order, so heights are reused.
 """
@@ -183,10 +182,10 @@ def estimate_area_errors(height: Floats, length: Floats) -> Floats:
     coarse_area = areas_beside_chords(height[:, ::2], length)
     truncation = np.abs(areas_beside_chords(height, length) - coarse_area)
     rounding = EPS * length
-    # Beside a very short chord the border is not searched. Its height is at most the length
-    # of the chord, so the area is at most the square of this length.
-    not_searched = np.where(length > MIN_BORDER_CHORD_RAD, 0.0, length**2)
-    return truncation + rounding + not_searched
+    # The heights beside a very short chord are not measured but taken as zero. The true
+    # heights are at most the length of the chord, so the area is at most its square.
+    not_measured = np.where(length > MIN_BORDER_CHORD_RAD, 0.0, length**2)
+    return truncation + rounding + not_measured
 
 
 def parabola_minima(samples: Floats) -> Floats:
@@ -301,8 +300,8 @@ class BorderSegments(ArrayRows):
     def empty() -> "BorderSegments":
         """Return an object without segments (pieces of the border of a region).
 
-        A search for the border begins with this object. Each field (see the class) is an
-        array with one row for each segment, so here every field has no rows.
+        Each field is an array with one row for each segment, so every field has no rows
+        here.
         """
         # `height` has one column for each node of a polynomial. The polynomial with the
         # highest degree has one node more than this degree.
@@ -344,7 +343,7 @@ class BorderSegments(ArrayRows):
         Margins are functions that are at least 0 in the region.
 
         The order of a segment is the degree of the polynomial: 1 (the chord), 4, 8 or 16.
-        Here it becomes 4; `raise_order` raises it further.
+        The returned segments have the order 4, or 1 where the border is not known.
 
         Parameters
         ----------
@@ -367,11 +366,9 @@ class BorderSegments(ArrayRows):
             (n,) whether the border of a segment is searched. Otherwise its chord is taken
             as the border.
         """
-        # Begin with chords, which have order 1, and no height and no area beside them. A
-        # segment is sound if its border is found. All that are searched begin as sound.
-        # `raise_order` searches the border beside them. If it fails, it makes the segment
-        # unsound, and its chord takes the place of the border. `ORDERS` begins with 1 and
-        # 4.
+        # Begin with chords: order 1, no height, and no area beside the chord. A segment is
+        # sound if its border is known. All searched segments begin as sound. `raise_order`
+        # makes those unsound whose border it does not find.
         n = len(margin)
         start, stop = crossings
         segments = BorderSegments(
@@ -388,6 +385,7 @@ class BorderSegments(ArrayRows):
             area=np.zeros(n),
             error=np.zeros(n),
         )
+        # The order rises from 1 to 4.
         segments.raise_order(evaluate, np.flatnonzero(is_searched))
         return segments
 
@@ -576,14 +574,13 @@ class BorderSegments(ArrayRows):
         evaluate
             The margins.
         selected
-            (k,) indices of segments that `find` has made. `raise_order` has not changed the
-            degree of their polynomials since.
+            (k,) indices of segments whose polynomials have degree 4.
         """
         # (k, samples, margins) each margin minus the border margin, at equally spaced
         # points of each segment. The border margin would be 0 on a segment without error.
         # The difference cancels most of the error.
         differences = self._sample_differences(evaluate, selected)
-        # A minimum between samples is found by a parabola through three of them.
+        # A minimum between samples is found by a parabola through three samples.
         is_negative = parabola_minima(differences) < -evaluate.rounding_errors
         has_excluded_part = np.any(is_negative, axis=(1, 2))
         self._replace_by_chords(selected[has_excluded_part])
@@ -640,14 +637,15 @@ class BorderSegments(ArrayRows):
         A segment is a piece of the border of a region. Its height (angle) over the chord,
         the great-circle arc between its ends, is a polynomial along the chord. The order of
         the segment is the degree of this polynomial. The segment has order + 1 Chebyshev
-        nodes, which include both ends.
+        nodes, which include both ends. Its heights at the nodes are stored.
         """
         # Each node belongs to a segment (an index in `selected`) and has an index within
         # this segment, from 0 to the order of the segment.
         orders = self.order[selected]
         has_node = np.arange(ORDERS[-1] + 1) <= orders[:, None]
         index, node = np.nonzero(has_node)
-        # Parameter of each node on its chord, from -1 to 1.
+        # Parameter of each node on its chord, from -1 to 1. `ORDERS` has all possible
+        # orders.
         u = np.empty(len(node))
         for order in ORDERS:
             has_order = orders[index] == order
@@ -708,8 +706,8 @@ def find_nearest_point(
 
     The border consists of segments (smooth pieces) between known points. The nearest point
     is the end of a segment, or a point within a segment at which the distance has a
-    minimum. If a search did not find the border between both ends of a segment, the segment
-    is not sound. Only its ends are then examined.
+    minimum. A segment is sound if its border is known. Of any other segment only the ends
+    are examined.
 
     Parameters
     ----------
@@ -725,8 +723,8 @@ def find_nearest_point(
     (3,) unit vector.
     """
     nearby = _select_nearby_segments(segments, direction)
-    # Segments are polynomials of degree 1, 4, 8 or 16. The highest degree is the most
-    # accurate one. The method may find that a segment is not sound.
+    # Segments are polynomials, most accurate with the highest degree. A segment becomes
+    # unsound if the method does not find its border.
     nearby.raise_to_highest_order(evaluate)
     candidates = [nearby.ends.reshape(-1, 3)]
     for number in np.flatnonzero(nearby.is_sound):

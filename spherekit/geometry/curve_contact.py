@@ -71,8 +71,8 @@ def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
     Returns
     -------
     arc_lengths
-        (2,) arc lengths (rad) on the first and the second curve. If the curves touch at
-        several points, they are those of the point that comes first on the first curve.
+        (2,) arc lengths (rad) on the first and the second curve. Of several points of
+        contact, the first one along the first curve is chosen.
     angle
         Angle (rad) of the rotation between the two frames; 0 if the curves touch.
     """
@@ -210,7 +210,7 @@ def _frame_differences(
     second = curves[1].evaluate(arc_lengths[:, 1])
     vectors = rotation_vector(first.frame @ transpose(second.frame))
     # The derivative of a small rotation vector is the difference of the rotation rates of
-    # both frames. Near a contact this is accurate enough for fast convergence.
+    # both frames.
     by_first = _frame_rotation_rates(first)
     by_second = -_frame_rotation_rates(second)
     return vectors, np.stack([by_first, by_second], axis=2)

@@ -41,11 +41,11 @@ def quintic_panels(
 ) -> Callable[[Floats, int], Floats]:
     """Return the quintic spline through points as a function; points may be complex.
 
-    Complex points carry a derivative with respect to a design variable (complex step),
-    which SciPy's splines cannot. The spline is the same as in
+    Complex knots and points carry derivatives with respect to a design variable (complex
+    step). SciPy's splines take no complex knots. The spline is the same as in
     `spherekit.geometry.parametric_curve.quintic`: a polynomial of degree 5 on each panel
     between two knots. Derivatives up to order 4 agree at the knots. An open spline has no
-    knot at the points next to both ends, so there the order 5 agrees too.
+    knots at the two points next to each end, so the order 5 agrees there.
 
     Parameters
     ----------
@@ -103,7 +103,6 @@ def quintic_panels(
         """
         # The spline is a polynomial on each panel between two knots. Complex parameters
         # have a derivative in the imaginary part, so panels are found from the real parts.
-        # Beyond the ends of the spline, its first or last panel is used.
         panel = np.searchsorted(np.real(knots[1:-1]), np.real(u), side="right")
         powers = (u - knots[panel])[..., None] ** np.arange(6.0 - order)
         factors = _POWER_DERIVATIVES[order, order:, None] * coefficients[panel, order:]
@@ -128,8 +127,8 @@ class PathVariation:
     arc_length
         The arc length of the path as a function of its parameter, real numbers only.
     arc_length_rate
-        Derivative of the arc length with respect to the design variable, at a fixed
-        parameter. It is a function of the parameter, like the arc length itself.
+        A function of the parameter u: the derivative, with respect to the design variable,
+        of the arc length from the start to u, with u held fixed.
     length_rate
         Derivative of the whole length (rad).
     closed
@@ -169,8 +168,8 @@ class PathVariation:
 
     def _speeds(self, u: Floats) -> Floats:
         """Return the speeds ds/du (n,) of the path at parameters u (n,), real numbers."""
-        # `path` takes complex numbers, in which u has the derivative 0 here. The result is
-        # complex too. Its real part is the speed.
+        # `path` takes complex numbers, whose imaginary part is a derivative, here 0. The
+        # real part of the result is the speed.
         complex_speeds = self.path.speed(add_complex_step(u, 0.0))
         return np.real(complex_speeds)
 
@@ -185,8 +184,8 @@ class MovingFit:
         The spline. Its numbers carry derivatives with respect to the design variable as
         complex steps: the imaginary part of a number is its derivative times a tiny number.
     arc_length_rate
-        The derivative of the arc length with respect to the design variable, as a function
-        of the parameter of the spline. The parameter is fixed.
+        A function of the parameter u of the spline: the derivative, with respect to the
+        design variable, of the arc length from the start to u, with u held fixed.
     panel_length_rates
         (panels,) derivatives, with respect to the design variable, of the lengths of the
         panels. A panel is the part of the curve between successive points.
@@ -276,8 +275,8 @@ def _differentiate_fit(
     knot_rates = np.append(0.0, np.cumsum(knot_step_rates))
     moving_knots = add_complex_step(path.knots, knot_rates)
     spline = quintic_panels(moving_knots, moving_points, path.closed)
-    # The function `spline` contains the moving knots. The path object also stores knots,
-    # but computes nothing from them, so it gets the real ones.
+    # The function `spline` contains the moving knots. The path object computes nothing from
+    # the knots that it stores, so it gets the real ones.
     moving_path = SplinePath(spline, path.knots, path.closed)
 
     # The arc lengths s(u, x) at the knots u depend on the design variable x in two ways:
@@ -308,7 +307,8 @@ def _integrate_speed_rate(path: Path, edges: Floats) -> ArcLength:
 
     Returns
     -------
-    The derivative at a fixed parameter, as a function of the parameter.
+    A function of a parameter u: the derivative of the arc length from edges[0] to u, with u
+    held fixed.
     """
 
     def speed_rate(u: Floats) -> Floats:
@@ -337,8 +337,7 @@ def _differentiate_arcs(points: Floats) -> Floats:
     (m - 1,) derivatives.
     """
     across = cross(points[:-1], points[1:])
-    # `dot` does not conjugate its arguments, so sine and cosine carry their derivatives
-    # too.
+    # `dot` does not conjugate its arguments, so sine and cosine carry their derivatives.
     sine = np.sqrt(dot(across, across))
     cosine = dot(points[:-1], points[1:])
     # The derivative of an angle a is cos(a) (sin a)' - sin(a) (cos a)'.

@@ -129,9 +129,9 @@ class Region:
         if the order of the border curves is halved, and the area of all unresolved
         triangles.
     unresolved
-        Area (sr) of the triangles in which too little is known about the border. They
-        contain tangent borders, corners sharper than 0.25 rad, or the border of where a
-        margin is defined.
+        Area (sr) of the triangles in which too little is known about the border. Such
+        triangles contain tangent borders, corners sharper than 0.25 rad, or the border of
+        where a margin is defined.
     components
         Connected parts, the largest first.
     gaps
@@ -151,8 +151,8 @@ class Region:
     surface_points
         (P, 3) points, first the vertices of the mesh, then points of the border.
     surface_triangles
-        (F, 3) triangles between these points. They cover only the region, up to its border.
-        Maps are drawn on them.
+        (F, 3) triangles between these points, which cover only the region, up to its
+        border.
     evaluations
         Number of directions at which the margins were evaluated.
     calls
@@ -213,8 +213,8 @@ class Region:
         evaluate = MarginEvaluator(self.margins, sampled=self.values)
         if smallest_margins(evaluate(direction[None]))[0] >= 0.0:
             return direction
-        # Outside, the nearest point is on the border. The border has segments, each with
-        # its margin. A region without segments is empty. `excluding` then explains why.
+        # Outside, the nearest point is on the border. `border.margin` has one item for each
+        # segment of the border. If there is no segment, the region is empty.
         if not len(self.border.margin):
             raise RegionError(
                 "the region is empty, so no point of it is nearest; sets of margins that "
@@ -241,15 +241,12 @@ def find_region(
     margins
         Function of unit vectors (n, 3) that returns margins (n, k). Margins should be
         smooth across the border. A margin that ends or jumps at the border takes far more
-        evaluations. A margin may be NaN. The direction then counts as outside: because
-        another margin is negative there, or else because it cannot be reached.
+        evaluations. A direction in which a margin is NaN counts as outside.
     tolerance
         Required error of the area (sr). `Region.error` is the error that was reached.
     spacing
-        Longest edge (rad) of the first triangles, which are sampled at half of it. Between
-        samples the margins are interpolated by polynomials of degree 2, and the error of
-        these is sampled too. Narrower features of margins that do not affect the samples
-        are missed.
+        Longest edge (rad) of the first triangles, which are sampled at half of it. Narrower
+        features of margins that do not affect the samples are missed.
     feature
         Triangles in which a part of the region, or a hole, may be hidden are cut until
         their edges are shorter than this (rad). Smaller ones are cut only if the tolerance
@@ -406,8 +403,7 @@ def _find_excluding_sets(
     """Return the smallest sets of margins that no direction satisfies together.
 
     These sets explain to the user why a region is empty. A direction satisfies a margin
-    (function of the direction) that is at least 0 there. The search uses a mesh of
-    triangles, so it can miss narrow regions.
+    (function of the direction) that is at least 0 there.
 
     Parameters
     ----------

@@ -137,11 +137,12 @@ def _cosine_minus_dot(arc: HalfAngle, sum_square: Any, difference_square: Any) -
 
     Notes
     -----
-    Two formulas are exact in different cases. |a - c|^2 / 2 - 2 sin^2(arc / 2) keeps its
-    digits if a and c nearly coincide. 2 cos^2(arc / 2) - |a + c|^2 / 2 keeps them if a and
-    c are nearly opposite. A number as arc selects one of them. For an expression, their
-    weighted mean is used. Its weights are the squares |a + c|^2 and |a - c|^2, which add up
-    to 4.
+    Two formulas give the result. |a - c|^2 / 2 - 2 sin^2(arc / 2) keeps its digits if a and
+    c nearly coincide. 2 cos^2(arc / 2) - |a + c|^2 / 2 keeps its digits if a and c are
+    nearly opposite. Digits matter where the result is near 0, so that the angle between a
+    and c is near the arc. If the arc is a number, an arc below 90 degrees therefore selects
+    the first formula, a longer one the second. If the arc is an expression, the weighted
+    mean of both formulas is used. Its weights |a + c|^2 and |a - c|^2 add up to 4.
     """
     first = 0.5 * difference_square - 2.0 * (arc.sine * arc.sine)
     second = 2.0 * (arc.cosine * arc.cosine) - 0.5 * sum_square

@@ -31,11 +31,18 @@ def upward(normals: Floats) -> Floats:
 def mirror_angles(normals: Floats) -> tuple[Floats, Floats, Floats]:
     """Return phi, gamma and omega (n,), rad, of mirrors with unit normals (n, 3).
 
-    A mirror with the unit normal n maps the point Q = (1, 0, 0) to P. The angles are
-    defined by n = (-sin(phi / 2), sin(gamma / 2), n_z) and tan omega = n_y / n_z, with n_z
-    >= 0. phi and gamma are between -pi and pi, omega is between -pi / 2 and pi / 2. The
-    absolute value of phi is the arc from Q to P, and phi is negative if P has z < 0. With
-    this sign, all three angles are smooth where P passes through Q. Chen et al. 2021 have
+    A mirror reflects points in the plane through the centre with the normal n. Of the two
+    opposite normals, the one with n_z >= 0 defines the angles:
+
+    - phi is the arc from Q = (1, 0, 0) to its mirror image P, with the sign of -n_x. So
+      n_x = -sin(phi / 2).
+    - gamma is the arc from (0, 1, 0) to its mirror image, with the sign of n_y. So n_y =
+      sin(gamma / 2).
+    - omega is the angle about the x axis from the z axis to n, positive towards the y axis.
+      So tan omega = n_y / n_z.
+
+    phi and gamma are between -pi and pi, omega is between -pi / 2 and pi / 2. With the sign
+    of phi, all three angles are smooth where P passes through Q. Chen et al. 2021 have
     phi >= 0 only.
     """
     x, y, z = np.moveaxis(upward(normals), -1, 0)

@@ -94,8 +94,8 @@ class Orientations:
         Estimate of the error of the volume: its change when cells (small cubes of the space
         of orientations) were halved the last time.
     place
-        (4,) unit quaternion xyzw of the orientation deepest inside the set. Only the
-        orientations at which margins were evaluated are compared.
+        (4,) unit quaternion xyzw of the orientation deepest inside the set, among those at
+        which margins were evaluated.
     depth
         Depth of this orientation. The depth is the smallest of the margins.
     evaluations
@@ -423,22 +423,23 @@ class _OrientationCells:
     def _measure(self, boxes: _Boxes) -> _MeasuredVolumes:
         """Return the volumes of the set in n cells.
 
-        The set has the orientations at which all margins are at least 0. In each cell a
-        margin is interpolated from 27 samples. A cell is outside the set if some margin is
-        negative everywhere in the cell, and inside if none can be negative. Any other cell
-        is divided into a grid of subcells. The part of each subcell that belongs to the set
-        is estimated.
+        A margin is a function of the orientation that is negative where, for example, a
+        limit is exceeded. The set has the orientations at which all k margins are at least
+        0. In each cell a margin is interpolated from 27 samples. A cell is outside the set
+        if some margin is negative everywhere in the cell, and inside if none can be
+        negative. Any other cell is divided into a grid of subcells. The part of each
+        subcell that belongs to the set is estimated.
 
         Parameters
         ----------
         boxes
             The cells: cubic boxes in the space of orientations.
         """
-        margins = _replace_nan_margins(self._evaluate_margins(boxes))
+        margins = _replace_nan_margins(self._evaluate_margins(boxes))  # (points, n, k)
         samples = margins[:SAMPLE_COUNT]
         # Margins at four further points, where the interpolation error is measured.
         checks = margins[SAMPLE_COUNT:]
-        bounds = _bound_margins(samples, checks)
+        bounds = _bound_margins(samples, checks)  # (n, k) smallest and largest values
         is_outside = np.any(bounds.high < 0.0, axis=1)
         is_inside = np.all(bounds.low >= 0.0, axis=1)
 
@@ -571,7 +572,7 @@ def _bound_margins(samples: Floats, checks: Floats) -> _MarginRange:
 
     Margins are functions of the orientation. In a cell each margin is interpolated by a
     polynomial of degree 2 in each coordinate. The bounds are those of the polynomial,
-    widened by an estimate of the interpolation error. They are therefore no proof.
+    widened by an estimate of the interpolation error.
 
     Parameters
     ----------
@@ -595,8 +596,10 @@ def _bound_margins(samples: Floats, checks: Floats) -> _MarginRange:
 def _filled_parts(samples: Floats) -> Floats:
     """Return, for each subcell of n cells, the part that belongs to the orientation set.
 
-    Where several margins exclude parts of a subcell, only the largest excluded part counts.
-    Overlaps are not examined, so volumes near edges of the set are approximate.
+    A cell is a cube, divided into SUBCELLS_PER_SIDE equal subcells along each side. A
+    margin is a function that is at least 0 in the set. For each margin, the part of the
+    subcell in which the margin is positive is estimated. The smallest of these parts is
+    returned.
 
     Parameters
     ----------
@@ -628,8 +631,7 @@ def _filled_fractions(polynomials: Floats) -> Floats:
     A cell is divided into subcells. The fraction is estimated as 1/2 + f / S, limited to
     the range from 0 to 1. Here f is the value at the centre of the subcell, and S the
     difference between its largest and smallest values. The estimate treats the polynomial
-    as linear. This is inaccurate for a single subcell, but only the sum over many subcells
-    matters. `_curvature_correction` is added for borders that are curved.
+    as linear. `_curvature_correction` is added for borders that are curved.
 
     Parameters
     ----------

@@ -77,8 +77,8 @@ class CirclePath:
     def frames(self, u: Floats) -> PathFrames:
         """Return point, tangent, normal and geodesic curvature at parameters u (n,).
 
-        The path is a circle, and u is the arc length along the circle (rad). The derivative
-        of the geodesic curvature with respect to u is returned too.
+        The path is a circle, and u is the arc length along the circle (rad). The result has
+        the derivative of the geodesic curvature with respect to u.
         """
         # A circle of angular radius r on the unit sphere has the length 2 pi sin(r). So an
         # arc length u covers the angle u / sin(r) about the centre, called the azimuth.
@@ -164,8 +164,8 @@ class FourierPath:
         """Return point, tangent, normal and geodesic curvature at azimuths u (n,).
 
         The curve is described by its colatitude (angle from a centre) over the azimuth
-        about this centre. The derivative of the curvature with respect to arc length is
-        returned too.
+        about this centre. The result has the derivative of the curvature with respect to
+        arc length.
         """
         # d1, d2 and d3 are derivatives of the colatitude with respect to the azimuth; s and
         # c are the sine and the cosine of the colatitude.
@@ -278,8 +278,8 @@ class SplinePath:
     def frames(self, u: Floats) -> PathFrames:
         """Return point, tangent, normal and geodesic curvature at parameters u (n,).
 
-        The derivative of the curvature with respect to arc length is returned too. The
-        curve on the unit sphere is p = x / |x|, the projection of a spline x(u) in space.
+        The result has the derivative of the curvature with respect to arc length. The curve
+        on the unit sphere is p = x / |x|, the projection of a spline x(u) in space.
         """
         x = self._differentiate(u, 0)
         x1 = self._differentiate(u, 1)

@@ -79,9 +79,10 @@ def _find_extremum_azimuths(path: FourierPath) -> Floats:
     a polynomial. The extrema are at the angles of its roots with |z| = 1.
     """
     cosines, sines = path.derivative_coefficients[1]  # those of the first derivative
-    # `np.roots` divides by the first coefficient that is not 0. If it is tiny, this can
-    # overflow. Coefficients too small to change the colatitude are therefore rounded to 0.
-    # The arrays of `derivative_coefficients` begin with k = 0, where a slope has zeros.
+    # `np.roots` divides by the first coefficient that is not 0. With a tiny one the
+    # quotients can overflow. Coefficients too small to change the colatitude are therefore
+    # rounded to 0. The arrays of `derivative_coefficients` begin with k = 0, where a slope
+    # has zeros.
     not_negative = np.round(0.5 * (cosines - 1j * sines), ROOT_DIGITS)  # k = 0, 1, ..., n
     negative = np.conj(not_negative[1:])  # k = -1, ..., -n
     highest_first = np.concatenate([not_negative[::-1], negative])
@@ -251,7 +252,7 @@ def _lie_on_both_sides(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
     """Return a mask (n,) of the pairs c, d on both sides of a great circle, or on it.
 
     An arc from such a c to d meets the circle. A vector within `ON_CIRCLE_TOLERANCE` of the
-    circle counts as on it. Otherwise rounding errors would hide arcs that touch.
+    circle counts as on the circle, so that rounding errors do not hide arcs that touch.
 
     Parameters
     ----------

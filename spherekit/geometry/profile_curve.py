@@ -57,7 +57,8 @@ class CurvePoint:
         (n,) derivatives dk/ds with respect to arc length.
     inside
         (n,) whether the arc length belongs to the curve. Beyond the end of an open curve
-        the values are those at the end. For an arc length that is not finite they are NaN.
+        the other fields have their values at the end. For an arc length that is not finite
+        the other fields are NaN.
     """
 
     frame: Floats
@@ -103,14 +104,14 @@ class Curve:
         """Return the parameters of the path at arc lengths s (n,), rad, of the curve.
 
         The path has the same points as the curve, but another parameter. A curve may run
-        backwards, against its path. If it is open, it then starts at the end of the path.
-        If it is closed, it starts at the start of the path.
+        backwards, against its path. An open backwards curve starts at the end of the path,
+        a closed one at the start of the path.
 
         Returns
         -------
         parameters
-            (n,) parameters of the path. Beyond an end of an open curve it is the parameter
-            of the end. It is NaN for an arc length that is not finite.
+            (n,) parameters of the path. Beyond an end of an open curve, the parameter is
+            that of the end. For an arc length that is not finite, the parameter is NaN.
         inside
             (n,) whether the arc length is finite and not beyond an end of an open curve.
         """
@@ -179,8 +180,7 @@ def circle(centre: ArrayLike, radius: float) -> Curve:
         )
     sine = float(np.sin(radius))
     path = CirclePath(axes_about(centre), sine, float(np.cos(radius)))
-    # Other curves have a table of the arc length as a function of the parameter of their
-    # path. The parameter of a circle is the arc length itself.
+    # The parameter of a circle is its arc length, so there is no table of arc lengths.
     return Curve(path, table=None, length=2.0 * np.pi * sine, closed=True)
 
 
@@ -215,8 +215,7 @@ def fourier(centre: ArrayLike, cosines: ArrayLike, sines: ArrayLike = ()) -> Cur
     ------
     ValueError
         If the centre is not a unit vector, if the colatitude leaves (0, pi), or if the
-        curve has a cusp. A cusp is possible only where the curve almost reaches the centre
-        or the point opposite to it.
+        curve has a cusp.
     """
     # Both series get the same number of orders, padded with zeros.
     cosines = np.ravel(np.array(cosines, dtype=float))
@@ -276,8 +275,7 @@ def through(points: ArrayLike, closed: bool = True) -> Curve:
 def spline_through(points: ArrayLike, closed: bool) -> tuple[SplinePath, ArcLength]:
     """Return the spline curve through points, and its arc length.
 
-    A closed curve may meet itself, which the function `through` refuses. The errors are
-    otherwise those of `through`.
+    A closed curve may meet itself. All other errors of `through` are raised.
     """
     *_, last_fit = spline_fits(points, closed)
     return last_fit

@@ -71,8 +71,7 @@ class ProfileSeries:
 
         The profile is a curve on the unit sphere. The series have eight columns, functions
         of the arc length s: the tangent (3), the point (3), the geodesic curvature k and
-        dk/ds. Error bounds of velocities (`spherekit.velocities.carried_vectors`) also need
-        a bound of |d2k/ds2|.
+        dk/ds. The result has a bound of |d2k/ds2|, for error bounds of velocities.
         """
         sampled_lengths = np.linspace(0.0, curve.length, PROFILE_SCALE_SAMPLES)
         samples = _evaluate_columns(curve, sampled_lengths)
@@ -94,8 +93,8 @@ class ProfileSeries:
             # halving does not help, errors up to this limit are accepted.
             rounding_tolerance=SERIES_ROUNDING_TOLERANCE,
         )
-        # Each cell of the series has `SLOPE_SAMPLES` samples, also at both ends. They
-        # divide the cell into one interval less.
+        # Each cell of the series has `SLOPE_SAMPLES` samples, including both ends. The
+        # samples divide the cell into one interval less.
         intervals_per_cell = SLOPE_SAMPLES - 1
         positions = series.spread_positions(intervals_per_cell)
         # Column 7 is dk/ds, so its derivative is d2k/ds2. The largest sampled value is

@@ -36,8 +36,8 @@ class MarginEvaluator:
     margins
         The function to call.
     sampled
-        (n, k) margins from which the rounding errors are estimated. By default they are
-        estimated from the first call.
+        (n, k) margins from which the rounding errors are estimated. By default the margins
+        of the first call are used.
 
     Attributes
     ----------
@@ -140,12 +140,13 @@ def select_margins(values: Floats, numbers: Indices) -> Floats:
     values
         (n, k) margins.
     numbers
-        (n,) index of the margin for each point, or `UNDEFINED_MARGIN` if the region ends
-        because a margin becomes NaN. The smallest margin is then selected.
+        (n,) index of the margin for each point. `UNDEFINED_MARGIN` selects the smallest
+        margin, where the region ends because a margin becomes NaN.
 
     Returns
     -------
-    (n,) selected margins, -1 in place of NaN.
+    (n,) selected margins. NaN counts as -1, in the smallest margin only if no other margin
+    is negative.
     """
     is_undefined = numbers == UNDEFINED_MARGIN
     columns = np.where(is_undefined, 0, numbers)  # 0 is replaced below
@@ -156,7 +157,8 @@ def select_margins(values: Floats, numbers: Indices) -> Floats:
 def find_active_margins(values: Floats, rounding_errors: Floats) -> Indices:
     """Return, for each point, the index of the margin that excludes it from a region.
 
-    A margin is a function that is at least 0 inside the region. NaN also excludes a point.
+    A margin is a function that is at least 0 inside the region. A margin that is negative
+    or NaN excludes a point.
 
     Parameters
     ----------

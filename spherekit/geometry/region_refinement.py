@@ -261,22 +261,31 @@ class RegionRefinement:
         return self.classes == TriangleClass.OPEN
 
     def areas_inside(self) -> Floats:
-        """Return the area (T,) of the region (sr) that is assigned to each triangle.
+        r"""Return the area (T,) of the region (sr) that is assigned to each triangle.
 
         A triangle with all vertices inside is counted as a whole. If one or two are inside,
         the border crosses the triangle in a segment (piece of the border) from start to
-        end. The chord is the great-circle arc between these points. The area is the sum of:
+        end. The chord is the great-circle arc between these points::
 
-        - the triangle of the chord and of one vertex inside, the apex;
+            one vertex inside: A        two vertices inside: A and B
+
+                    A                              C
+                   / \                            / \
+           start  *---*  end              end    *---*  start
+                 /     \                        /    _.\
+                /       \                      / _.-'   \
+               C ------- D                    A --------- B
+
+        The area is the sum of:
+
+        - the triangle A, start, end;
         - the area between the chord and the segment, negative if the segment bends inwards;
-        - if two vertices are inside, the triangle of both and of the start of the segment.
+        - if two vertices are inside, the triangle A, B, start.
 
-        If the border has a corner in a triangle, it consists of two segments there. The
-        first two areas are then added for each segment, the last one only for the first.
-
-        A segment can bend out of its triangle over an edge. The area beyond this edge is
-        still assigned to the same triangle. Single areas are therefore not exact, but sums
-        over all triangles of one part of the region are.
+        A corner of the border in a triangle divides the border there into two segments. The
+        first two areas are added for each segment, the last one only for the first segment.
+        A segment can bend over an edge of its triangle. The area beyond the edge is
+        assigned to the same triangle.
         """
         division = self._divide_triangles()
         # Areas for each segment (n,) of the border.
@@ -463,8 +472,8 @@ class RegionRefinement:
         (10, n, k) margins: at the three vertices, at the middles of the three edges, at
         their check points, and at the centroid.
         """
-        # Two triangles share the samples on a common edge. The check point is nearer to the
-        # vertex with the lower number, which is the first of the edge.
+        # Two triangles share the samples on a common edge. The check point of an edge is
+        # nearer to its first vertex.
         edges, edges_of_triangle = list_edges(triangles)
         first = self.points[edges[:, 0]]
         second = self.points[edges[:, 1]]
@@ -548,9 +557,9 @@ class RegionRefinement:
             is_leading=np.arange(len(position)) < len(crossed),
             is_searched=~self.is_open[triangle],
         )
-        # If several margins may have either sign, others than that of the segment are
-        # evaluated along it. The segment is not sound if one of these margins is negative
-        # there.
+        # Where several margins may have either sign, the margins that are not 0 on a
+        # segment are evaluated along it. A segment on which one of them is negative is not
+        # sound.
         is_checked = self.has_several_uncertain[triangle] & segments.is_sound
         segments.reject_excluded_segments(self.evaluate, np.flatnonzero(is_checked))
         self.classes[triangle[~segments.is_sound]] = TriangleClass.OPEN
@@ -610,9 +619,9 @@ class RegionRefinement:
             if not can_raise.any():
                 return
             segments.raise_order(self.evaluate, np.flatnonzero(can_raise))
-            # A search at more nodes (points of the polynomial) may fail to find the border.
-            # The segment is then not sound. Its triangle becomes open: it may hide a part
-            # of the region, and its whole area counts as an error.
+            # The search at more nodes (points of the polynomial) may fail to find the
+            # border. A segment whose border is not found is not sound. Its triangle becomes
+            # open: the triangle may hide a part of the region.
             self.classes[segments.triangle[~segments.is_sound]] = TriangleClass.OPEN
 
     def _find_poor_segments(self, max_error: float) -> Bools:
@@ -627,8 +636,8 @@ class RegionRefinement:
             Largest error of the area (sr) that all segments together may cause.
         """
         segments = self.segments
-        # An open triangle may hide a part of the region. Its whole area counts as an error
-        # elsewhere, so its segment does not count here.
+        # An open triangle may hide a part of the region. Its segment is not counted,
+        # because `_choose_open_triangles` counts its whole area as an error.
         is_counted = ~self.is_open[segments.triangle]
         # The rounding error of an area grows with the length of the segment. An error of
         # about this size cannot be reduced.

@@ -61,8 +61,8 @@ def rotation_about_axis(axis: Floats, angle: ArrayLike) -> Floats:
 def from_quaternion(quaternions: Array) -> Array:
     """Return the rotation matrices (..., 3, 3) of unit quaternions (..., 4) xyzw.
 
-    Complex quaternions are accepted too, for derivatives by complex steps. The sum of the
-    squares of their components, without conjugation, must be 1.
+    Quaternions may be complex, for derivatives by complex steps. The sum of the squares of
+    the components, without conjugation, must be 1.
     """
     vector = quaternions[..., :3]
     scalar = quaternions[..., 3, None, None]
@@ -109,7 +109,7 @@ def rotation_vector(matrix: Floats) -> Floats:
     """Return the rotation vectors (..., 3) of rotation matrices (..., 3, 3).
 
     A rotation vector is the unit axis times the angle (rad), from 0 to pi. Small angles are
-    accurate to rounding, because closure residuals (how far loops are open) need this.
+    accurate to rounding.
     """
     r = matrix
     # The vector (x, y, z) of the antisymmetric part is the axis times twice the sine of the
@@ -234,7 +234,7 @@ def log_rate_change(vector: Floats, rate: Floats, w: Floats) -> Floats:
 
         d'' = -(d' x w) / 2 + c' d x (d x w) + c (d' x (d x w) + d x (d' x w)).
 
-    If w changes, `log_rate(d, w')` has to be added, because d' is linear in w.
+    If w changes, `log_rate(d, w')` has to be added.
 
     Parameters
     ----------

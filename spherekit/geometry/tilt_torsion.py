@@ -43,8 +43,7 @@ def euler_zyz(rotations: Floats) -> Floats:
     """Return the angles (a, b, c) (n, 3), rad, of rotations (n, 3, 3) = Z(a) Y(b) Z(c).
 
     Y and Z are rotations about the axes of the same name. The angle b is in [0, pi]. If b
-    is 0 or pi, only the sum or the difference of a and c is determined. The three angles
-    then still give the rotation up to rounding.
+    is 0 or pi, only the sum or the difference of a and c is determined.
     """
     azimuth_and_tilt = azimuth_tilt(rotations[:, :, 2])
     c = np.cos(azimuth_and_tilt[:, 0])

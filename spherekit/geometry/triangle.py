@@ -49,8 +49,8 @@ def frame_toward(axis: Floats, target: Floats) -> Floats:
 def perpendicular(axis: Floats) -> Floats:
     """Return a unit vector perpendicular to each unit vector (..., 3).
 
-    Any direction at right angles would do. The cross product with the coordinate axis most
-    nearly at right angles to the vector is long, so no digits are lost.
+    The cross product with the coordinate axis most nearly at right angles to the vector is
+    long, so no digits are lost.
     """
     return unit_rows(cross(axis, np.eye(3)[np.argmin(np.abs(axis), axis=-1)]))
 
@@ -73,8 +73,8 @@ class TriangleAngles:
         (n,) angle (rad, 0 to pi) at the first end of the base. The angle has no meaning if
         the triangle does not close.
     at_second
-        (n,) angle (rad, 0 to pi) at the second end of the base, also only if the triangle
-        closes.
+        (n,) angle (rad, 0 to pi) at the second end of the base. The angle has no meaning if
+        the triangle does not close.
     closes
         (n,) whether a triangle with these sides exists: the sides satisfy the triangle
         inequalities, and their sum is at most a full turn. A violation up to the slack
@@ -168,9 +168,8 @@ class DyadClosure:
     ----------
     first_rotation, second_rotation
         (n, 3, 3) rotations from the axes of each body to the axes in which the outer axes
-        are known. If the outer axes lie on one line, the dyad can rotate about this line.
-        One of infinitely many orientations is then returned. If a dyad does not close, its
-        bodies have different middle axes.
+        are known. If the outer axes lie on one line, one of infinitely many orientations is
+        returned. If a dyad does not close, its bodies have different middle axes.
     sine
         (n,) sine of the angle between the arcs of the two bodies at the middle axis. The
         sine is 0 at a dead centre of the dyad, and if an arc is too short to have a

@@ -161,11 +161,12 @@ def classify_triangles(
 
     - A triangle is outside if a margin is certainly negative, and inside if all margins are
       certainly positive.
-    - It is simple if the gradients of all uncertain margins, everywhere in the triangle,
-      lie in a cone that is less than 180 deg wide. The smallest margin then rises along the
-      axis of the cone. Its zeros are the graph of a function, so no curve closes in the
-      triangle. The width of the cone leaves room for corners of `MIN_CORNER_RAD`.
-    - Otherwise it is open: a part of the region, or a hole in it, may be hidden there.
+    - A triangle is simple if the gradients of all uncertain margins, everywhere in the
+      triangle, lie in a cone that is less than 180 deg wide. The smallest margin then rises
+      along the axis of the cone. Its zeros are the graph of a function, so no curve closes
+      in the triangle. The width of the cone leaves room for corners of `MIN_CORNER_RAD`.
+    - Any other triangle is open: a part of the region, or a hole in it, may be hidden
+      there.
     - Margins may be NaN at some samples. The sign of such a margin is certain if its other
       samples have one sign and vary little (see `STEADY_RATIO`). A margin that is NaN at
       all samples counts as positive. A sample counts as outside if some margins are NaN
@@ -268,9 +269,9 @@ def _bound_margins(triangles: Indices, samples: Floats) -> MarginBounds:
 def _interpolate_at_checks(triangles: Indices, nodes: Floats) -> Floats:
     """Return interpolated values at the check points of triangles.
 
-    There the interpolation error is measured. The check point of an edge is at a quarter of
-    the edge, nearer to the vertex with the lower number. Both triangles at the edge then
-    have the same check point.
+    The interpolation error is measured at these points. The check point of an edge is at a
+    quarter of the edge, nearer to the vertex with the lower number, so that both triangles
+    at the edge have the same check point.
 
     Parameters
     ----------

@@ -129,8 +129,8 @@ class EliminantRoots:
     Attributes
     ----------
     roots
-        (n, 2 * d) values of e^(ix). NaN or infinite if there are fewer roots, because the
-        coefficient of the highest power is zero.
+        (n, 2 * d) values of e^(ix). All roots are NaN if the coefficient of the highest
+        power is zero.
     relative_errors
         (n,) rounding error of the coefficients of each eliminant, relative to its largest
         coefficient.
@@ -178,9 +178,8 @@ class EliminantSamples:
         (n, m) limits that the magnitudes of these values cannot exceed. An eliminant far
         below its limits at all m angles counts as zero everywhere.
     can_eliminate
-        (n,) whether the angles can be eliminated. This is always true for two equations. Of
-        three equations, the first must depend on the second angle, which is eliminated by
-        it.
+        (n,) whether the angles can be eliminated. With three equations, the first one must
+        depend on the second angle.
     """
 
     values: Complexes
@@ -195,10 +194,8 @@ class FormZeros:
     Attributes
     ----------
     factors
-        (..., 2, 3) values 1, cos(y) and sin(y) at both zeros, which may be complex. They
-        are the factors of the coefficients c0, c1 and c2. To insert a zero into another
-        equation, each of its coefficients is multiplied by its factor. NaN or infinite if
-        the denominator is 0.
+        (..., 2, 3) factors 1, cos(y) and sin(y) of the coefficients c0, c1 and c2 at both
+        zeros y, which may be complex. NaN or infinite if the denominator is 0.
     denominators
         (...,) c1^2 + c2^2, the denominator of the cosines and sines.
     """
@@ -510,9 +507,9 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
 def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, Bools]:
     """Return starting values for Newton's method of the real solutions of n systems.
 
-    A system has as many trigonometric equations as angles. This function takes a third of
-    the time of `find_all_angles`. It decides only systems with clear roots e^(ix) of the
-    first angle x: separate, and clearly on or off the unit circle.
+    A system has as many trigonometric equations as angles. Only systems with clear roots
+    e^(ix) of the first angle x are decided: separate roots, each clearly on or off the unit
+    circle.
 
     Parameters
     ----------
@@ -527,8 +524,8 @@ def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, B
     Returns
     -------
     angles
-        (n, m, t) real angles (rad), NaN if a system has fewer than m solutions. Newton's
-        method still has to confirm that they converge to different solutions.
+        (n, m, t) real angles (rad), NaN if a system has fewer than m solutions. Callers
+        must check that Newton's method leads from these starts to different solutions.
     is_clear
         (n,) whether there is one start for each real solution.
     """
@@ -543,8 +540,8 @@ def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, B
         is_clear &= eliminant_roots.relative_errors < MAX_COEFFICIENT_ERROR
         is_clear &= [not problem for problem in eliminant_roots.problems]
 
-        # Roots on the unit circle have a real first angle. Those of each system come first,
-        # padded with NaN to the largest number of them.
+        # Roots on the unit circle have a real first angle. A row of `first_angles` has the
+        # real first angles of a system, then NaN.
         order = np.argsort(~is_real, axis=1, kind="stable")
         order = order[:, : np.max(np.sum(is_real, axis=1), initial=0)]
         first_angles = np.angle(np.take_along_axis(roots, order, axis=1))
@@ -641,8 +638,8 @@ def _solve_at_roots(
     # (n, k * s, t) angles, the starts of a root one after another.
     starts = _choose_starts(equations, roots, starts_per_root)
     result = _run_newton(equations, starts)
-    # A start can lead to the solution of another root, and then does not count. The first
-    # angle shows this. The angle has no jumps by 2 pi, because Newton's steps are small.
+    # A start does not count if Newton's method leads to the solution of another root, which
+    # has another first angle.
     first_angle_changes = np.abs(result.angles[:, :, 0] - starts[:, :, 0])  # (n, k * s)
     is_near_root = first_angle_changes < ROOT_CLUSTER_RAD
     is_converged = result.residual < MAX_SOLUTION_RESIDUAL
@@ -714,7 +711,7 @@ def angle_factors(angle: Numbers) -> Numbers:
 def _angles_from_factors(factors: Complexes) -> Complexes:
     """Return the angles x (...,) in rad from (..., 3) values k, k cos(x) and k sin(x).
 
-    The common factor k may be any complex number but 0. Angles may be complex, too.
+    The common factor k may be any complex number but 0. Angles may be complex.
 
     An angle follows from e^(ix) or from e^(-ix). The larger of both values is used. With a
     large imaginary part, the smaller value would lose its digits by subtraction.
@@ -733,7 +730,7 @@ def _find_form_zeros(form: Numbers) -> FormZeros:
     With w = c1^2 + c2^2 and r = sqrt(w - c0^2), the equation has two zeros, one for each
     sign of r: cos(y) = (-c0 c1 - r c2) / w and sin(y) = (-c0 c2 + r c1) / w. A zero is
     stored as the three factors of c0, c1 and c2: the values 1, cos(y) and sin(y). The
-    denominators w are returned too, because y is not determined where w is 0.
+    denominators w are returned, because y is not determined where w is 0.
 
     Parameters
     ----------
@@ -817,8 +814,8 @@ def _solve_second_angle(equations: Numbers, first_angles: Numbers) -> SecondAngl
     The first of three equations does not contain the last angle z. With a first angle
     inserted, it is the form c0 + c1 cos(y) + c2 sin(y) = 0. Its two zeros are values of y.
     Each of them is inserted into the other two equations, in which only z remains. The
-    result also has the denominator c1^2 + c2^2 of cos(y) and sin(y), because callers need
-    to know whether it is zero.
+    result has the denominator c1^2 + c2^2 of cos(y) and sin(y), because y is not determined
+    where the denominator is zero.
 
     Parameters
     ----------
@@ -863,9 +860,10 @@ def _sample_eliminants(
     if equation_count == 2:
         samples = _sample_eliminants_of_two(equations, all_first_angles)
     else:
-        # When the third angle is eliminated from the last two equations, their resultant
-        # remains. Its degree in the second angle is the exponent of a factor of the
-        # eliminant.
+        # The resultant of the last two equations does not contain the third angle. The
+        # product of its values at two zeros of the second angle is a fraction. The degree
+        # of the resultant in the second angle is the exponent of the denominator, which is
+        # removed.
         resultant_degree = _resultant_degree(incidence, angle=1)
         samples = _sample_eliminants_of_three(equations, all_first_angles, resultant_degree)
     if np.isrealobj(equations):
@@ -894,9 +892,10 @@ def _sample_eliminants_of_two(
         (n, m) values of the first angle (rad).
     """
     forms = _insert_first_angle(equations, first_angles)  # (n, m, equations, 3)
-    # A resultant cannot be larger than the product of the squared norms of its two forms.
+    # A resultant has the degree 2 in the coefficients of each form. Its magnitude is at
+    # most the product of the squared norms of both forms.
     magnitude_limits = np.prod(_squared_norms(forms), axis=2)
-    # Only a second angle of three equations can be impossible to eliminate.
+    # The resultant of two equations always eliminates the second angle.
     can_eliminate = np.ones(len(equations), dtype=bool)
     return EliminantSamples(_resultants(forms), magnitude_limits, can_eliminate)
 
@@ -928,8 +927,7 @@ def _sample_eliminants_of_three(
     # `last_forms` are the two forms in the last angle, at each zero.
     resultants = _resultants(zeros.last_forms)  # (n, m, zeros)
     values = np.prod(resultants, axis=2) * zeros.denominators**resultant_degree
-    # Limits that the magnitudes of the values cannot exceed. Compared with its limit, an
-    # eliminant that is zero but for rounding can be recognised. The limit of a resultant is
+    # Limits that the magnitudes of the values cannot exceed. The limit of a resultant is
     # the product of the squared norms of its forms.
     squared_norms = _squared_norms(zeros.last_forms)  # (n, m, zeros, equations)
     resultant_limits = np.prod(squared_norms, axis=(2, 3))
@@ -953,13 +951,16 @@ def _determines_second_angle(equations: Numbers, denominators: Complexes) -> Boo
     Parameters
     ----------
     equations
-        (n, 3, 3, 3, 3) coefficients of n systems of three equations.
+        (n, 3, 3, 3, 3) coefficients of n systems of three equations. Each of the last three
+        axes belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and
+        sine.
     denominators
         (n, m) c1^2 + c2^2 at m values of the first angle.
     """
     first_equations = equations[:, 0].reshape(len(equations), -1)
     first_norms = np.linalg.norm(first_equations, axis=1)
-    # The denominator is quadratic in the coefficients, so the limit is too.
+    # The denominator is quadratic in the coefficients, so the limit of their norm is
+    # squared.
     smallest_denominator = (UNDETERMINED_RATIO * first_norms) ** 2
     return max_abs(denominators, axis=1) > smallest_denominator
 
@@ -983,8 +984,8 @@ def _resultants(forms: Complexes) -> Complexes:
 def _squared_norms(forms: Complexes) -> Floats:
     """Return the squared norms (...,) of equations (..., 3) in one angle.
 
-    These norms are the scale for resultants: the magnitude of a resultant is at most the
-    product of the norms of both equations.
+    The magnitude of the resultant of two equations is at most the product of their squared
+    norms.
     """
     return np.sum(np.abs(forms) ** 2, axis=-1)
 
@@ -1167,10 +1168,9 @@ def _start_angles_of_two(equations: Numbers, first_angles: Complexes) -> Complex
 def _start_angles_of_three(equations: Numbers, first_angles: Complexes) -> Complexes:
     """Return starts of Newton's method for systems of three equations.
 
-    The first equation does not contain the last angle. With the first angle inserted, it
-    gives two values of the second angle. With one of these inserted, one of the last two
-    equations gives two values of the last angle. Either equation would do; `_last_angles`
-    takes the more accurate one.
+    The first equation does not contain the last angle. With the first angle inserted, the
+    first equation gives two values of the second angle. With one of these values inserted,
+    one of the last two equations gives two values of the last angle.
 
     Parameters
     ----------
@@ -1203,8 +1203,7 @@ def _last_angles(forms: Complexes) -> Complexes:
     """Return two values of the last angle, from two equations that contain only it.
 
     A form (c0, c1, c2) is an equation c0 + c1 cos + c2 sin = 0 in one angle, with two
-    zeros. At a solution of the system, both forms have one zero in common. Which of the
-    returned zeros this is, the caller finds by their residuals.
+    zeros. At a solution of the system, both forms have one zero in common.
 
     Parameters
     ----------
@@ -1215,7 +1214,7 @@ def _last_angles(forms: Complexes) -> Complexes:
     -------
     (..., 2) both zeros (rad) of the form that gives them more accurately.
     """
-    # This is the form with the larger coefficients of cosine and sine.
+    # The form with the larger coefficients of cosine and sine gives more accurate zeros.
     angle_parts = np.linalg.norm(forms[..., 1:], axis=-1)
     better = np.argmax(angle_parts, axis=-1)[..., None, None]
     better_forms = np.take_along_axis(forms, better, axis=-2)[..., 0, :]
@@ -1262,10 +1261,11 @@ def _run_newton(equations: Numbers, angles: Complexes) -> NewtonResult:
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations in t angles. Each of the
+        last t axes belongs to an angle: indices 0, 1 and 2 are the coefficients of 1,
+        cosine and sine.
     angles
-        (n, m, t) starts (rad), m for each system.
+        (n, m, t) starts (rad), m for each system. Solutions, and so starts, may be complex.
     """
     largest_change = np.inf
     for step in range(MAX_ROOT_NEWTON_STEPS + 1):
