@@ -23,7 +23,7 @@ SERIOUS_DECREASE = 0.1
 LIMIT_ALLOWANCE = 0.1
 """Distance from a limit, as a part of the predicted decrease, that a step must keep.
 
-Without it, a step along a limit that bends would end beyond the limit.
+Without this distance, a step along a limit that bends would end beyond the limit.
 """
 
 MAX_CUTTING_STEPS = 200
@@ -77,8 +77,7 @@ def minimize_largest(
     ----------
     functions
         Function of a point (n,) that returns objectives, limits (which must not be
-        positive) and their gradients. None where they are not defined. At a kink, the
-        gradient is the one on one side of the kink.
+        positive) and their gradients. None where the functions are not defined.
     x
         (n,) first point. A limit that is violated at this point may remain violated by as
         much.
@@ -90,8 +89,8 @@ def minimize_largest(
     x
         (n,) last point.
     largest
-        The largest objective at the last point; infinite if it is not defined at the first
-        one.
+        The largest objective at the last point; infinite if the functions are not defined
+        at the first point.
     """
     start = functions(x)
     if start is None:
@@ -102,8 +101,8 @@ def minimize_largest(
     radius = FIRST_TRUST_RADIUS
     for _ in range(MAX_CUTTING_STEPS):
         step, predicted_decrease = _predict_step(points, x, largest, allowed_limits, radius)
-        # The descent ends at a small box only: in a large one, a step may look poor only
-        # because the functions bend within the box.
+        # In a large box, a step may look poor only because the functions bend. So the
+        # descent ends at a small box only.
         if predicted_decrease < min_decrease and radius <= FIRST_TRUST_RADIUS * 1e-2:
             break
         # A step that decreases the maximum enough is accepted and widens the box. Any other
@@ -173,8 +172,8 @@ def _predict_step(
             (functions.limits, functions.limit_gradients, allowed_limits, LIMIT_ALLOWANCE),
         ):
             rows.append(np.column_stack([gradients, np.full(len(values), -decrease_part)]))
-            # A plane that is above the bound at x is moved down to it: the function is not
-            # convex there.
+            # If a function is not convex, its plane may be above the bound at x. Such a
+            # plane is moved down to the bound.
             values_at_x = values + gradients @ (x - point)
             right_sides.append(bounds - np.minimum(values_at_x, bounds))
     low = np.maximum(-radius, -x)

@@ -97,8 +97,8 @@ def compute_on_cluster(
         The sweep whose parts are computed.
     folder
         Absolute path of an empty folder on this machine, in which the parts are written.
-        Its name must be unique: a worker that finds a folder at this path takes that folder
-        for this one, on a shared disk.
+        The name must be unique: a worker takes any folder at this path for this folder on a
+        shared disk.
     part_numbers
         Numbers of the parts to compute, counted from 0.
 
@@ -123,21 +123,19 @@ def compute_on_cluster(
 
     with _connect(address) as client:
         _await_workers(client, address)
-        # The task that Dask sends to the workers is `pickle.loads(bytes)`, which every
-        # worker can read. If the bytes cannot be unpickled on a worker, the task fails with
-        # an error message. If Dask unpickled the sweep itself, the worker would end.
-        # The unpickled PartComputer is the result of a task, so Dask repeats the task when
-        # all workers that store the result are lost. Data distributed by `Client.scatter`
-        # would then be lost. `pure=False` gives every task a key of its own, so that no
-        # result of an earlier command is reused.
+        # The task for the workers is `pickle.loads(bytes)`. If a worker cannot unpickle the
+        # bytes, the task fails with an error message, and the worker does not end. If all
+        # workers that store the unpickled PartComputer are lost, Dask repeats the task.
+        # `pure=False` gives every task a key of its own, so that no result of an earlier
+        # command is reused.
         pickled_computer = cloudpickle.dumps(PartComputer(sweep, folder, code_identity()))
         computer_future = client.submit(pickle.loads, pickled_computer, pure=False)
         computer_futures = [computer_future] * len(part_numbers)
         part_futures = client.map(operator.call, computer_futures, part_numbers, pure=False)
         numbers_by_future = dict(zip(part_futures, part_numbers, strict=True))
-        # Dask stores a result as long as a future refers to it. From now on only
-        # `numbers_by_future` keeps futures of parts, and each is removed when it is
-        # finished. The files of a part are therefore freed once they are written.
+        # Dask stores a result as long as a future refers to the result. From now on only
+        # `numbers_by_future` keeps the futures of parts. So the content of the files of a
+        # part is freed once the files are written.
         computer_futures.clear()
         computer_future.release()
         completions = as_completed(part_futures)
@@ -166,9 +164,8 @@ def compute_on_cluster(
 def _connect(address: str) -> "Iterator[Client]":
     """Connect to a Dask scheduler within a `with` block, without log messages of Dask.
 
-    The scheduler distributes work to worker processes on several machines. Other functions
-    of this module report a lost scheduler or missing workers instead of the log. The log
-    levels are restored afterwards.
+    The scheduler distributes work to worker processes on several machines. The log levels
+    are restored at the end of the block.
 
     Yields
     ------
@@ -196,7 +193,7 @@ def _connect(address: str) -> "Iterator[Client]":
         try:
             yield client
         finally:
-            # Closing fails if the scheduler is lost. The block itself reports this.
+            # Closing fails if the scheduler is lost.
             with suppress(OSError, RuntimeError):
                 client.close(timeout=CONNECT_SECONDS)
     finally:
@@ -208,8 +205,7 @@ def _await_workers(client: "Client", address: str) -> None:
     """Wait until at least one worker process is connected to the Dask scheduler.
 
     The wait has no time limit, because a batch system may start workers hours later. A
-    message says how long the command has been waiting. It is repeated every
-    `WAITING_REPORT_SECONDS`.
+    message every `WAITING_REPORT_SECONDS` says how long the command has been waiting.
 
     Raises
     ------
@@ -244,7 +240,8 @@ def _describe_waiting(address: str, waited_seconds: float) -> str:
 def _has_workers(client: "Client", address: str) -> bool:
     """Return whether the Dask scheduler has worker processes.
 
-    The result is True also if the scheduler does not answer now, since it may be busy.
+    The result is True if a connected scheduler does not answer now: a busy scheduler may
+    have workers.
 
     Raises
     ------
@@ -256,8 +253,7 @@ def _has_workers(client: "Client", address: str) -> bool:
     try:
         return bool(client.nthreads())
     except (OSError, RuntimeError):
-        # If the connection is lost, the client changes its status, and the next call
-        # raises.
+        # No answer: the scheduler may be busy.
         return True
 
 
@@ -290,10 +286,10 @@ def _fetch_result(part_future: "Future[Any]", client: "Client", address: str) ->
             return part_future.result(timeout=patience_seconds)
         except TimeoutError:
             if part_future.status == "error":
-                # The error itself is a TimeoutError that computing the part raised.
+                # Computing the part on the worker raised a TimeoutError.
                 raise
             _await_workers(client, address)
-            # Each attempt starts the transfer anew, so a large result needs a longer one.
+            # Each attempt starts the transfer anew. A large result needs a longer attempt.
             patience_seconds *= 2.0
 
 
@@ -317,8 +313,7 @@ def _read_answer(
 
     Returns
     -------
-    The content of the files, or None if the worker wrote them to the folder itself. This is
-    the value that `PartComputer.__call__` returned on the worker.
+    The content of the files, or None if the worker wrote them to the folder itself.
 
     Raises
     ------
@@ -334,8 +329,7 @@ def _read_answer(
     try:
         return _fetch_result(part_future, client, address)  # type: ignore[no-any-return]
     except KilledWorker:
-        # Dask raises this for a part that was assigned to several workers that ended. The
-        # part need not be the cause, since it may only have waited on those workers.
+        # Several workers that had the part have ended.
         raise DesignError(
             f"{name}: every worker of {address} that held part {part_number} has ended, "
             "perhaps because memory ran out; parts that are written are kept. Give workers "
@@ -354,8 +348,8 @@ def _read_answer(
             "machine"
         ) from None
     except (CancelledError, OSError):
-        # With the status "error", computing the part on the worker raised the error, for
-        # example because a disk is full. Otherwise the connection raised it.
+        # The status "error" means that computing the part on the worker raised the error.
+        # With any other status, the connection to the scheduler failed.
         if part_future.status == "error":
             raise
         raise _lost_scheduler(address) from None
@@ -414,8 +408,8 @@ class PartComputer:
         The sweep.
     folder
         Absolute path of the folder on the user's machine in which the parts are written.
-        Its name is random. If the worker finds a folder at this path, the worker therefore
-        knows that it is the same folder on a shared disk.
+        The name is random. So a folder at this path on a worker is the same folder on a
+        shared disk.
     versions
         The versions of the software on the user's machine, as `code_identity` returns them.
     """
@@ -440,8 +434,7 @@ class PartComputer:
         Raises
         ------
         DesignError
-            If this worker has other versions of the software than the user's machine. All
-            parts of a sweep are computed by the same versions.
+            If this worker has other versions of the software than the user's machine.
         SpherekitError
             If the part cannot be computed or written.
         """
@@ -452,8 +445,8 @@ class PartComputer:
                 f"has other versions ({version_difference}); all parts of a data set must "
                 "be made with the same versions, so install these on every machine"
             )
-        # Threads of a worker share one sweep. Only one computes at a time, since the first
-        # part compiles functions that all parts use.
+        # Threads of a worker share one sweep. Only one thread computes at a time, because
+        # the first part compiles functions that all parts use.
         with _part_lock:
             if os.access(self.folder, os.W_OK | os.X_OK):
                 self.sweep.write_part(self.folder, part_number)

@@ -209,9 +209,9 @@ class Descent:
             for objective in specification.objectives
         ]
         self._objective_count = len(expressions)
-        # A condition less < more becomes less - more, which must not be positive. The
-        # fraction of samples at which a mode closes is not smooth, so conditions on it are
-        # checked separately.
+        # A condition less < more becomes less - more, which must not be positive.
+        # Conditions on "closes", the fraction of samples at which a mode closes, are left
+        # out, because the fraction is not smooth.
         expressions += [
             convert_to_graph(condition.less, nodes_by_name)
             - convert_to_graph(condition.more, nodes_by_name)
@@ -269,9 +269,9 @@ class Descent:
         Returns
         -------
         Objectives and conditions with their gradients with respect to x, and the fraction
-        of samples at which the mechanism can be assembled. Values are NaN if they depend on
-        figures of merit of a design that is impossible. Gradients that do not exist are set
-        to zero, so that they do not influence the direction of the next step.
+        of samples at which the mechanism can be assembled. If the design is impossible,
+        values that depend on figures of merit are NaN. Gradients that do not exist are
+        zero.
         """
         # The optimiser asks for values and gradients separately, so the last result is
         # stored.
@@ -436,7 +436,7 @@ class Descent:
             variable in its range (0 to 1).
         mode
             The assembly mode (way to assemble the mechanism). Designs that can be assembled
-            in it at fewer samples of the inputs than at the beginning are refused.
+            in this mode at fewer samples of the inputs than the first design are refused.
         aim
             (k,) aims of the objectives.
 
@@ -456,8 +456,7 @@ class Descent:
             They are (objective - aim) / scale for all objectives, and the conditions of the
             synthesis. The caller wants objectives near `aim`, an array of one number for
             each objective. `self.scales` makes objectives in different units comparable.
-            The conditions are not scaled, since only their signs matter. The result is None
-            if the design is refused, or if a number is not finite.
+            The result is None if the design is refused, or if a number is not finite.
             """
             values = self.evaluate(y, mode)
             # The mechanism can be assembled at fewer samples than at the start.
@@ -479,16 +478,15 @@ class Descent:
 
         Two kinds of descent alternate until no objective decreases any more. The first
         decreases the first objective by sequential quadratic programming, while the others
-        must not increase. It may stop too early at kinks, which occur because objectives
-        are least and greatest values. The second decreases all objectives together, by a
-        method for functions with kinks.
+        must not increase. This descent may stop too early at kinks of the objectives. The
+        second decreases all objectives together, by a method for functions with kinks.
 
         Parameters
         ----------
         mode
-            The assembly mode (way to assemble the mechanism). It is stored as
+            The assembly mode (way to assemble the mechanism). A mode is stored as
             configurations of one design, from which those of near designs are computed.
-            After each descent it is stored for the new design.
+            After each descent the configurations of the new design are stored.
         x
             (variables,) the first point: the position of each variable in its range (0 to
             1).
@@ -504,7 +502,7 @@ class Descent:
             mode = self.track_mode_from(x, mode)
             # `scales` makes decreases of different objectives comparable.
             decrease = (start_objectives - self.objectives(x, mode)) / self.scales
-            # Written in this way, the condition also ends the loop if a value is NaN.
+            # The comparison is False for NaN, so NaN ends the loop.
             if not np.max(decrease) > MIN_RELATIVE_DECREASE:
                 break
         return self.as_optimum(mode, x)
@@ -579,16 +577,15 @@ class Descent:
     ) -> CandidateStarts:
         """Return all designs from which a descent may start to beat an optimum.
 
-        They are designs that were evaluated before all descents, and optima of other
-        descents. They have the same assembly mode (way to assemble the mechanism) as the
+        The result has designs that were evaluated before all descents, and optima of other
+        descents. All have the same assembly mode (way to assemble the mechanism) as the
         optimum.
         """
         # Of earlier designs, only the label of the mode is known, so labels are compared.
         is_same_mode = self.modes == optimum.mode.label
         points = [self.points[is_same_mode]]
         objectives = [self._row_objectives[is_same_mode]]
-        # The modes of optima are compared more exactly. `continues_in` follows the
-        # configurations of the other optimum to this design, and compares them there.
+        # The modes of optima are compared by their configurations.
         for candidate in optima:
             if candidate.mode.continues_in(optimum.mode):
                 points.append(candidate.x[None, :])

@@ -225,9 +225,9 @@ class DesignEvaluator:
             # design.
             masses_follow_sizes=self._masses_follow_sizes,
         )
-        # The kernel is None if designs have to be analysed one by one. If positions have no
-        # formulas, they are tracked (followed in small steps) from design to design. The
-        # tracking starts at all positions of one design.
+        # The kernel is None if designs have to be analysed one by one. Positions without
+        # formulas are tracked (followed in small steps) from design to design. The tracking
+        # starts at all positions of one design.
         self.kernel, self._tracking_start = self._make_kernel()
 
     def _check_torque_tables(self) -> None:
@@ -245,10 +245,9 @@ class DesignEvaluator:
     def _make_kernel(self) -> tuple[DesignKernel | None, TrackingStart | None]:
         """Create the function that evaluates many designs at once, if this is possible.
 
-        Designs (choices of sizes) then share the same equations. If positions have no
+        All designs (choices of sizes) must share the same equations. If positions have no
         closed form, solutions of the closure equations are tracked from design to design.
-        This needs the solutions of one design to start from. Without them there is no
-        kernel.
+        The tracking starts at the solutions of one design, which must be found.
 
         Returns
         -------
@@ -279,13 +278,12 @@ class DesignEvaluator:
     def _has_common_equations(self) -> bool:
         """Whether all designs have the same equations, in which only numbers differ."""
         if self.samples.crossings == "pass":
-            # Assembly modes follow smooth curves through configurations in which curves
-            # cross. The signs of their dyads change there, at inputs that differ from
-            # design to design.
+            # Assembly modes pass crossings of their configuration curves. The signs of
+            # dyads change at a crossing, at inputs that differ from design to design.
             return False
         if self._is_over_constrained:
-            # There are more closure equations than unknowns. All of them hold only for
-            # special sizes, and the kernel would not notice other sizes.
+            # There are more closure equations than unknowns. The kernel would not notice
+            # sizes for which some equations do not hold.
             return False
         if self.mechanism.has_contacts:
             return self._can_replace_contacts
@@ -295,9 +293,8 @@ class DesignEvaluator:
     def _can_replace_contacts(self) -> bool:
         """Whether one linkage of R pairs can replace the mechanism with sliding contacts.
 
-        It has the same motion. Its sizes are computed from the file of each design, so all
-        numbers may vary except directions of outputs. Its equations have no arguments for
-        these.
+        The linkage has the same motion. All numbers may vary except directions of outputs,
+        for which the linkage has no arguments.
         """
         varied_mechanism = self.varied_mechanism
         has_linkage = varied_mechanism.equivalent_linkage is not None
@@ -510,10 +507,10 @@ class DesignEvaluator:
         """Return the figures of merit of designs in all assembly modes, by the kernel.
 
         A figure of merit is a number that rates a design (choice of sizes). An assembly
-        mode is one way to assemble the mechanism. Positions may have a closed form. A mode
-        then has a sign for each dyad (group of two links that can be assembled in two
-        ways). Otherwise solutions of the closure equations are tracked from design to
-        design, and some can be lost.
+        mode is one way to assemble the mechanism. If positions have a closed form, a mode
+        has a sign for each dyad (group of two links that can be assembled in two ways). If
+        not, solutions of the closure equations are tracked from design to design, and some
+        can be lost.
 
         Parameters
         ----------
@@ -867,8 +864,8 @@ class DesignEvaluator:
 
         q = rows[:, :input_count]
         linkage = self.varied_mechanism.equivalent_linkage
-        # Angles that gear ratios (a train of wheels) relate to the input do not repeat
-        # after a revolution of it.
+        # With a train of wheels, gear ratios relate angles to the input. So the angles do
+        # not repeat after a revolution of the input.
         repeats = linkage is None or linkage.train is None
         with np.errstate(all="ignore"):
             if input_count == 1:
@@ -947,8 +944,7 @@ class DesignEvaluator:
             # At other samples the offsets stay 0.
             samples = np.flatnonzero(all_finite(mode_values, 0))
             configurations = mode_values[:, samples].T
-            # (n, variables) number of revolutions to add. The number is 0 at the inputs of
-            # the reference pose, or at zero inputs if there is no such pose.
+            # (n, variables) number of revolutions to add.
             revolutions = unwrapping.count(
                 mode,
                 configurations,
@@ -967,8 +963,8 @@ class DesignEvaluator:
         order through all samples and points. A point is an input at which some figure of
         merit (number that rates a design) is evaluated.
 
-        Several inputs are samples of a path or grid. Each point must then be one of the
-        samples, because other inputs have no neighbours.
+        If there are several inputs, their samples form a path or grid, and each point must
+        be one of the samples.
 
         Returns
         -------
@@ -1008,8 +1004,6 @@ class DesignEvaluator:
         # (samples, points) distance (rad) of each point from each sample.
         distances = max_abs(points - input_grid.q[:, None], axis=2)
         for point in points[np.min(distances, axis=0) > POINT_TOLERANCE_RAD]:
-            # Only mechanisms with other groups than dyads come here. Dyads (two links and
-            # three pairs) have a closed form, which is evaluated at any inputs.
             inputs = listing(f"{angle:.6g}" for angle in point)
             raise DesignError(
                 f"{self.mechanism.name}: the inputs {inputs} rad are not those of a "
@@ -1082,8 +1076,7 @@ class DesignEvaluator:
             ]
             kernel = RedundantKernel(expressions_of_modes, self.figures.columns)
         else:
-            # There is no configuration if the design never closes. The expressions are then
-            # never evaluated.
+            # The configuration is None if the design never closes.
             first_configuration = next(iter(motion.values[~motion.failed]), None)
             expressions = self._make_expressions(
                 mechanism, first_configuration, is_redundant=False

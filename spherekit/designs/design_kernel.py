@@ -143,7 +143,7 @@ class DesignKernel:
         ]
         passive_angles = [expressions.angle(pair) for pair in revolution_offsets]
         # `prepared` are the parts of the expressions that depend only on the sizes. The
-        # squares tell whether the dyads close: they are negative if not.
+        # `triple_squares` are negative where a dyad does not close.
         self._output_expressions, prepared = separate_constant_parts(
             [*expressions.triple_squares, *outputs, *passive_angles],
             [*table_torques.values(), *moving],
@@ -207,8 +207,8 @@ class DesignKernel:
         Parameters
         ----------
         samples
-            (3 inputs + 1, n) inputs (rad), their rates (rad/s) and accelerations (rad/s2),
-            and the time (s).
+            (3 * inputs + 1, n) inputs (rad), their rates (rad/s) and accelerations
+            (rad/s2), and the time (s).
         position_arguments
             (w, n) numbers that determine the positions of the links at each sample. In
             closed form they are the signs of the dyads (two links with three revolute
@@ -270,7 +270,7 @@ class RedundantKernel:
 
     Each sample is taken from the kernel whose rates violate the equations of all loops
     least. Quantities that follow from rates are NaN if every kernel exceeds
-    `MAX_LOOP_RESIDUAL`. Angles and axes do not depend on the choice.
+    `MAX_LOOP_RESIDUAL`.
 
     Parameters
     ----------
@@ -323,7 +323,7 @@ class RedundantKernel:
     def unwrapped_pairs(self) -> tuple[str, ...]:
         """Names of the pairs on whose whole revolutions loads depend.
 
-        They are the same in all kernels.
+        All kernels of the design have the same pairs.
         """
         return self._kernels[0].unwrapped_pairs
 

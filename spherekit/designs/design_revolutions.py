@@ -294,8 +294,8 @@ def _accumulate_growth(
 def _replace_minus_half_revolution(angles: Floats) -> Floats:
     """Replace angles of -pi, up to rounding, by pi, the other name of the same angle.
 
-    All `angles` (rad) are in (-pi, pi]. Without this, rounding would decide whether an
-    angle of half a revolution counts as one revolution more or less.
+    All `angles` (rad) are in (-pi, pi]. Without the replacement, rounding would decide
+    whether an angle of half a revolution counts as one revolution more or less.
     """
     # The count is -1 for angles that are -pi up to rounding, and 0 for all others.
     return angles - TURN * count_revolutions(angles)
@@ -374,8 +374,8 @@ def unwrap_along_several_inputs(
 
     Each sample is reached from the sample before on a straight path of the inputs, the
     first one from the anchor. Points are reached from the nearest sample. If a design does
-    not close all along such a path, the straight path from the anchor is tried. If this
-    fails too, the sum is left in (-pi, pi].
+    not close all along such a path, the straight path from the anchor is tried. If the
+    design does not close along that path, either, the sum is left in (-pi, pi].
 
     Parameters
     ----------

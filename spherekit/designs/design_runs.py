@@ -183,9 +183,8 @@ class DesignRuns:
         self._require_columns()
         # Names of the figures that need no run.
         self._kernel_names = kernel_evaluator.figures.names if kernel_evaluator else []
-        # Names of the columns of numbers in the table of designs: all figures. If `tables`
-        # is true, the number of the assembly mode (way to assemble the mechanism) is added.
-        # By this number the rows of a mode are found in the tables of its run.
+        # Names of the columns of numbers in the table of designs: all figures, and with
+        # `tables` the number of the assembly mode (way to assemble the mechanism).
         self.names = self._list_number_columns()
 
     def _require_columns(self) -> None:
@@ -448,9 +447,9 @@ class DesignRuns:
             merits[name] = np.array(
                 [figure_by_mode.get(mode, common_figure) for mode in modes]
             )
-        # If the user also wants the tables of the run, they are stored in other files, in
-        # which an assembly mode has a number. So each row of this table gets the number,
-        # too. A working mode has none.
+        # The tables of the run are stored in other files, in which an assembly mode has a
+        # number. The number links the rows of this table to those files. For a working mode
+        # the number is NaN.
         if self.tables:
             merits[ASSEMBLY] = np.array([_assembly_number(mode) for mode in modes])
         return replace(rows, merits=merits)

@@ -43,9 +43,8 @@ class Variation:
     values
         The possible values; None if all numbers from `low` to `high` are possible.
     has_angle_unit
-        Whether the user wrote a unit of angles. The number must then be an angle. It serves
-        this check only. So variations are equal if their values are equal, in whatever unit
-        the user wrote them.
+        Whether the user wrote a unit of angles, so that the number must be an angle.
+        Variations that differ only in this attribute are equal.
     """
 
     key: str
@@ -122,8 +121,8 @@ def range_variation(
 ) -> Variation:
     """Return a number of the mechanism file that varies over all values of a range.
 
-    `has_angle_unit` says whether the user wrote a unit of angles. The number must then be
-    an angle.
+    `has_angle_unit` says whether the user wrote a unit of angles, so that the number must
+    be an angle.
 
     Raises
     ------
@@ -140,8 +139,6 @@ def range_variation(
 @dataclass(frozen=True)
 class DesignSpace:
     """A numbered set of designs (choices of sizes), the same in every process.
-
-    Processes that share the work therefore need only the numbers of their designs.
 
     Attributes
     ----------

@@ -155,7 +155,7 @@ class DesignVariable:
         The value in the file, in the unit of the file.
     geometric_angle
         Which angle of a link, pair (joint) or output the number is. None for all other
-        numbers, also for angles of loads and contact profiles.
+        numbers, such as angles of loads and contact profiles.
     """
 
     key: str
@@ -165,12 +165,12 @@ class DesignVariable:
 
     @property
     def is_angle(self) -> bool:
-        """Whether it is an angle of a link, pair or output."""
+        """Whether the number is an angle of a link, pair or output."""
         return self.geometric_angle is not None
 
     @property
     def name(self) -> str:
-        """Its name in tables and expressions, such as ``links_2_arc``."""
+        """Name of the number in tables and expressions, such as ``links_2_arc``."""
         return self.key.replace(".", "_").replace("-", "_")
 
 
@@ -299,9 +299,9 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
     between the first axis of a link and another axis of the link. An angle says how far the
     plane of another arc is turned from the plane of the first arc.
 
-    The result has the sizes by their keys, such as ``links.2.arc``. A file with sizes has
-    the same keys. The result is empty if the file has sizes. It is also empty if there are
-    contacts (pairs in which two links touch along curves), for which no sizes are derived.
+    The result has the sizes by their keys, such as ``links.2.arc``. The result is empty if
+    the file has sizes, or if there are contacts (pairs in which two links touch along
+    curves), for which no sizes are derived.
     """
     has_reference_pose = isinstance(mechanism.geometry, PoseGeometry)
     if not has_reference_pose or mechanism.has_contacts:
@@ -317,8 +317,8 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
             size_key = kind[:-1] if kinds.count(kind) == 1 else f"{kind}.{pair}"
             key = f"links.{link}.{size_key}"
             # A design variable has the place of its number in the file: a table and keys in
-            # it. This file has no such number, so a place is invented. The place is
-            # different for each size.
+            # it. This file has no such number, so a place is invented, a different one for
+            # each size.
             path = ("links", link, kind, pair)
             geometric_angle = GeometricAngle(kind, (link, pair))
             variables[key] = DesignVariable(key, path, value, geometric_angle)
@@ -345,15 +345,16 @@ def default_size_keys(mechanism: Mechanism) -> Names:
 def _arc_and_angle_keys(geometry: SizeGeometry) -> Names:
     """Return the keys of the arcs and angles of links, as far as they vary by default.
 
-    Links with two axes on one line are left out, because the axes would not stay on one
-    line.
+    A link with one arc has the key ``links.LINK.arc``. A link with several arcs has a key
+    ``links.LINK.arcs.PAIR`` for each of them. The keys of angles have the same form. Links
+    with two axes on one line are left out, because other sizes would move the axes apart.
     """
     keys = []
     coaxial = coaxial_links(geometry)
     for link, sizes in geometry.links.items():
         if link in coaxial:
             continue
-        # Arcs belong to all axes but the first, angles to all but the first two.
+        # Each axis after the first has an arc. Each axis after the second has an angle.
         for kind, axes in (("arc", sizes.axes[1:]), ("angle", sizes.axes[2:])):
             for pair in axes:
                 size_key = f"{kind}s.{pair}" if len(axes) > 1 else kind

@@ -35,8 +35,8 @@ class FigureValues:
         (figures,) figures in rad and SI units; NaN if the design is impossible or its
         configurations in this mode cannot be computed.
     gradients
-        (figures, variables) derivatives with respect to the design variables in the units
-        of the file.
+        (figures, variables) derivatives with respect to the design variables, each variable
+        in the unit in which the mechanism file states it.
     closing_fraction
         Fraction of the samples of the inputs at which the mechanism can be assembled in
         this mode.
@@ -68,7 +68,8 @@ class FigureGradients:
             evaluator.varied_mechanism.make_expressions(), figures.columns, gradients=True
         )
         quantities = symbols([*figures.sample_names, *figures.columns])
-        # The same expression is used with and without whole revolutions.
+        # `convert_to_graph` requires two nodes for each name, with and without whole
+        # revolutions. Here the two nodes are equal.
         named = {node.arguments[0]: (node, node) for node in quantities}
         self._expressions = with_derivatives(
             [convert_to_graph(item, named) for item in figures.expressions], quantities
@@ -103,8 +104,8 @@ class FigureGradients:
             return FigureValues(figures, gradients, 0.0)
         samples = kernel_figures.rows.T
         position_arguments = mode.position_arguments(design, len(kernel_figures.rows))
-        # Only profiles that are not circles need the pair values. If the position arguments
-        # are signs of dyads, there are none, and any array of this length will do.
+        # If some profiles are not circles, the position arguments are pair variables. If
+        # all profiles are circles, only the length of `pair_values` is used.
         columns = design.evaluate_gradients(
             self._kernel,
             samples,
@@ -151,8 +152,7 @@ class FigureGradients:
         """Return the multiples of 2 pi to be added to angles on which loads depend.
 
         Configurations have angles in (-pi, pi]. Loads such as springs may depend on angles
-        that count full revolutions. The count is zero at the inputs of the reference pose,
-        or at zero inputs if there is no such pose.
+        that count full revolutions.
 
         Parameters
         ----------
@@ -199,9 +199,7 @@ class FigureGradients:
         """Return multiples of 2 pi that make angles of one assembly mode continuous.
 
         Angles of configurations are in (-pi, pi]. Loads such as springs depend on angles
-        over whole revolutions, which are counted here. The offsets are 0 at the inputs of
-        the reference pose, or at zero inputs if there is no such pose. From there the mode
-        is followed to the configurations.
+        over whole revolutions, which are counted here.
 
         Parameters
         ----------

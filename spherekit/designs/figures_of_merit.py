@@ -72,7 +72,7 @@ class DesignSamples:
     inputs
         Names of the driven pairs.
     rows
-        (samples, 3 inputs + 1) the inputs (rad), their rates (rad/s) and accelerations
+        (samples, 3 * inputs + 1) the inputs (rad), their rates (rad/s) and accelerations
         (rad/s2), and the time (s).
     shape
         Number of samples along a path, or along each axis of a grid.
@@ -123,9 +123,8 @@ class DesignSamples:
             samples = DesignSamples._sample_path(mechanism, study)
         else:
             samples = DesignSamples._sample_ranges(mechanism, study)
-        # Also store how to continue where assembly modes cross. A mode is one way to
-        # assemble the mechanism. Its configurations form a curve over the input, and the
-        # curves of two modes can cross.
+        # Also store how assembly modes (ways to assemble the mechanism) continue where
+        # their curves of configurations cross.
         return replace(samples, crossings=study.crossings)
 
     @staticmethod
@@ -163,10 +162,8 @@ class DesignSamples:
         """Return samples at values of the inputs that a study lists (a path).
 
         A path has neither rates nor times, but figures of merit (numbers that rate a
-        design) may contain them. By convention, all inputs have the rate 1 rad/s, also
-        where they decrease along the path. The time is the first input (rad), less its
-        value at time zero, divided by 1 rad/s. Time zero is where a single input is
-        smallest. With several inputs it is the first sample.
+        design) may contain them. By convention, all inputs have the rate 1 rad/s. The time
+        is the first input (rad), less its value at time zero, divided by 1 rad/s.
 
         Parameters
         ----------
@@ -212,8 +209,8 @@ class DesignSamples:
         """Return samples at which every input has the rate 1 or -1 rad/s.
 
         These rates are a convention for samples without a time law (prescribed motion).
-        They may differ from the changes from sample to sample. Accelerations are 0. The
-        time of a sample is the change of the first input since time 0, divided by its rate.
+        Accelerations are 0. The time of a sample is the change of the first input since
+        time 0, divided by its rate.
 
         Parameters
         ----------
@@ -465,10 +462,10 @@ class KernelFigures:
     columns
         Names of the quantities that the kernel computes.
     points
-        (points, 3 inputs + 1) further samples, for the figures at given inputs.
+        (points, 3 * inputs + 1) further samples, for the figures at given inputs.
     rows
-        (samples + points, 3 inputs + 1) the samples, followed by the points. A row has the
-        inputs (rad), their rates, their accelerations, and the time.
+        (samples + points, 3 * inputs + 1) the samples, followed by the points. A row has
+        the inputs (rad), their rates, their accelerations, and the time.
 
     Raises
     ------
@@ -527,7 +524,7 @@ class KernelFigures:
 
         Returns
         -------
-        (points, 3 inputs + 1) inputs, rates, accelerations and time.
+        (points, 3 * inputs + 1) inputs, rates, accelerations and time.
         """
         count = len(self.inputs)
         points = sorted({merit.point for merit in self.merits if merit.point})
@@ -721,7 +718,7 @@ class KernelFigures:
         kernel
             Computes the quantities whose names are in `columns`.
         rows
-            (r, 3 inputs + 1) samples: inputs, their rates and accelerations, and the time.
+            (r, 3 * inputs + 1) samples: inputs, rates, accelerations, and the time.
         prepared
             (k, n) numbers that follow from the sizes of the design of each mode, computed
             by ``kernel.prepare``.
@@ -747,13 +744,16 @@ class KernelFigures:
         design_numbers = np.repeat(prepared[:, np.newaxis], sample_count, axis=1)
         arguments = [samples, position_arguments]
         if profiles:
+            # Here `position_arguments` are the pair variables, from which the points of
+            # contact follow.
             arguments.append(_profile_columns_of_modes(profiles, position_arguments))
         arguments += [revolution_offsets, design_numbers]
         outputs = _evaluate_all_modes(kernel, np.concatenate(arguments))
-        # The first outputs are negative where a dyad is too short or too long to close.
+        # `reaches` are negative where a dyad is too short or too long to close.
         reaches, kernel_columns = np.split(outputs, [kernel.reach_count])
         dyads_close = np.all(reaches >= 0.0, axis=0)
-        # Arguments of a configuration that was not found are all NaN, so the first tells.
+        # If a configuration was not found, all its arguments are NaN. So the first argument
+        # tells.
         has_positions = all_finite(position_arguments[:1], axis=0)
         # `sample_names` are the names of the inputs, their rates and so on.
         by_name = dict(zip(self.sample_names, samples, strict=True))

@@ -235,8 +235,8 @@ class DesignPaths:
         """Return the loop-closure equations at one point of each of some paths.
 
         Along a path, the sizes of a mechanism change linearly from one design to another.
-        `profiles` are the curves at which links touch. They are curves, not numbers, so
-        they are no sizes. They are None if there are no contacts, or only circles.
+        `profiles` are the curves along which links touch, or None if there are no contacts
+        or only circles.
 
         Parameters
         ----------
@@ -276,19 +276,20 @@ def track_solutions(
 ) -> tuple[Array, Bools]:
     """Follow solutions of the closure equations while sizes and inputs change.
 
-    The path parameter goes from 0 to 1, and sizes and inputs go from start to end with it.
-    Each step predicts the configuration by a parabola through the last three and corrects
-    it by two steps of Newton's method. A step is halved if Newton's method contracts too
-    slowly, and doubled if it contracts quickly. All paths are tracked together; each has
-    its own step.
+    While the path parameter goes from 0 to 1, sizes and inputs go from start to end. Each
+    step predicts the configuration by a parabola through the last three configurations. Two
+    steps of Newton's method correct the prediction. A step is halved if Newton's method
+    contracts too slowly, and doubled if it contracts quickly. All paths are tracked
+    together; each has its own step.
 
     Parameters
     ----------
     kernel
         The closure equations of the topology.
     start
-        (variables, n) solutions (rad) at the start of n paths. If they are real, a change
-        of the sign of the determinant is taken for a jump to another solution.
+        (variables, n) solutions (rad) at the start of n paths. If the solutions are real, a
+        step that changes the sign of the determinant is refused as a jump to another
+        solution.
     sizes
         Sizes at the start and at the end, (k, n), or (k, 1) if all paths share them.
     inputs
@@ -469,8 +470,7 @@ class PathCorrection:
         """Return a mask (m,) of the paths on which Newton's method keeps to its prediction.
 
         The first step must be short. The second step must be shorter than the first one
-        times `contraction`. Otherwise the method may lead to another solution, and the step
-        along the path is halved.
+        times `contraction`. Longer steps may lead to another solution.
         """
         is_short = self.first_length < MAX_FIRST_NEWTON_STEP_RAD
         return is_short & (
@@ -632,8 +632,8 @@ def are_distinct(solutions: Array) -> Bools:
 class StartSolutions:
     """All solutions of the loop-closure equations of one design, at complex inputs.
 
-    From them, the solutions of other designs are computed, while the sizes change step by
-    step. At complex inputs solutions do not meet on the way, so none is lost.
+    The solutions of other designs are computed from these solutions, while the sizes change
+    step by step. Solutions do not meet at complex inputs, so none is lost.
 
     Attributes
     ----------

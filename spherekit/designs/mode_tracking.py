@@ -137,7 +137,7 @@ def track_assembly_modes(
     mode_ids = np.full((sample_count, column_count), NO_MODE)
     for sample in range(sample_count):
         neighbours = previous_samples[:, sample]
-        # The neighbour along the last axis has the largest index. It is preferred.
+        # The neighbour along the last axis has the largest index and comes first.
         neighbours = np.sort(neighbours[neighbours >= 0])[::-1].tolist()
 
         if neighbours:
@@ -319,8 +319,8 @@ class _SolutionTracker:
         """Follow all solutions to the sizes of their designs and to other inputs.
 
         A solution is a configuration, possibly complex, in which all loops of links close.
-        It is followed while sizes and inputs change step by step, with Newton's method at
-        each step (`track_solutions`).
+        A solution is followed while sizes and inputs change step by step, with Newton's
+        method at each step (`track_solutions`).
 
         On a straight path of the inputs, two solutions can meet at a singularity, and one
         is lost. So if the straight path fails, others are tried, on which the inputs have
@@ -328,8 +328,8 @@ class _SolutionTracker:
         `DETOUR_RATIOS` says how large its imaginary part is. A path succeeds for a design
         if all its solutions arrive and are different.
 
-        A design is marked in `is_lost` if no path succeeds. It is also marked if, on any
-        path, one of its solutions is neither clearly real nor clearly complex.
+        A design is marked in `is_lost` if no path succeeds, or if on any path one of its
+        solutions is neither clearly real nor clearly complex.
 
         Parameters
         ----------
@@ -384,10 +384,10 @@ class _SolutionTracker:
         """Return the solution at the next sample to which each real solution leads.
 
         A solution solves the closure equations at the inputs of a sample. A real solution
-        is a configuration. It is tracked along a path of real configurations, in steps that
-        do not jump to another assembly mode. A mode ends if its path does not arrive. A
-        design is marked in `is_lost` if a path arrives at none of the known real solutions,
-        or if two paths arrive at the same one.
+        is a configuration, which is tracked along a path of real configurations, in steps
+        that do not jump to another assembly mode. A mode ends if its path does not arrive.
+        A design is marked in `is_lost` if a path arrives at none of the known real
+        solutions, or if two paths arrive at the same one.
 
         Parameters
         ----------
@@ -430,7 +430,7 @@ class _SolutionTracker:
         successors[columns[is_certain]] = next_columns[is_certain]
 
         # If two paths arrive at the same solution, one of them has jumped to another mode.
-        # It is not known which, so the design is lost, and its successors are not used.
+        # Which path has jumped is unknown, so the design is lost.
         _, first_arrivals = np.unique(next_columns, return_index=True)
         is_repeated = np.ones(len(columns), bool)
         is_repeated[first_arrivals] = False
@@ -453,7 +453,7 @@ def _track_along_detour(
 
     A solution is a configuration in which all loops of links close. On a path of real
     inputs, two solutions can meet at a singularity, and one is then lost. At complex inputs
-    they do not meet.
+    solutions do not meet.
 
     Parameters
     ----------
@@ -507,11 +507,11 @@ def _remove_imaginary_rounding(
 ) -> CleanedSolutions:
     """Remove the imaginary part of solutions that are real up to rounding.
 
-    A solution is a configuration in which all loops of links close. If its imaginary part
-    is below `NEAR_REAL_RAD`, it is tested: Newton's method starts from its real part. If
-    the method converges to a point less than `SAME_SOLUTION_RAD` from there, the solution
-    is real. Otherwise it is complex, or undecided: with an imaginary part below
-    `SAME_SOLUTION_RAD` it cannot be told from a real solution.
+    A solution is a configuration in which all loops of links close. A solution with an
+    imaginary part below `NEAR_REAL_RAD` is tested: Newton's method starts from its real
+    part. If the method converges to a point less than `SAME_SOLUTION_RAD` from the real
+    part, the solution is real. A solution that fails the test is undecided if its imaginary
+    part is below `SAME_SOLUTION_RAD`, and complex if not.
 
     Parameters
     ----------

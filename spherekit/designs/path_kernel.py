@@ -58,8 +58,8 @@ def complex_function(
     numbers
         Symbols that have real values.
     compiled
-        Whether the library heyoka compiles the function. It computes with real numbers
-        only, so each expression is split into its real and its imaginary part. Otherwise
+        Whether the library heyoka compiles the function. heyoka computes with real numbers
+        only, so each expression is split into its real and its imaginary part. If false,
         NumPy evaluates the expressions with complex numbers.
 
     Returns
@@ -255,8 +255,8 @@ class PathKernel:
     Parameters
     ----------
     expressions
-        The mechanism as expressions of the variables of its pairs (joints). Expressions in
-        closed form, with signs for the ways of assembly, do not serve here.
+        The mechanism as expressions of the variables of its pairs (joints). The expressions
+        must not be in closed form.
     compiled
         Whether heyoka compiles the equations, if it is installed.
 
@@ -310,8 +310,7 @@ class PathKernel:
         self.prepare = expression_function(
             prepared_expressions, expressions.size_symbols, self.compiled
         )
-        # The function for real configurations. `_evaluate_complex` is the same function for
-        # complex ones.
+        # The function for real configurations.
         self._evaluate_real = expression_function(
             self._outputs, self._arguments, self.compiled
         )
@@ -328,9 +327,9 @@ class PathKernel:
 
         The signs distinguish assembly modes (ways to assemble the mechanism). A group
         consists of links whose positions are found together. A dyad is a group of two links
-        with three revolute pairs. It can be assembled in two ways, with opposite signs of
-        the triple product ``a . (b x c)`` of its axes. At a singularity the product is
-        zero, and ``+`` is returned.
+        with three revolute pairs, and can be assembled in two ways. The triple product ``a
+        . (b x c)`` of its three axes has the opposite sign in the other way. At a
+        singularity the product is zero, and ``+`` is returned.
 
         Parameters
         ----------
@@ -374,8 +373,7 @@ class PathKernel:
         Parameters
         ----------
         values
-            (variables, n) pair (joint) variables in rad before the step. They are complex
-            if complex solutions are followed from one design to another.
+            (variables, n) real or complex pair (joint) variables in rad before the step.
         numbers
             (k, n) the other numbers in the equations, which are real. First come the
             tangent, point and curvature of contact curves, if these are not circles. Then

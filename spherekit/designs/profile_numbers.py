@@ -176,9 +176,9 @@ class DesignProfiles:
         arc_length_derivatives = _differentiate_by_arc_length(self.evaluate_columns(values))
         # (design variables, profiles, 8, n)
         derivatives = np.zeros((len(self.variables), *arc_length_derivatives.shape))
-        # For each design variable, a dict has the curves that change, by the index of the
-        # profile. Its values are functions of the arc length: the derivatives of the
-        # columns with respect to the design variable.
+        # For each design variable, `curve_derivatives` has a function for the index of each
+        # profile that changes. The function of the arc length returns the derivatives of
+        # the columns with respect to the design variable.
         for k, curve_derivatives in enumerate(self._curve_derivatives):
             # 1. The curve changes, at a fixed arc length.
             for index, curve_derivative in curve_derivatives.items():
@@ -416,12 +416,12 @@ class ProfilesTowardsDraws:
         return columns
 
     def _columns_of_draws(self, values: Floats, draws: Indices) -> Floats:
-        """Return the columns of the contact profiles of draws, at m points.
+        """Return the numbers that describe the contact profiles of draws, at m points.
 
-        A draw is a design with random deviations from the nominal design. The nine columns
-        of a profile describe it at the point of contact: the tangent (3), the point (3) on
-        the unit sphere, the geodesic curvature, and the first two derivatives of the
-        curvature with respect to arc length.
+        A draw is a design with random deviations from the nominal design. Nine numbers
+        describe a profile at the point of contact: the tangent (3), the point (3) on the
+        unit sphere, the geodesic curvature, and the first two derivatives of the curvature
+        with respect to arc length.
 
         Parameters
         ----------
@@ -432,8 +432,9 @@ class ProfilesTowardsDraws:
 
         Returns
         -------
-        (9 * profiles, m) columns, NaN for impossible designs. The last column of each
-        profile is always NaN, because closing the loops of links does not need it.
+        (9 * profiles, m) numbers, one row each, NaN for impossible designs. The ninth
+        number of each profile is always NaN, because closing the loops of links does not
+        need it.
         """
         columns = nans((COLUMN_COUNT * len(self.nominal), len(draws)))
         for draw, points in _points_by_draw(draws).items():
@@ -642,8 +643,8 @@ class ContactFrame:
         """Return the rotation vector (3,) of the frame per unit of the curve's arc length.
 
         The frame moves along a curve on the unit sphere. Its axes are the tangent, the
-        normal and the point itself. It rotates about the normal as the point moves along
-        the curve, and about the point because of the geodesic curvature.
+        normal and the point itself. The frame rotates about the normal as the point moves
+        along the curve, and about the point because of the geodesic curvature.
         """
         return self.normal + self.curvature * self.point
 
@@ -710,8 +711,8 @@ def evaluate_profile_columns(
 
     Returns
     -------
-    (9 * profiles, n) columns, in the axes of the link of each profile. They are NaN if
-    variables are NaN, or if the arc length is outside an open profile.
+    (9 * profiles, n) columns (numbers, one row each), in the axes of the link of each
+    profile. NaN if variables are NaN, or if the arc length is outside an open profile.
     """
     columns = nans((COLUMN_COUNT * len(profiles), len(values)))
     finite_rows = np.flatnonzero(all_finite(values, 1))

@@ -69,9 +69,9 @@ class Sensitivity:
         A mechanism with its inputs.
     keys
         Sizes, or numbers of masses and loads, as keys of its file. By default these are the
-        arcs and angles of all links. If the file gives a reference pose with contacts, its
-        links have no arcs and angles. The default is then the directions of the axes of all
-        R pairs, or without R pairs the numbers of the contact profiles.
+        arcs and angles of all links. For a file with contacts and a reference pose, the
+        default is the directions of the axes of all R pairs, or without R pairs the numbers
+        of the contact profiles.
     quantities
         Names of the quantities, see `row_quantities`. By default these are the angles of
         pairs between an output and the link from which it is seen, or else of all passive
@@ -117,7 +117,8 @@ class Sensitivity:
         self.mechanism = mechanism
         self.inputs = mechanism.input_pairs
         self.document = document_of(mechanism, "rad")
-        # Arcs and angles of links by key, if the file states a reference pose instead.
+        # Arcs and angles of links by key, derived from the reference pose if the file has
+        # one.
         self._link_sizes = link_sizes(mechanism)
         self.keys = (
             tuple(keys)
@@ -258,7 +259,7 @@ class Sensitivity:
             )
             try:
                 # Without closed form, the arguments of the expressions are the variables of
-                # all pairs in a configuration. Otherwise they would be signs of dyads.
+                # all pairs in a configuration.
                 return varied_mechanism, varied_mechanism.make_expressions(
                     closed_form=False
                 )
@@ -372,7 +373,7 @@ class Sensitivity:
         key
             Key of the number in the file, such as ``links.2.arc``.
         """
-        # On the unit sphere all sizes are angles. A few numbers of loads are too.
+        # On the unit sphere all sizes are angles. A few numbers of loads are angles, too.
         is_size = not self._is_mass_or_load[self.keys.index(key)]
         return is_size or is_angle_of_load(self.document, key)
 
@@ -398,8 +399,8 @@ class Sensitivity:
         """Return the names of the links whose motion determines a quantity.
 
         A run leaves out links that the derivatives do not need. Quantities of masses and
-        loads, such as the equivalent inertia, have no links here. They depend on the links
-        on which masses and loads act, which `links` adds.
+        loads, such as the equivalent inertia, have no links here. The property `links` adds
+        the links on which masses and loads act.
         """
         if quantity.startswith(INERTIAL):
             return ()
@@ -459,7 +460,7 @@ class Sensitivity:
         return wound_pairs(self.mechanism)
 
     def at_rest(self, inputs: Floats) -> Floats:
-        """Return samples (n, 3 inputs + 1) at resting inputs (n, inputs) rad, time 0."""
+        """Return samples (n, 3 * inputs + 1) at resting inputs (n, inputs) rad, time 0."""
         return np.pad(inputs, ((0, 0), (0, 2 * len(self.inputs) + 1)))
 
     @cached_property
@@ -498,7 +499,7 @@ class Sensitivity:
         Parameters
         ----------
         samples
-            (n, 3 inputs + 1) the inputs (rad), their rates (rad/s) and accelerations
+            (n, 3 * inputs + 1) the inputs (rad), their rates (rad/s) and accelerations
             (rad/s2), and the time (s).
         values
             (n, variables) pair (joint) variables in rad with which all loops close. Angles
@@ -516,9 +517,10 @@ class Sensitivity:
         # Torques can be tables over time. An error is raised if a time is outside them.
         times_in_s = samples[:, -1]
         self._check_times(times_in_s)
-        # The kernel computes the quantities and their derivatives. Contacts of circles can
-        # be replaced in the kernel by links between the centres of the circles. The pair
-        # variables of the kernel then differ from the pair variables of the mechanism.
+        # A kernel (function of many configurations) computes the quantities and their
+        # derivatives. In the kernel, links between the centres of circles can replace
+        # contacts of circles. The pair variables of such a kernel differ from those of the
+        # mechanism.
         kernel_variables = self._kernel_variables(values)
         column_gradients = self._nominal_design.evaluate_gradients(
             self._gradient_kernel,
@@ -603,7 +605,7 @@ class Sensitivity:
         Parameters
         ----------
         samples
-            (n, 3 inputs + 1) inputs (rad), their rates and accelerations, and the time (s).
+            (n, 3 * inputs + 1) inputs (rad), rates, accelerations, and the time (s).
         values
             (n, variables) pair variables (rad) of the nominal mechanism.
         draw_sizes
@@ -624,8 +626,8 @@ class Sensitivity:
         )
         sizes = np.tile(draw_sizes, sample_count)
         size_changes = sizes - self._nominal_design.sizes[:, None]
-        # The first sizes are angles at which wheels are put together. They may differ from
-        # the nominal ones by whole revolutions, which are no deviation.
+        # The first sizes are angles at which wheels are put together. Whole revolutions of
+        # these angles are no deviation.
         angle_count = len(self._varied_mechanism.varied_contact_numbers)
         size_changes[:angle_count] = wrap(size_changes[:angle_count])
         configurations, is_closed = track_solutions(

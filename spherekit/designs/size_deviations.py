@@ -86,8 +86,8 @@ class SizeDeviations:
     def worst(self) -> Any:
         """The deviation of each size in the worst case, one number or (sizes,).
 
-        It is three standard deviations of a normal distribution, or the largest deviation
-        of a uniform one.
+        The worst case is three standard deviations of a normal distribution, or the largest
+        deviation of a uniform one.
         """
         return np.multiply(self.size, 3.0 if self.distribution == "normal" else 1.0)
 

@@ -237,7 +237,7 @@ class Sweep:
                 self.document, self.mechanism, self.variables, merits, self.samples
             )
         if self.study is None:
-            # A sweep without a study has samples. Otherwise it would have no figures.
+            # A sweep without a study has samples.
             assert kernel_evaluator is not None
             return kernel_evaluator
         return DesignRuns(
@@ -392,8 +392,7 @@ class Sweep:
         designs = designs[:, meets_conditions]
         if isinstance(self.evaluator, DesignRuns):
             return self._run_designs(self.evaluator, designs, numbers, store_table)
-        # Otherwise the evaluator computes all designs at once and runs no analyses, so
-        # there are no tables to store.
+        # A `DesignEvaluator` runs no analyses, so there are no tables to store.
         return self._select_rows(self.tabulate_designs(designs, numbers))
 
     def _run_designs(
@@ -405,8 +404,8 @@ class Sweep:
     ) -> Columns:
         """Compute the table of designs by running the analyses of each design.
 
-        A figure of merit is a number that rates a design. Some figures need no run. If they
-        already violate the conditions of the sweep, the design is not run.
+        A figure of merit is a number that rates a design. Some figures need no run. If
+        these figures violate the conditions of the sweep, the design is not run.
 
         Parameters
         ----------
@@ -502,10 +501,8 @@ class Sweep:
         grashof_classes = self.evaluator.grashof_classes(row_designs)
         columns = {"design": numbers[design], **self._variable_columns(row_designs)}
         columns["mode"] = design_table.mode
-        # `mode` is a label with the same meaning in all designs, for example the signs of
-        # dyads (groups of two links). If the user wants the tables of each run, too, they
-        # are in other files. Those name a mode by its number in the run. So the number is
-        # added here.
+        # The tables of runs, in other files, name an assembly mode by its number in the
+        # run. So the number is added here.
         if self.tables:
             columns[ASSEMBLY] = design_table.merits[ASSEMBLY]
         columns["status"] = design_table.status
@@ -744,10 +741,9 @@ class Sweep:
                 "another program or person has removed it. Run the same command again to "
                 "compute it"
             )
-        # The table of designs is moved last, because its presence shows that the part is
-        # complete. `files_of` lists it first.
-        table_of_designs, *tables_of_runs = paths
-        for path in [*reversed(tables_of_runs), table_of_designs]:
+        # `files_of` lists the table of designs first. This table is moved last, because its
+        # presence shows that the part is complete.
+        for path in reversed(paths):
             target = folder / path.relative_to(work_folder)
             make_folder(target.parent)
             try:

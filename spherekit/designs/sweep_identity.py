@@ -41,9 +41,8 @@ def working_folder(folder: Path, definition: Facts) -> Iterator[str]:
     """Provide a working folder in the folder of a sweep, to be used in a ``with`` block.
 
     A part (file with the results of successive designs) is written to the working folder.
-    The command that has locked the folder of the sweep then moves the part there. Other
-    programs therefore cannot change finished parts. The working folder is deleted at the
-    end of the block.
+    The command that has locked the folder of the sweep then moves the part to that folder.
+    The working folder is deleted at the end of the block.
 
     Parameters
     ----------

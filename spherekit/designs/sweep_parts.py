@@ -329,8 +329,9 @@ def run_sweep(
         if user_folder is None
         else user_folder.absolute()
     )
-    # If an error occurs, the temporary folder is deleted at the end of the block. Otherwise
-    # `pop_all` moves this task to the finalizer, which runs when the result is deleted.
+    # If an error occurs, the temporary folder is deleted at the end of the block. Without
+    # an error, `pop_all` moves this task to the finalizer, which runs when the result is
+    # deleted.
     with ExitStack() as cleanup:
         if user_folder is None:
             cleanup.callback(shutil.rmtree, parts_folder, ignore_errors=True)
@@ -397,8 +398,8 @@ class _Progress:
         """Compute the parts that are missing in the folder.
 
         Parts are written to a working folder. This function moves each finished part to
-        `parts_folder`, so that it is there with all its files or not at all. It also checks
-        after each part whether the disk has room for the others.
+        `parts_folder`, so that a part has all its files there or none. After each part, the
+        room on the disk for the missing parts is checked.
 
         Parameters
         ----------
@@ -435,7 +436,7 @@ class _Progress:
                 if part_number not in self._done_parts
             ]
             # The generator `parts` yields the number of each part when it has been written
-            # to `work_folder`. (`sweep.part_count` is the number of all parts.)
+            # to `work_folder`.
             parts: Generator[int, None, None] = (
                 sweep.write_part(work_folder, part_number) for part_number in missing
             )

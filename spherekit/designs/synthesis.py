@@ -150,9 +150,12 @@ class ExploredDesigns:
     Attributes
     ----------
     rows
-        The best n rows of this table, as columns by name. All meet the conditions. With one
-        objective they are those with the lowest values. Otherwise no other row of the same
-        mode and part of the sweep is better in all objectives.
+        The best n rows of this table, as columns by name. All meet the conditions. The
+        table is computed in parts (groups of designs), and rows are compared within each
+        part. With one objective, the rows of each part with the lowest values are stored.
+        With several objectives, the rows of each part are stored that no row of the same
+        mode dominates. A row dominates another one if none of its objectives is larger and
+        one is smaller.
     objectives
         (n, k) the values of the k objectives, which are minimised, in these rows.
     feasible_count
@@ -223,9 +226,7 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
     optima = []
     for k, start in enumerate(descent_starts):
         optima.append(descent.descend(start.mode, start.x))
-        # `report_if_due` calls the function before it returns, and only for a report. The
-        # loop variable therefore still has its present value, and the warning B023 of the
-        # linter does not apply.
+        # `report_if_due` calls the lambda at once, so `k` still has its present value.
         progress.report_if_due(
             lambda: f"{k + 1} of {counted(len(descent_starts), 'descent')}",  # noqa: B023
             done=k + 1,
@@ -281,9 +282,8 @@ def _require_gradients(specification: Specification) -> DesignEvaluator:
     Raises
     ------
     DesignError
-        If the gradients cannot be computed. If there are several objectives, which give a
-        Pareto front, also if modes are not named by the signs of dyads (groups of two
-        links).
+        If the gradients cannot be computed, or if there are several objectives and modes
+        are not named by the signs of dyads (groups of two links).
     """
     sweep = specification.sweep
     evaluator = sweep.evaluator
@@ -319,8 +319,9 @@ def _explore_designs(
         The requirements (objectives and conditions), with the sweep.
     rows_per_part
         Number of best rows that are returned from each part if there is one objective. With
-        several objectives it is not used: all nondominated rows of a part are returned. A
-        row is nondominated if no row of the same assembly mode is better in all objectives.
+        several objectives, all rows of a part are returned that no row of the same assembly
+        mode dominates. A row dominates another one if none of its objectives is larger and
+        one is smaller.
     progress
         Shows the user how many designs are evaluated.
 
@@ -347,9 +348,8 @@ def _explore_designs(
         rows_of_parts.append({name: values[best] for name, values in rows.items()})
         objectives_of_parts.append(objectives[best])
         design_count = min((number + 1) * sweep.part_size, sweep.space.count)
-        # `report_if_due` calls the function before it returns, and only for a report. The
-        # loop variable therefore still has its present value, and the warning B023 of the
-        # linter does not apply.
+        # `report_if_due` calls the lambda at once, so `design_count` still has its present
+        # value.
         all_designs = counted(sweep.space.count, "design")
         progress.report_if_due(
             lambda: f"{design_count} of {all_designs} evaluated",  # noqa: B023
@@ -434,11 +434,10 @@ def _confirm_modes(
     """Return the ends of descents, after a new search of their assembly modes.
 
     An assembly mode is one way to assemble the mechanism. A descent changes the design step
-    by step and follows the configurations of a mode. It may have slipped to another mode,
-    for example if a dead centre has appeared between two samples. So at the end all modes
-    of the design are searched anew. The end is confirmed if one of them has the same
-    configurations and objectives that are as good. Otherwise the start of the descent is
-    returned.
+    by step and follows the configurations of a mode. A descent may have slipped to another
+    mode. So at the end all modes of the design are searched anew. The end is confirmed if
+    one of them has the same configurations and objectives that are as good. Otherwise the
+    start of the descent is returned.
 
     Parameters
     ----------
@@ -503,8 +502,8 @@ def _merge_same_linkages(
 ) -> list[LocalOptimum]:
     """Return optima (designs) sorted by their objectives, with each linkage only once.
 
-    Two optima can be the same linkage, or its mirror image, with other numbers (see
-    `_are_alike`). Only the optimum with the smaller objectives remains.
+    Two optima can be the same linkage, or its mirror image, with other numbers. Only the
+    optimum with the smaller objectives remains.
     """
     different: list[LocalOptimum] = []
     for optimum in sorted(optima, key=lambda item: tuple(item.objectives)):

@@ -106,17 +106,18 @@ class SynthesisMode:
     def position_arguments(self, design: DesignPoint, count: int) -> Floats:
         """Return the numbers from which the positions of links follow in this mode.
 
-        They are arguments of kernels (functions of many configurations). If all groups of
-        links are dyads (two links and three revolute pairs), they are signs: a dyad can be
-        assembled in two ways. Otherwise they are the variables of all pairs (joints). They
-        are tracked from `origin`, which has the known configurations of one design.
+        The numbers are arguments of kernels (functions of many configurations). If all
+        groups of links are dyads (two links and three revolute pairs), the numbers are
+        signs: a dyad can be assembled in two ways. For other groups, the numbers are the
+        variables of all pairs (joints), tracked from `origin`, which has the known
+        configurations of one design.
 
         Parameters
         ----------
         design
             The design in which the mode is evaluated.
         count
-            Number n of configurations. If there is an origin, it has the same number.
+            Number n of configurations. An origin has the same number.
 
         Returns
         -------
@@ -174,8 +175,8 @@ def find_labelled_modes(
 
     An assembly mode is one way to assemble the mechanism. If all groups of links are dyads
     (two links and three revolute pairs), the label is a sign for each dyad, such as
-    ``"+-"``. It describes the mode completely, and nothing is searched. Otherwise all modes
-    of each design are searched at the samples of the evaluator.
+    ``"+-"``. Such a label describes the mode completely, and nothing is searched. For other
+    labels, all modes of each design are searched at the samples of the evaluator.
 
     Parameters
     ----------
@@ -189,8 +190,8 @@ def find_labelled_modes(
 
     Returns
     -------
-    The mode of each design. After a search, it is None for a design without a mode of this
-    label. A mode with signs is returned without a check that the design can be assembled.
+    The mode of each design. After a search, the item is None for a design without a mode of
+    this label.
     """
     if not evaluator.has_unsigned_modes:
         return [SynthesisMode(label) for label in labels]

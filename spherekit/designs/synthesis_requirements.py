@@ -299,9 +299,9 @@ class PopulationScorer:
     def score(self, points: Floats) -> PopulationScores:
         """Return the objectives and violated conditions of designs.
 
-        A design that cannot be assembled in the assembly mode (way to assemble the
-        mechanism) gets large values, so that all others are preferred. The same is true for
-        a design with objectives that are not finite.
+        A design gets large values if it cannot be assembled in the assembly mode (way to
+        assemble the mechanism), or if its objectives are not finite. So all other designs
+        are preferred.
 
         Parameters
         ----------

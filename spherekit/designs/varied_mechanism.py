@@ -95,8 +95,9 @@ class ColumnGradients:
     columns
         (columns, n) values of the quantities in rad and SI units.
     gradients
-        (variables, columns, n) derivatives with respect to the design variables in the
-        units of the file. The inputs are constant, and the loops stay closed.
+        (variables, columns, n) derivatives with respect to the design variables, each
+        variable in the unit in which the mechanism file states it. The inputs are constant,
+        and the loops stay closed.
     """
 
     closes: Bools
@@ -181,8 +182,8 @@ class DesignPoint:
         )
         gradients = np.zeros((len(self.values), *columns_and_slopes.shape[1:]))
         for variable, slopes in enumerate(self.slopes.T):
-            # Derivatives with respect to sizes that do not depend on the variable may be
-            # infinite.
+            # Derivatives with respect to sizes may be infinite. Sizes that do not depend on
+            # the variable are left out, because 0 times infinity is NaN.
             changing = np.flatnonzero(slopes)
             gradients[variable] = np.tensordot(
                 slopes[changing], columns_and_slopes[1 + changing], 1
@@ -279,9 +280,9 @@ class VariedMechanism:
 
         The sizes depend on the kind of mechanism. If contacts are replaced by links, the
         expressions describe the equivalent linkage of R pairs. The sizes are then the
-        numbers of the linkage that change with the variables (`varied_contact_numbers`).
-        Otherwise the sizes are those variables that are sizes of R pairs, or of directions
-        of outputs.
+        numbers of the linkage that change with the variables (`varied_contact_numbers`). If
+        contacts are not replaced, the sizes are those variables that are sizes of R pairs,
+        or of directions of outputs.
 
         Parameters
         ----------
@@ -653,7 +654,7 @@ class VariedMechanism:
         """Return the mechanism of a design from the mechanism file with its values.
 
         If only the numbers of masses and loads are needed from the file, only these are
-        read, which is faster. Other sizes are then arguments of the kernel themselves.
+        read, which is faster.
 
         Parameters
         ----------
@@ -675,16 +676,19 @@ class VariedMechanism:
     def _contact_numbers(self, mechanism: Mechanism) -> list[float]:
         """Return the numbers of the linkage that moves like a mechanism with contacts.
 
-        Such a linkage can replace circular contacts. `equivalent_linkage` is the linkage
-        for the mechanism in the file. `mechanism` is a design: the mechanism with other
-        sizes. The numbers of its linkage are angles (rad) and ratios of wheels. The list is
-        empty if contacts are not replaced.
+        A linkage without contacts can replace a mechanism with circular contacts. Its
+        numbers are angles (rad) and ratios of wheels. The list is empty if contacts are not
+        replaced.
+
+        Parameters
+        ----------
+        mechanism
+            The mechanism of one design: the mechanism of the file with other sizes.
 
         Raises
         ------
         _OtherFormError
             If other contacts slide or other wheels roll than in the mechanism of the file.
-            The equations for many designs hold for one choice of these contacts only.
         """
         if self.equivalent_linkage is None:
             return []
@@ -742,10 +746,9 @@ class VariedMechanism:
     def _can_change_numbers(self, variable: DesignVariable) -> bool:
         """Return whether a variable can change a number of a contact, mass or load.
 
-        There are three such variables. A variable that is a number of a mass or load
-        changes this number. If masses follow from the sizes of links, sizes change them. If
-        an equivalent linkage replaces the contacts, sizes change the angles of this
-        linkage.
+        A variable that is a number of a mass or load changes this number. If masses follow
+        from the sizes of links, sizes change the masses. If an equivalent linkage replaces
+        the contacts, sizes change the angles of this linkage.
         """
         # `ACTIONS` are the tables of masses and loads in the file.
         is_mass_or_load = variable.path[0] in ACTIONS
@@ -758,12 +761,17 @@ class VariedMechanism:
         The numbers describe contacts, masses and loads. Their derivatives are compared
         between the design of the file and trial designs, in which all variables are changed
         a little. Constant derivatives need to be computed only once.
+
+        Returns
+        -------
+        (varied numbers,) derivatives in the design of the file; None if they differ in a
+        trial design, or if all trial designs are impossible.
         """
+        # The first item belongs to the design of the file.
         nominal_slopes, *trial_slopes = self.trial_slopes(k)
         if not trial_slopes:
             return None
-        # The tolerance is relative, since units differ. A derivative that is only zero up
-        # to rounding fails this test. This costs time but no accuracy.
+        # The tolerance is relative, because the numbers have different units.
         agrees = all(
             np.allclose(nominal_slopes, slopes, rtol=CONSTANT_SLOPE_TOLERANCE, atol=0.0)
             for slopes in trial_slopes

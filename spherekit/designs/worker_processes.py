@@ -70,8 +70,8 @@ def compute_in_processes(
     A part at which `MAX_DEATHS_AMONG_OTHERS` workers have ended is computed last, by a
     single worker, which then has all the memory.
 
-    All workers are ended when the generator is closed. If this process ends in any way,
-    they end themselves, because their standard input is closed.
+    All workers are ended when the generator is closed. If this process ends in any way, the
+    workers end themselves, because their standard input is closed.
 
     Parameters
     ----------
@@ -258,8 +258,7 @@ class _WorkerProcess:
         """Send a sweep to the worker process, and wait until the worker has loaded it.
 
         A sweep evaluates many designs of a mechanism, in numbered parts. If a signal ends
-        the worker during this time, nothing is raised. The next call of `compute` then
-        returns None.
+        the worker during this time, the next call of `compute` returns None.
 
         Parameters
         ----------
@@ -286,7 +285,8 @@ class _WorkerProcess:
                 )
             return
         # A negative status means that a signal ended the worker, for example for want of
-        # memory. Otherwise Python has printed the error of the worker on this screen.
+        # memory. With any other status, Python has printed the error of the worker on this
+        # screen.
         exit_status = self.end()
         if exit_status >= 0:
             raise DesignError(

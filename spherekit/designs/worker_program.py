@@ -56,8 +56,7 @@ def work() -> None:
     written. The answer is `Loaded`, with the error if the sweep cannot be loaded. Each
     further message is the number of a part, and the answer is `Computed`.
     """
-    # A terminal may send Ctrl-C to this process, too. Only the parent handles it and then
-    # ends this process.
+    # Only the parent process handles Ctrl-C, and then ends this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     answers = _take_standard_output()
     messages = sys.stdin.buffer
@@ -69,7 +68,7 @@ def work() -> None:
         return
     _send(answers, Loaded())
     waiting_numbers: queue.SimpleQueue[int] = queue.SimpleQueue()
-    # This thread receives the numbers. It ends this process when standard input is closed,
+    # This thread receives the numbers, and ends this process when standard input is closed,
     # even during a part.
     threading.Thread(
         target=_receive_numbers, args=(messages, waiting_numbers), daemon=True
