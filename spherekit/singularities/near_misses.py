@@ -232,9 +232,8 @@ def least_transmission(
     If a dyad (two links in series) places the output, its transmission angle is the acute
     angle between the planes of the arcs of both links. The angle is 0 where the dyad is
     stretched or folded, a singularity of type II: the output can move although the inputs
-    are locked. The smallest angle in the range of the input is found among the local minima
-    along all configuration curves, also between samples, the ends of the range, and the
-    crossings of curves.
+    are locked. Candidates for the smallest angle are the local minima along all
+    configuration curves, the ends of the range of the input, and the crossings of curves.
 
     Parameters
     ----------

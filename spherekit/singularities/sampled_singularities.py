@@ -383,12 +383,9 @@ class SampledSingularities:
         A piece is a part of the curve in one assembly mode (way to assemble the mechanism).
         If the range of the input has several periods, each period has a piece for the same
         part of the curve. For example, let the range be 0 to 720 deg with a period of 360
-        deg. One piece includes s at the input 30 deg, another one includes s at 390 deg.
-        Only the piece that fits to q is yielded. There are two exceptions, in which also
-        other pieces fit:
+        deg. One piece includes s at the input 30 deg, another one includes s at 390 deg. A
+        piece is yielded if its input at s counts as the same input as q.
 
-        - Both ends of a range of whole periods are the same input.
-        - All inputs of a simulation that differ by whole periods are the same input.
 
         Parameters
         ----------
@@ -399,7 +396,6 @@ class SampledSingularities:
         """
         for piece, input_in_piece in self._pieces_with_inputs(curve, s):
             # Both inputs belong to the same configuration, so they differ by whole periods.
-            # They are the same input if no period is between them, and in the exceptions.
             periods_between = round((input_in_piece - q) / self._period(curve))
             if self._is_same_input(curve, periods_between):
                 yield piece
@@ -886,8 +882,8 @@ class SampledSingularities:
         # the first singularity that comes after the point.
         next_number = np.searchsorted(singularities.s, s)
         # NaN stands for the missing singularity before the first one, or after the last
-        # one. With NaN in front, all indices are greater by 1. So the same index now yields
-        # the singularity before the point.
+        # one. NaN in front raises all indices by 1, so that `next_number` yields the
+        # singularity before the point.
         input_before = np.append(np.nan, singularities.q)[next_number]
         input_after = np.append(singularities.q, np.nan)[next_number]
         # `fmin` ignores NaN.

@@ -363,8 +363,8 @@ def _input_coefficients(
         by_rank=by_rank,
     )
     # Links that are joined by locked inputs are one body. `body` has the index of the body
-    # of each link. The relation names each body by one of its links. In the loop, later
-    # links replace earlier ones of the same body, so the links of the input are preferred.
+    # of each link. The relation names each body by one of its links, preferably a link of
+    # the input, which replaces others in the loop.
     body = pole_request.plan.body
     representative: dict[int, int] = {}
     for link in (output.relative_to, output.link, reference_link, input_link):
@@ -498,8 +498,8 @@ def _find_single_input_motions(
     coefficients_by_input = adjugate(input_rates)
     # The size of a column is the size of all rates in the motion, as N is orthonormal.
     sizes = np.linalg.norm(coefficients_by_input, axis=1)
-    # NaN replaces the size if links can move in several ways. All results of this motion
-    # that are divided by the size are then NaN, too.
+    # NaN replaces the size if links can move in several ways, so that rates divided by this
+    # size are NaN.
     unique_sizes = _discard_ambiguous_motions(sizes)
 
     # The rate of the input in its motion, det N_a. The rate has no sign if the signs of the
@@ -820,8 +820,9 @@ def what_vanishes(
     n texts.
     """
     result = coefficients(motion, output, by_rank)
-    # Some pole axes may be unknown at a singularity. The rates of the motions in which one
-    # input moves alone vanish with c and d, and their axes are the pole axes.
+    # Some pole axes may be unknown at a singularity. In the motion in which one input moves
+    # alone, the rates vanish with c and d, and the output turns about the pole axis. These
+    # numbers replace unknown ones.
     c = np.where(np.isfinite(result.c), result.c, result.input_rate)
     d = np.where(np.isfinite(result.d), result.d, result.output_rate)
     u = np.where(np.isfinite(result.u), result.u, result.alone)

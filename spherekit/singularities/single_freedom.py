@@ -610,8 +610,8 @@ class SingleFreedomSingularities:
             # The second derivatives along the curves are not known.
             bends=None,
         )
-        # `_check_types` computes the relations. A relation gets a note if its c and d do
-        # not agree with the given type. Here this is the type of the crossing.
+        # `_check_types` computes the relations, each with a note if c and d do not agree
+        # with the type of the crossing.
         types = [Type.III] * curve_count
         relations_by_curve = self._check_types(output, link_motion, types)
         relations = list(chain.from_iterable(relations_by_curve))
@@ -657,9 +657,9 @@ def _note_single_curve(relation: RelationAt) -> RelationAt:
     """Return a relation at a crossing, with a note if it applies to one curve only.
 
     A relation c y' = d q' of the configuration alone has c = d = 0 at a crossing. If
-    neither vanishes (the type is None), c and d belong to the motion along one curve.
-    The relation then has a general note that its type differs from the type of the
-    crossing. Here this note is replaced by one that names the cause.
+    neither vanishes (the type is None), c and d belong to the motion along one curve. The
+    general note that the type of the relation differs from that of the crossing is replaced
+    by a note that names the cause.
     """
     neither_vanishes = relation.type is None
     return replace(relation, note=ONE_CURVE_NOTE) if neither_vanishes else relation

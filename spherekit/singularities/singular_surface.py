@@ -169,8 +169,8 @@ class SingularSurface:
             mesh = mesh._clip(input_position, limit=low, side=1.0)
             mesh = mesh._clip(input_position, limit=high, side=-1.0)
         is_of_type = report.has_type(report.types(mesh.nodes.values))
-        # `_subdivide` also removes vertices. Without edges to divide, it only removes those
-        # that are not of the type.
+        # Without edges to divide, `_subdivide` only removes the vertices that are not of
+        # the type.
         no_edges = np.zeros(0, dtype=np.intp)
         return mesh._subdivide(no_edges, mesh.nodes.rows(no_edges), is_of_type)
 
