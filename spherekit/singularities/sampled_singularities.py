@@ -386,7 +386,6 @@ class SampledSingularities:
         deg. One piece includes s at the input 30 deg, another one includes s at 390 deg. A
         piece is yielded if its input at s counts as the same input as q.
 
-
         Parameters
         ----------
         curve, s
