@@ -169,7 +169,7 @@ def _connect(address: str) -> "Iterator[Client]":
 
     Yields
     ------
-    The connected client. It is closed at the end of the block.
+    The connected client, which is closed at the end of the block.
 
     Raises
     ------

@@ -221,8 +221,8 @@ class Descent:
         self._functions_and_slopes = with_derivatives(
             expressions, [*symbols_by_name.values()]
         )
-        # Figures are computed in rad and SI units. These factors convert from the units of
-        # the user's texts.
+        # Figures are computed in rad and SI units. Each factor is the unit of a figure in
+        # the user's texts, in rad or SI units.
         units = [sweep.units()[merit.name] for merit in sweep.merits]
         self._figure_units = np.array(
             [RADIANS_PER_DEGREE if unit == "deg" else 1.0 for unit in units]
@@ -304,7 +304,7 @@ class Descent:
         slopes_by_variables = figure_values.gradients
         # (figures, variables) derivatives of the figures with respect to x.
         figure_slopes = slopes_by_variables * self._width / self._figure_units[:, None]
-        # NaN is replaced by 0. Otherwise 0 * NaN would spread to expressions that do not
+        # NaN is replaced by 0, because 0 * NaN would spread to expressions that do not
         # depend on this figure.
         inner_slopes = np.nan_to_num(np.concatenate([variable_slopes, figure_slopes]))
 
@@ -340,8 +340,8 @@ class Descent:
         # argument.
         outputs = outputs.reshape(len(arguments) + 1, -1)
         slopes = outputs[1:]  # (arguments, expressions)
-        # A derivative that does not exist is NaN. It becomes 0, so that the optimiser
-        # ignores it.
+        # A derivative that does not exist is NaN and becomes 0, so that the optimiser
+        # ignores the argument.
         partial_slopes = np.where(np.isnan(slopes), 0.0, slopes)
         return ExpressionValues(values=outputs[0], partial_slopes=partial_slopes)
 
@@ -445,8 +445,8 @@ class Descent:
         x
             (variables,) the design at which the descent ends.
         largest_excess
-            The largest of these differences at the end of the descent. It is negative if
-            all objectives are below the aim.
+            The largest of these differences at the end of the descent, negative if all
+            objectives are below the aim.
         """
         min_closing_fraction = self.evaluate(x, mode).closing_fraction
 
@@ -525,7 +525,7 @@ class Descent:
         optimum
             The local optimum.
         optima
-            All local optima of the synthesis. They serve as further starts.
+            All local optima of the synthesis, which serve as further starts.
 
         Returns
         -------
@@ -550,9 +550,9 @@ class Descent:
         """Yield starts of descents that may lead to a better design than an optimum.
 
         Starts are designs that were evaluated before all descents, and optima of other
-        descents. They have the same assembly mode (way to assemble the mechanism). Starts
-        with nearly the objectives of the optimum, or better ones, come first. A start too
-        near to the optimum or to an earlier start is left out.
+        descents. All starts have the same assembly mode (way to assemble the mechanism) as
+        the optimum. Starts with nearly the objectives of the optimum, or better ones, come
+        first. A start too near to the optimum or to an earlier start is left out.
 
         Yields
         ------
@@ -598,8 +598,8 @@ def is_better(
 ) -> bool:
     """Return whether an optimum is better than another optimum, within a tolerance (k,).
 
-    An optimum has k objectives, which are minimised. It is better if an objective is
-    smaller by more than the tolerance, and none is larger by more than the tolerance.
+    An optimum has k objectives, which are minimised. A better optimum has an objective that
+    is smaller by more than the tolerance, and none that is larger by more.
     """
     decrease = other_optimum.objectives - optimum.objectives
     return bool(np.all(decrease >= -tolerance) and np.any(decrease > tolerance))

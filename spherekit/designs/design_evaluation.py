@@ -146,11 +146,11 @@ class DesignEvaluator:
     """Computes figures of merit (numbers that rate a design) of designs of one mechanism.
 
     All designs have the same links and pairs, and differ in varied numbers. A kernel is a
-    function that evaluates many designs at once. It serves if the varied numbers are sizes
-    of R pairs, masses or loads.
+    function that evaluates many designs at once. A kernel serves if the varied numbers are
+    sizes of R pairs, masses or loads.
 
     The kernel is in closed form if every group of links that are placed together is a dyad
-    (two links and three R pairs). Otherwise all complex solutions of the closure equations
+    (two links and three R pairs). If not, all complex solutions of the closure equations
     are tracked from design to design.
 
     Other designs, and designs of which a solution is lost, are analysed one by one.
@@ -218,8 +218,8 @@ class DesignEvaluator:
             mechanism,
             self.variables,
             self.inputs,
-            # Circular contacts can be replaced by links with revolute pairs that move in
-            # the same way. This is such a linkage, or None.
+            # A linkage with revolute pairs that moves like a mechanism with circular
+            # contacts; None if there is no such linkage.
             equivalent_linkage=find_equivalent_linkage(mechanism, self.inputs),
             # Whether masses follow from sizes of links, and so change from design to
             # design.
@@ -354,8 +354,8 @@ class DesignEvaluator:
         values_in_rad_and_si = values * varied_mechanism.unit_scales[:, None]
         # The variables that are sizes of links.
         link_sizes = values_in_rad_and_si[varied_mechanism.size_variables]
-        # `compute_arcs` also expects numbers of masses and loads after the sizes of links.
-        # They do not influence arcs and are zero here.
+        # `compute_arcs` expects numbers of masses and loads after the sizes of links. These
+        # numbers do not influence arcs and are zero here.
         other_count = len(varied_mechanism.nominal_sizes) - len(link_sizes)
         other_sizes = np.zeros((other_count, values.shape[1]))
         sizes = np.concatenate([link_sizes, other_sizes])
@@ -385,8 +385,8 @@ class DesignEvaluator:
         fitting_count = MAX_FIGURE_VALUES // values_per_design + 1
         block_size = min(DESIGNS_PER_BLOCK, fitting_count)
         if self.tracks_solutions:
-            # Without a closed form, solutions of the closure equations are tracked from
-            # design to design. This needs more memory.
+            # Tracking solutions of the closure equations from design to design needs more
+            # memory than a closed form.
             block_size = self._designs_tracked_together
         parts = []
         for start in range(0, values.shape[1], block_size):
@@ -426,8 +426,8 @@ class DesignEvaluator:
         if self.tracks_solutions:
             # Solutions are followed from design to design. Modes have numbers, not signs.
             return False
-        # A kernel (function for many designs) may replace contacts by links. Its signs are
-        # those of these links, which a run does not have.
+        # A kernel (function for many designs) may replace contacts by links. The signs of
+        # these links do not occur in a run.
         has_replaced_contacts = (
             self.kernel is not None and self.varied_mechanism.equivalent_linkage is not None
         )
@@ -656,8 +656,8 @@ class DesignEvaluator:
         """Return the figures of merit of designs in all assembly modes, found by tracking.
 
         An assembly mode is one of the ways to assemble the mechanism. All solutions of the
-        closure equations are known for one design. They are computed for other designs
-        while the sizes change step by step.
+        closure equations are known for one design. The solutions of other designs are
+        computed while the sizes change step by step.
 
         Parameters
         ----------
@@ -665,7 +665,7 @@ class DesignEvaluator:
             Computes quantities of many designs from the variables of all pairs.
         sizes
             (sizes, n) arguments of the kernel that differ between the n designs, in rad and
-            SI units. They follow from `file_values`.
+            SI units, which follow from `file_values`.
         file_values
             (variables, n) the numbers that the user varies, in the units of the file.
 
@@ -680,7 +680,7 @@ class DesignEvaluator:
         assert self._tracking_start is not None
         start_solutions = self._tracking_start.solutions
         # The guarantee in each row. If all solutions of the first design are known, no mode
-        # of other designs is missed (complete). Otherwise modes may be missing (sampled).
+        # of other designs is missed (complete). If not, modes may be missing (sampled).
         claim = COMPLETE_CLAIM if start_solutions.is_complete else SAMPLED_CLAIM
         # The modes of all designs, one after the other. `modes.design` is the index of the
         # design of each mode.
@@ -705,9 +705,9 @@ class DesignEvaluator:
             labels=modes.labels,
             claim=claim,
         )
-        # `evaluate_modes` numbers the rows by mode. They are renumbered by design, and a
-        # row is added for each design without a mode. The rows of lost designs are removed,
-        # because these may have modes that were not found.
+        # `evaluate_modes` numbers the rows by mode. The rows are renumbered by design, and
+        # a row is added for each design without a mode. Lost designs may have modes that
+        # were not found, so their rows are removed.
         table = self._add_missing_designs(
             [_renumber_designs(table, modes.design)], sizes.shape[1], claim
         )
@@ -792,8 +792,8 @@ class DesignEvaluator:
         Parameters
         ----------
         position_analysis
-            The search for the assembly modes (ways to assemble the mechanism). It has found
-            them at the samples of the inputs.
+            The search for the assembly modes (ways to assemble the mechanism), which has
+            found the modes at the samples of the inputs.
         """
         if len(self.inputs) == 1:
             # The modes are continuous curves over one input and can be evaluated anywhere.

@@ -68,10 +68,10 @@ class DesignKernel:
         Whether derivatives of the columns with respect to the sizes are computed. The loops
         stay closed while the sizes change.
     compiled
-        Whether heyoka compiles the functions, if it is installed. Otherwise they are
-        available at once and run on NumPy arrays.
+        Whether heyoka compiles the functions, if it is installed. Functions that are not
+        compiled run on NumPy arrays.
     with_loop_residual
-        Whether the kernel also computes by how much the rates violate the equations of the
+        Whether the kernel computes by how much the rates violate the equations of the
         loops.
 
     Attributes
@@ -186,7 +186,8 @@ class DesignKernel:
         """Number of outputs of `evaluate` that tell whether the links close.
 
         They come before the requested quantities. In closed form there is one for each
-        dyad, which is negative if the dyad does not close. Otherwise there are none.
+        dyad, which is negative if the dyad does not close. Without a closed form there are
+        none.
         """
         return len(self.position_arguments) if self.is_closed_form else 0
 
@@ -201,8 +202,8 @@ class DesignKernel:
         """Return quantities of designs at samples of the inputs, from their sizes.
 
         A design is a mechanism with values for its sizes. `evaluate` needs all arguments in
-        one array, with numbers that `prepare` computes from the sizes. This method puts the
-        array together.
+        one array, with numbers that `prepare` computes from the sizes. `evaluate_samples`
+        puts the array together.
 
         Parameters
         ----------
@@ -212,8 +213,8 @@ class DesignKernel:
         position_arguments
             (w, n) numbers that determine the positions of the links at each sample. In
             closed form they are the signs of the dyads (two links with three revolute
-            pairs, which can be assembled in two ways). Otherwise they are the variables of
-            all pairs (rad).
+            pairs, which can be assembled in two ways). Without a closed form, the numbers
+            are the variables of all pairs (rad).
         sizes
             (sizes, n) sizes of the design of each sample, or (sizes, 1) if all samples
             belong to one design.
@@ -222,9 +223,9 @@ class DesignKernel:
             tangent (3), point (3), curvature and its first two derivatives. None if
             profiles are circles.
         revolution_offsets
-            (unwrapped pairs, n) multiples of 2 pi (rad). They are added to the angles, in
-            (-pi, pi], of pairs for which loads depend on whole revolutions. By default
-            zero.
+            (unwrapped pairs, n) multiples of 2 pi (rad) that are added to angles in (-pi,
+            pi]. The angles belong to pairs for which loads depend on whole revolutions. By
+            default zero.
 
         Returns
         -------
@@ -309,13 +310,14 @@ class RedundantKernel:
                 columns,
                 # For a single design, compiling would take longer than it saves.
                 compiled=False,
-                # Also compute by how much the rates violate the equations of all loops.
+                # The last output tells by how much the rates violate the equations of all
+                # loops.
                 with_loop_residual=True,
             )
             for chosen in distinct_expressions
         ]
-        # Each kernel has a first part, which depends only on variable sizes. There are no
-        # such sizes here, so the first part is computed only once.
+        # `prepare` computes what depends only on variable sizes. One design has no variable
+        # sizes, so one call is enough.
         no_sizes = np.empty((0, 1))
         self._prepared = [kernel.prepare(no_sizes) for kernel in self._kernels]
 
@@ -386,8 +388,9 @@ class RedundantKernel:
         """Return the quantities of one kernel (function) at n configurations.
 
         The loops of links give more equations than are needed to determine the rates of
-        pairs. Each kernel of the design solves another selection of them. Its last output
-        is the residual of all equations, which shows whether the selection was good.
+        pairs. Each kernel of the design solves another selection of these equations. The
+        last output of a kernel is the residual of all equations, which shows whether the
+        selection was good.
 
         Parameters
         ----------

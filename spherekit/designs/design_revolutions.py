@@ -188,8 +188,8 @@ def unwrap_along_one_input(
     q
         (k,) inputs (rad).
     repeats
-        Whether the configurations repeat after a revolution of the input. They do not if
-        gear ratios relate angles to the input.
+        Whether the configurations repeat after a revolution of the input; false if gear
+        ratios relate angles to the input.
 
     Returns
     -------
@@ -310,10 +310,10 @@ def _unwrap_from_mode_end(
 ) -> Floats:
     """Return angles at an input for assembly modes that begin shortly before it.
 
-    An assembly mode is one way to assemble the mechanism. It begins at the first input at
-    which it can be assembled, which is found by bisection. There its angles are in (-pi,
-    pi]. From there they are followed to `next_input`, where they may be outside this range.
-    Angles that cannot be followed are in (-pi, pi] at `next_input`.
+    An assembly mode is one way to assemble the mechanism. A mode begins at the first input
+    at which the mechanism can be assembled, which is found by bisection. At this input the
+    angles are in (-pi, pi]. The angles are followed to `next_input`, where they may be
+    outside this range. Angles that cannot be followed are in (-pi, pi] at `next_input`.
 
     Parameters
     ----------

@@ -161,7 +161,7 @@ class DesignRuns:
         analyses
             The analyses of each run.
         tables
-            Whether the caller also wants the tables of the runs.
+            Whether the caller wants the tables of the runs.
         kernel_evaluator
             Computes the other figures, which need no run, for many designs at once. None if
             there are no such figures.
@@ -245,9 +245,9 @@ class DesignRuns:
             (variables, n) values of the design variables, in the units of the mechanism
             file.
         is_needed
-            Function that decides whether a design is run. Its arguments are the values
-            (variables,) of the design and the rows from the kernel. By default all designs
-            are run. Without a kernel, this function is not called.
+            Function that decides whether a design is run, not called without a kernel. Its
+            arguments are the values (variables,) of the design and the rows from the
+            kernel. By default all designs are run.
 
         Yields
         ------
@@ -428,8 +428,8 @@ class DesignRuns:
         rows
             The n rows of a design, one for each mode.
         modes
-            (n,) the mode of the run to which each row belongs, or `NO_TABLE_MODE`. It is an
-            assembly mode (way to assemble the mechanism), or a working mode (way to
+            (n,) the mode of the run to which each row belongs, or `NO_TABLE_MODE`. A mode
+            is an assembly mode (way to assemble the mechanism), or a working mode (way to
             assemble it at a fixed pose of the output).
         figures
             The figures of the run, by name and then by mode. A figure that a mode does not
@@ -441,8 +441,7 @@ class DesignRuns:
         for name in self.units:
             figure_by_mode = figures.get(name, {})
             # A figure follows from a table of the run. If this table has no column of
-            # modes, there is a single figure, with the key `NO_TABLE_MODE`. It then applies
-            # to every mode.
+            # modes, there is a single figure for all modes, with the key `NO_TABLE_MODE`.
             common_figure = figure_by_mode.get(NO_TABLE_MODE, NAN)
             merits[name] = np.array(
                 [figure_by_mode.get(mode, common_figure) for mode in modes]
@@ -461,11 +460,11 @@ class DesignRuns:
 
         Rows with figures of merit (numbers that rate a design) come from a run and from a
         kernel (function for many designs at once). The run and the kernel may label an
-        assembly mode (way to assemble the mechanism) differently. They are matched by the
+        assembly mode (way to assemble the mechanism) differently. Modes are matched by the
         signs of dyads: each group of two links and three revolute pairs can be assembled in
         two ways.
 
-        The result is None if no row matches. It is also None if signs cannot be compared:
+        The result is None if no row matches, or if signs cannot be compared:
 
         - working modes (ways to assemble the mechanism at a fixed pose of the output) have
           no signs of dyads;
@@ -676,8 +675,8 @@ def _column_units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Uni
         If there is no such table, or if it lacks a column by which the figure selects rows.
     """
     analysis, table = merit.of_table
-    # The table "motion" belongs to no analysis. Its quantities are used without naming a
-    # table, as in ``max(theta_41)``.
+    # Quantities of the table "motion" are used without naming a table, as in
+    # ``max(theta_41)``.
     if analysis == MOTION:
         raise DesignError(
             f"{merit.name}: {analysis}.{table}: {analysis} is not an analysis; write "

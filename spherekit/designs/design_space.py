@@ -171,7 +171,7 @@ class DesignSpace:
         variations
             The values of each design variable.
         count
-            Number of designs. It is not given for a grid, which has all combinations.
+            Number of designs; not given for a grid, which has all combinations.
         scheme
             One of `SCHEMES`; by default ``"grid"``, or ``"sobol"`` if `count` is given.
         seed
@@ -181,9 +181,8 @@ class DesignSpace:
         ------
         DesignError
             If there is no variation, if a grid contains a range without a count, or if the
-            scheme is unknown. Also if the number of designs is missing, exceeds
-            `MAX_DESIGNS` or is given for a grid, or if the seed is negative or is given for
-            a grid.
+            scheme is unknown. Also if `count` is missing, below 1 or above `MAX_DESIGNS`,
+            if `seed` is negative, or if a grid has a `count` or `seed`.
         """
         if not variations:
             raise DesignError("nothing is varied: give --vary KEY=LOW:HIGH:COUNT")

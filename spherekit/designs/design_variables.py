@@ -334,7 +334,7 @@ def default_size_keys(mechanism: Mechanism) -> Names:
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry):
         return _arc_and_angle_keys(geometry)
-    # Otherwise the axes in a reference pose are given.
+    # The file gives the axes in a reference pose.
     keys = []
     for pair in mechanism.pairs:
         if pair.kind.has_axis:

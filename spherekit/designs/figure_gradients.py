@@ -161,8 +161,8 @@ class FigureGradients:
         position_arguments
             (numbers, samples) numbers that determine the positions of the links in one
             assembly mode (way to assemble the mechanism). In closed form they are the signs
-            of the dyads (groups of two links with three revolute pairs). Otherwise they are
-            the pair variables (rad).
+            of the dyads (groups of two links with three revolute pairs). Without a closed
+            form, the numbers are the pair variables (rad).
 
         Returns
         -------

@@ -186,8 +186,8 @@ class DesignSamples:
     def _sample_ranges(mechanism: Mechanism, study: Study) -> "DesignSamples":
         """Return samples over the ranges of the inputs, a grid if there are several inputs.
 
-        Each input moves from the start of its range, up (sense 1) or down (sense -1), at
-        1 rad/s. It is at the start at time zero.
+        Each input moves from the start of its range, up (sense 1) or down (sense -1), at 1
+        rad/s. At time zero the input is at the start.
         """
         input_grid = make_input_grid(mechanism, study.samples, study.grid, study.path)
         return DesignSamples.at_unit_speed(
@@ -407,7 +407,8 @@ def failed_design(problem: SpherekitError, names: Sequence[str]) -> DesignTable:
         the design is impossible. If the position solver failed, it cannot be assembled.
         Otherwise an analysis failed.
     names
-        Names of the figures of merit (numbers that rate a design). They are NaN in the row.
+        Names of the figures of merit (numbers that rate a design), which are NaN in the
+        row.
     """
     status = DESIGN_FAILED
     if isinstance(problem, FileError | ModelError | PlanError):
@@ -510,7 +511,7 @@ class KernelFigures:
         self.sample_names = sample_names(self.inputs)
         self.columns = sorted(used_names.difference(self.sample_names))
 
-        # Further inputs at which single figures are evaluated.
+        # Samples at the inputs of figures such as ``at(theta_41, 0.5)``.
         self.points = self._samples_at_points()
         self.rows = np.concatenate([samples.rows, self.points])
 

@@ -390,8 +390,8 @@ class PathHistory:
         """Set the slopes at the start from configurations near it.
 
         The slopes are the change of the configuration per path parameter, between the last
-        three points. They predict the next point of a path. Before the first step there is
-        only one point, so its two slopes are set to the same value here.
+        three points. The slopes predict the next point of a path. Before the first step
+        there is only one point, so its two slopes are set to the same value here.
 
         Parameters
         ----------
@@ -400,7 +400,7 @@ class PathHistory:
         next_values
             (variables, m) configurations (rad) at the next points of these paths.
         parameter
-            Path parameter of these points. It is 0 at the start.
+            Path parameter of these points, which is 0 at the start.
         """
         # `slopes` is (2, variables, paths).
         self.slopes[:, :, paths] = (next_values - self.current[:, paths]) / parameter
@@ -659,8 +659,8 @@ def find_start_solutions(kernel: PathKernel, sizes: Floats) -> StartSolutions | 
 
     The links form groups, each a set of links whose positions are found together from those
     of other links. Elimination, an algebraic method, gives all solutions of a group, real
-    and complex, at random real inputs. They are then tracked to complex inputs, where
-    solutions are well apart.
+    and complex, at random real inputs. The solutions are tracked to complex inputs, where
+    they are well apart.
 
     From these solutions the solutions of all other designs are tracked.
 

@@ -62,9 +62,9 @@ NO_MODE = -1
 class TrackedModes:
     """The assembly modes of many designs at the same samples of the inputs.
 
-    An assembly mode is one of the ways to assemble a mechanism at given inputs. It has at
-    most one configuration at each sample. The modes are sorted by design. Those of one
-    design are sorted by the first sample at which they have a configuration.
+    An assembly mode is one of the ways to assemble a mechanism at given inputs. A mode has
+    at most one configuration at each sample. The modes are sorted by design, and within a
+    design by the first sample at which they have a configuration.
 
     Attributes
     ----------
@@ -161,8 +161,8 @@ def track_assembly_modes(
         real = is_real(solutions)
         values[:, sample, real] = solutions[:, real].real
 
-        # Each real solution starts as a mode of its own. It then joins the modes at the
-        # neighbouring samples from which a real path leads to it.
+        # Each real solution starts as a mode of its own. A real path from a solution at a
+        # neighbouring sample joins the modes of both solutions.
         mode_ids[sample, real] = sample * column_count + np.flatnonzero(real)
         for neighbour in neighbours:
             successors = tracker.link_real_solutions(
@@ -175,7 +175,7 @@ def track_assembly_modes(
             if neighbour == neighbours[0]:
                 mode_ids[sample, successors[columns]] = mode_ids[neighbour, columns]
                 continue
-            # With several inputs the solution may already belong to another mode.
+            # With several inputs, a path from another neighbour may connect two modes.
             for column in columns:
                 first_column = column - column % solutions_per_design
                 _merge_modes(

@@ -52,7 +52,7 @@ def complex_function(
     Parameters
     ----------
     outputs
-        The expressions. They depend on `variables` and `numbers`.
+        The expressions, which depend on `variables` and `numbers`.
     variables
         Symbols that have complex values.
     numbers
@@ -190,7 +190,8 @@ class NewtonStep(NamedTuple):
     """A step of Newton's method for the loop-closure equations, at n configurations.
 
     The equations say that the product of all rotations around a loop of links is the
-    identity. They are solved for the variables of the pairs (joints), at constant inputs.
+    identity. The equations are solved for the variables of the pairs (joints), at constant
+    inputs.
 
     Attributes
     ----------
@@ -327,9 +328,9 @@ class PathKernel:
 
         The signs distinguish assembly modes (ways to assemble the mechanism). A group
         consists of links whose positions are found together. A dyad is a group of two links
-        with three revolute pairs, and can be assembled in two ways. The triple product ``a
-        . (b x c)`` of its three axes has the opposite sign in the other way. At a
-        singularity the product is zero, and ``+`` is returned.
+        with three revolute pairs, and can be assembled in two ways. The sign of the triple
+        product ``a . (b x c)`` of its three axes tells which way. At a singularity the
+        product is zero, and ``+`` is returned.
 
         Parameters
         ----------

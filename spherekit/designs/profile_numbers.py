@@ -120,7 +120,7 @@ class DesignProfiles:
         A profile is the curve along which a link touches another link. In a tolerance
         analysis, each draw is one set of random deviations from this design. A
         configuration of this design is followed to each draw along a path of designs, by
-        Newton's method. This needs the profiles of the designs on the path.
+        Newton's method, which needs the profiles of the designs on the path.
 
         Parameters
         ----------
@@ -510,8 +510,8 @@ def differentiate_profile(
         curve.
     slopes
         Derivatives of the numbers that define the curve, with respect to the variable. For
-        a spline these are all points (3 each). Otherwise they are the centre (3), and the
-        radius or the coefficients.
+        a spline these are all points (3 each). For other curves these are the centre (3),
+        and the radius or the coefficients.
 
     Returns
     -------
@@ -611,8 +611,8 @@ def _nearest_point_rates(
         np.zeros(3) if derivative is None else frame.rotation_by_variable(derivative)
         for frame, derivative in zip(frames, derivatives, strict=True)
     ]
-    # Both rotations are set equal, with the unknown rates on the left side. These are three
-    # equations for two unknowns.
+    # Both rotations are set equal, with the unknown rates on the left side. So there are
+    # three equations for two unknowns.
     unknown_factors = np.stack([r1_s, -r2_s], axis=1)
     right_side = -(r1_v - r2_v)
     rates, *_ = np.linalg.lstsq(unknown_factors, right_side, rcond=None)

@@ -101,7 +101,7 @@ class Sensitivity:
         Parameters
         ----------
         mechanism
-            The mechanism. Its file, with angles in rad, is derived from it.
+            The mechanism, from which a file with angles in rad is made.
         keys
             The numbers of the file with respect to which derivatives are computed, such as
             ``links.2.arc``. The defaults are stated at the class.
@@ -186,7 +186,7 @@ class Sensitivity:
     def _make_variable(self, key: str) -> DesignVariable:
         """Return the number of the mechanism file that a key names, as a design variable.
 
-        Quantities are differentiated with respect to such numbers. These are all angles,
+        Quantities are differentiated with respect to such numbers. Possible are all angles,
         masses and loads, and the following numbers of contacts between links:
 
         - the numbers of the profiles (contact curves), if some profile is not a circle,
@@ -197,8 +197,8 @@ class Sensitivity:
         DesignError
             If there are no derivatives with respect to this number.
         """
-        # A file with a reference pose has no arcs and angles of links. They were computed
-        # from the axes, so look for them first.
+        # A file with a reference pose has no arcs and angles of links. `_link_sizes` has
+        # those that were computed from the axes.
         if key in self._link_sizes:
             return self._link_sizes[key]
         variable = design_variable(self.document, key)
@@ -269,9 +269,9 @@ class Sensitivity:
                 has_gear_train = linkage is not None and linkage.train is not None
                 if not has_gear_train:
                     raise
-        # 2. Links in place of contacts. If a size deviates, the wheels of the
-        # reference pose no longer touch exactly. They still count as rolling on each other
-        # if their gap is below `wheel_gap_rad`.
+        # 2. Links in place of contacts. If a size deviates, the wheels of the reference
+        # pose no longer touch exactly. Wheels count as rolling on each other if their gap
+        # is below `wheel_gap_rad`.
         varied_mechanism = VariedMechanism(
             self.document,
             self.mechanism,
@@ -328,7 +328,7 @@ class Sensitivity:
     def deviating(self, size: float, singly: Mapping[str, float]) -> tuple[float, ...]:
         """Return how much each number of the mechanism file deviates, in rad and SI units.
 
-        A tolerance analysis needs these deviations. They are standard deviations or limits
+        A tolerance analysis needs these deviations, which are standard deviations or limits
         of random errors of the numbers in `keys`: sizes, masses and loads.
 
         Parameters
@@ -337,8 +337,8 @@ class Sensitivity:
             Common deviation (rad) of all sizes that are not in `singly`. Masses and loads
             that are not in `singly` do not deviate.
         singly
-            Individual deviations, by the key of the number in the file. They are in degrees
-            for angles, in deg/s for rates of angles, and in SI units for other numbers.
+            Individual deviations, by the key of the number in the file: in degrees for
+            angles, in deg/s for rates of angles, and in SI units for other numbers.
 
         Returns
         -------

@@ -118,7 +118,7 @@ class SizeDeviations:
         deviation_scales = np.reshape(self.size, (-1, 1))
         if self.distribution == "uniform":
             return deviation_scales * (2.0 * unit_points - 1.0)
-        # The inverse of the normal distribution turns probabilities into deviations. It is
-        # infinite at 0 and 1.
+        # The inverse of the normal distribution turns probabilities into deviations. The
+        # inverse is infinite at 0 and 1.
         probabilities = np.clip(unit_points, MIN_PROBABILITY, 1.0 - MIN_PROBABILITY)
         return deviation_scales * ndtri(probabilities)

@@ -511,8 +511,8 @@ class Sweep:
         columns["closes"] = design_table.closes
         columns["claim"] = design_table.claim
         # A four-bar has a Grashof class: which of its links turn fully. The class is left
-        # empty if sizes are invalid or the computation failed. A mechanism that cannot be
-        # assembled has a class.
+        # empty if sizes are invalid or the computation failed. Sizes with which the
+        # mechanism cannot be assembled have a class.
         if grashof_classes is not None:
             has_class = np.isin(design_table.status, [OK, NEVER_CLOSES])
             columns["grashof"] = np.where(has_class, grashof_classes, "").astype(object)
@@ -672,8 +672,8 @@ class Sweep:
     def write_part(self, folder: str, number: int) -> int:
         """Compute a part of the designs, write its files, and return the part's number.
 
-        A sweep evaluates many designs of a mechanism. They are divided into numbered parts,
-        which different processes or computers can compute.
+        A sweep evaluates many designs of a mechanism. The designs are divided into numbered
+        parts, which different processes or computers can compute.
 
         Parameters
         ----------

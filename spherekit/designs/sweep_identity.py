@@ -49,7 +49,7 @@ def working_folder(folder: Path, definition: Facts) -> Iterator[str]:
     folder
         Folder of the sweep.
     definition
-        Definition of the sweep, see `Sweep.definition`. It is stored in the folder.
+        Definition of the sweep, see `Sweep.definition`, which is stored in the folder.
 
     Yields
     ------

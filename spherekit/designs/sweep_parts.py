@@ -153,8 +153,8 @@ class SweepResult:
     def remarks(self) -> Names:
         """Sentences about the accuracy of the results.
 
-        Parts of a sweep may be computed by several kinds of processors. If so, one sentence
-        says this. Otherwise there is no sentence.
+        There is one sentence if several kinds of processors have computed parts of the
+        sweep, and none if not.
         """
         if len(self.processors) < 2:
             return ()

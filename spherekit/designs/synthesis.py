@@ -436,8 +436,8 @@ def _confirm_modes(
     An assembly mode is one way to assemble the mechanism. A descent changes the design step
     by step and follows the configurations of a mode. A descent may have slipped to another
     mode. So at the end all modes of the design are searched anew. The end is confirmed if
-    one of them has the same configurations and objectives that are as good. Otherwise the
-    start of the descent is returned.
+    one of these modes has the same configurations and objectives that are as good. If the
+    end is not confirmed, the start of the descent is returned.
 
     Parameters
     ----------
@@ -518,8 +518,8 @@ def _are_alike(
     """Return whether two optima of a synthesis are practically the same result.
 
     The results are the same if the optima are one design in one assembly mode (way to
-    assemble the mechanism). They are also the same if the optima are one linkage, up to
-    mirror images and reversed axes, with equal objectives.
+    assemble the mechanism). Two optima with equal objectives are also the same result if
+    they are one linkage, up to mirror images and reversed axes.
 
     Parameters
     ----------

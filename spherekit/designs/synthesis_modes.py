@@ -57,7 +57,7 @@ class ModeOrigin:
         """
         # Columns of NaN are inputs at which this design cannot be assembled.
         closed_indices = np.flatnonzero(all_finite(self.configurations, 0))
-        # If contact profiles are not circles, they change gradually, too.
+        # Contact profiles that are not circles change gradually, too.
         profiles = None
         if self.design.profiles is not None:
             # Difference of the design variables, which determine the profiles.
@@ -83,8 +83,8 @@ class SynthesisMode:
     """An assembly mode (way to assemble the links) that is followed from design to design.
 
     If all groups of links are dyads (two links with three R pairs), the signs of the dyads
-    identify a mode in every design. Otherwise the configurations of a new design are
-    tracked: from a known design, the origin, the sizes change step by step to the new
+    identify a mode in every design. With other groups, the configurations of a new design
+    are tracked: from a known design, the origin, the sizes change step by step to the new
     design.
 
     Tracking always starts at the origin. The result therefore does not depend on designs
@@ -147,10 +147,10 @@ class SynthesisMode:
         """Return whether two assembly modes of different designs are the same mode.
 
         An assembly mode is one way to assemble the mechanism. If signs of dyads (groups of
-        two links) identify modes, the signs are compared. Otherwise the configurations of
+        two links) identify modes, the signs are compared. If not, the configurations of
         this mode are followed to the other design, while the sizes change step by step.
-        They must agree with the configurations of the other mode at all inputs at which
-        both modes exist, and there must be such an input.
+        These configurations must agree with the configurations of the other mode at all
+        inputs at which both modes exist, and there must be such an input.
         """
         # The origin of a mode is a design with the configurations of the mode. Modes that
         # are identified by signs have no origin, and their labels are the signs.

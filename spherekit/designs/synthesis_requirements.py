@@ -137,7 +137,7 @@ class Specification:
         """Return objectives and violated conditions of designs in one assembly mode.
 
         An assembly mode is one way to assemble the mechanism. A condition of the user is an
-        inequality ``less < more``. It is violated by the amount less - more, if this is
+        inequality ``less < more``. The amount of its violation is less - more, if this is
         positive. The amounts of all conditions are added, although their units may differ.
 
         Parameters
@@ -222,7 +222,7 @@ class Specification:
 def select_nondominated(objectives: Floats, modes: Array) -> Indices:
     """Return the rows of each assembly mode that are on the Pareto front.
 
-    A row is a design in one assembly mode (way to assemble the mechanism). It dominates
+    A row is a design in one assembly mode (way to assemble the mechanism). A row dominates
     another row of the same mode if none of its objectives is larger and the rows are not
     equal. Smaller objectives are better. A row that no row dominates is on the front.
 
@@ -379,9 +379,8 @@ def evolve_fronts(
 
         An assembly mode is one way to assemble the mechanism. A point has the design
         variables of a design, scaled to 0 to 1. pymoo calls `_evaluate` with the points of
-        a generation of designs. Then it reads the objectives from ``out["F"]``. In
-        ``out["G"]`` there is one number for each design, the sum of all violations of
-        conditions.
+        a generation of designs, and reads the objectives from ``out["F"]``. In ``out["G"]``
+        there is one number for each design, the sum of all violations of conditions.
         """
 
         def __init__(self, population_scorer: PopulationScorer) -> None:

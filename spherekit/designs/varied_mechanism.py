@@ -291,8 +291,8 @@ class VariedMechanism:
             that are not circles never have a closed form.
         closed
             (variables,) variables (rad) of a closed configuration at which independent
-            equations are chosen if equations repeat each other. By default one is
-            computed. It is not used if contacts are replaced by links.
+            equations are chosen if equations repeat each other. By default one is computed.
+            Not used if contacts are replaced by links.
 
         Raises
         ------
@@ -474,7 +474,7 @@ class VariedMechanism:
         values
             (variables,) values of the design variables, in the units of the file.
         mechanism
-            The mechanism of the design, if the caller has it. It is only needed for contact
+            The mechanism of the design, if the caller has it; only needed for contact
             curves that are not circles.
 
         Returns
@@ -615,9 +615,9 @@ class VariedMechanism:
     def _read_numbers(self, values: Floats) -> Floats:
         """Return the numbers that describe contacts, masses and loads of a design.
 
-        They are arguments of a kernel, a function that computes many designs at once. They
-        are read from the mechanism file with the values of the design. The kernel applies
-        only to designs with the same contacts and kinds of loads as the file.
+        The numbers are arguments of a kernel, a function that computes many designs at
+        once, and are read from the mechanism file with the values of the design. The kernel
+        applies only to designs with the same contacts and kinds of loads as the file.
 
         Circular contacts may be replaced by an equivalent linkage, which moves in the same
         way. A link between the centres of two circles replaces a sliding contact. Circles
@@ -791,9 +791,9 @@ class VariedMechanism:
     def _differentiate_numbers(self, values: Floats, k: int) -> Floats:
         """Return derivatives of the varied numbers with respect to a variable, at a design.
 
-        The varied numbers describe contacts, masses and loads. They are read from the
-        mechanism file with the values of a design, so there is no formula for their
-        derivatives. Difference quotients are used instead.
+        The varied numbers describe contacts, masses and loads. These numbers are read from
+        the mechanism file with the values of a design, so their derivatives have no
+        formula. So difference quotients are used.
 
         Parameters
         ----------

@@ -238,7 +238,7 @@ class _WorkerProcess:
                 "creationflags": getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)
             }
         self._python = os.fsdecode(get_executable() or "")
-        # Both options mean that modules are not imported from the current folder.
+        # With either option, modules are not imported from the current folder.
         import_flag = "-I" if sys.flags.isolated else "-P"
         command = [self._python, import_flag, "-c", WORKER_PROGRAM]
         try:
@@ -393,7 +393,7 @@ class _Crew:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End all workers and threads, also those that are still computing a part."""
+        """End all workers and threads, even if they are computing a part."""
         self._must_stop.set()
         # A thread that saw `_must_stop` too late may still start a worker. Therefore the
         # workers are killed repeatedly until all threads have ended.
@@ -445,8 +445,9 @@ class _Crew:
     def _run_worker(self) -> None:
         """Start a worker process and let it compute parts of the sweep, one by one.
 
-        Each thread of the crew runs this function until the crew is stopped. It takes the
-        numbers of parts from a queue. For each part it puts one event into `_events`:
+        Each thread of the crew runs this function until the crew is stopped. The thread
+        takes the numbers of parts from a queue. For each part the thread puts one event
+        into `_events`:
 
         - the number of the part, if it is written,
         - the error, if the part cannot be computed,

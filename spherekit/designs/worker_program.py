@@ -92,8 +92,8 @@ def _report_warning(text: str) -> None:
 def _take_standard_output() -> BinaryIO:
     """Reserve standard output for answers, and return it as a stream.
 
-    File descriptor 1 is redirected to standard error, also for compiled libraries, so that
-    printed text cannot get between the pickled answers.
+    File descriptor 1 is redirected to standard error, so that printed text cannot get
+    between the pickled answers.
     """
     answers = os.fdopen(os.dup(1), "wb")
     try:
