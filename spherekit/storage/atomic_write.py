@@ -79,8 +79,7 @@ def check_folder(path: AnyPath) -> None:
         If the folder cannot be created, or if no files can be written into it.
     """
     with _raise_output_error(path, "created"):
-        # Find the innermost folder of the path that exists. The rest is created in it
-        # later.
+        # Find the innermost folder of the path that exists.
         folders = (Path(path), *Path(path).parents)
         existing = next(folder for folder in folders if folder.exists())
         # The error number to report if the existing path is a file, not a folder.
@@ -108,8 +107,7 @@ def check_file(path: AnyPath) -> None:
 def _check_writable(folder: Path, error_if_no_folder: int) -> None:
     """Raise `OSError` if a path is not a folder in which files can be created.
 
-    `error_if_no_folder` is the error number (`errno`) for a path that is not a folder. The
-    message to the user depends on it.
+    `error_if_no_folder` is the error number (`errno`) for a path that is not a folder.
     """
     if not folder.is_dir():
         raise OSError(error_if_no_folder, "")
@@ -200,9 +198,9 @@ def write_bytes(path: AnyPath, data: bytes) -> None:
 def open_for_writing(path: AnyPath) -> Iterator[BinaryIO]:
     """Open a stream for writing a file in a ``with`` block, completely or not at all.
 
-    The bytes are first written to a hidden file in the same folder. It gets the name of the
-    file when the block ends without error. An older file is replaced in one step, so other
-    programs see one of the two complete files.
+    The bytes are first written to a hidden file in the same folder. The hidden file gets
+    the name of the file when the block ends without error. An older file is replaced in one
+    step, so other programs see one of the two complete files.
 
     Raises
     ------

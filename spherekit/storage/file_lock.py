@@ -23,8 +23,7 @@ NO_LOCKS_ERRORS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
 def acquire_lock(path: Path) -> BaseFileLock | str:
     """Lock a file against other programs, or find out which program has locked it.
 
-    The program that has the lock writes its process number into the file. The operating
-    system releases the lock when the program ends, even if the file remains.
+    The program that has the lock writes its process number into the file.
 
     Parameters
     ----------
@@ -64,7 +63,7 @@ def acquire_lock(path: Path) -> BaseFileLock | str:
 def try_lock(descriptor: int) -> bool:
     """Lock an open file until it is closed; return whether that was possible.
 
-    The lock keeps other programs from using the file at the same time. It is not possible
+    The lock keeps other programs from using the file at the same time. The result is False
     if another program has locked the file.
     """
     return lock_descriptor(descriptor, blocking=False)

@@ -99,8 +99,8 @@ def write_archive(
     header = np.array(json.dumps(entries, indent=1))
     np.savez_compressed(stream, header=header, **arrays)
     # An archive is a zip file, which ends with a comment. The checksum is the end of this
-    # comment. It is computed from all bytes before it, which include the length of the
-    # comment. The comment is therefore first written with zeros in its place.
+    # comment, and is computed from all bytes before it. The comment is first written with
+    # zeros in place of the checksum, since these bytes include the length of the comment.
     with zipfile.ZipFile(stream, "a") as archive:
         archive.comment = CHECKSUM_MARK + bytes(CHECKSUM_LENGTH)
     content = stream.getvalue()[:-CHECKSUM_LENGTH]

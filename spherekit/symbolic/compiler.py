@@ -53,7 +53,6 @@ def heyoka() -> ModuleType:
             'install it with pip install "spherekit-mechanisms[compiled]" (Linux) or '
             "conda-forge"
         )
-        # The message ends with this advice, unless the caller changes the engine itself.
         advice = "or use the NumPy engine, which gives the same results"
         raise EngineError(fault, advice) from None
     module: ModuleType = heyoka_module
@@ -70,8 +69,6 @@ def heyoka_expressions(
 ) -> list[Any]:
     """Convert symbolic expressions to expressions of the library heyoka.
 
-    heyoka compiles them to machine code, or integrates them by Taylor series.
-
     Parameters
     ----------
     expressions
@@ -84,8 +81,7 @@ def heyoka_expressions(
     def convert_node(node: ExpressionNode, arguments: list[Any]) -> Any:
         """Return the heyoka expression of a node: a variable, or an operation.
 
-        `arguments` are the heyoka expressions of the arguments of the node. Numbers among
-        them have been converted, too.
+        `arguments` are the heyoka expressions of the arguments of the node.
         """
         if node.operation == "variable":
             return variables[node]

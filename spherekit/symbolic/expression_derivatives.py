@@ -28,13 +28,12 @@ def differentiate(
     expressions
         Numbers, and nodes of expression graphs. A node is a variable or an operation.
     rates
-        Known derivatives of variables or of whole operations, by node. The arguments of
-        such an operation are then not differentiated. Variables without an item have
-        the derivative zero.
+        Known derivatives of variables or of whole operations, by node. The arguments of a
+        known operation are not differentiated. Variables without an item have the
+        derivative zero.
     """
-    # If a known node is -1 * x, the derivative of x must be known, too. The reason is
-    # that minus signs are moved outwards: (-1 * x) * y is stored as -1 * (x * y), which
-    # has x alone.
+    # If the derivative of a node -1 * x is known, the derivative of x is added. Graphs
+    # store (-1 * x) * y as -1 * (x * y), in which x occurs without its sign.
     known_rates: dict[Any, Expr] = {}
     for node, rate in rates.items():
         negated_node = negated_operand(node)  # None if the node is not -1 * x

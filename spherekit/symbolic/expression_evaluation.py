@@ -57,12 +57,10 @@ def array_function(
     inputs
         Variables, in the order of the rows of the argument.
     number
-        Type of numbers with which to compute. The function uses the type of its
-        argument instead if that type has more digits.
+        Type of numbers with which to compute. An argument whose type has more digits is
+        evaluated in its own type.
     """
-    # The operations are a list that a loop processes. Python code with one line for each
-    # operation would have to be compiled first. Compiling takes longer than running the
-    # code once.
+    # The operations are a list that a loop processes.
     program = _write_program(outputs, inputs)
     names = [
         *program.constants,
@@ -153,9 +151,9 @@ def float_function(
 ) -> FloatFunction:
     """Return a function that evaluates symbolic expressions on floats, for one sample.
 
-    It writes and compiles Python code. For one sample this takes a tenth of the time of an
-    `array_function`. If a result is not finite, the function may raise `ArithmeticError` or
-    `ValueError`.
+    The expressions become Python code, which is compiled. For one sample the code takes a
+    tenth of the time of an `array_function`. If a result is not finite, the function may
+    raise `ArithmeticError` or `ValueError`.
 
     Parameters
     ----------
@@ -172,8 +170,8 @@ def float_function(
         if step.operation in _INFIX_OPERATIONS:
             code = f" {step.operation} ".join(step.arguments)
         else:
-            # Other operations have the names of functions, such as "sin". Only "**" does
-            # not.
+            # Other operations have the names of functions, such as "sin". The name of "**"
+            # is "power".
             name = "power" if step.operation == "**" else step.operation
             code = f"{name}({', '.join(step.arguments)})"
         lines.append(f"{step.result} = {code}")
@@ -200,13 +198,13 @@ class _ProgramStep:
     ----------
     operation
         Operation of an `ExpressionNode`, such as ``sin``. The additional operation
-        ``positive`` copies a value. It is used if an output is just a constant, an input or
-        another output.
+        ``positive`` copies a value. An output is copied if it is just a constant, an input
+        or another output.
     arguments
-        Names of the values on which it operates.
+        Names of the values on which the step operates.
     result
-        Name of the value that it computes. The name of an earlier value can be used again
-        if that value is no longer needed.
+        Name of the value that the step computes. The name of an earlier value can be used
+        again if that value is no longer needed.
     """
 
     operation: str
@@ -271,12 +269,11 @@ def _write_program(outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]) ->
     for output, output_name in zip(outputs, output_names, strict=True):
         name_of.setdefault(output, output_name)
 
-    # One step per node. Intermediate values have names z0, z1, ... Those of values that are
-    # no longer needed are free.
+    # One step per node. Intermediate values have names z0, z1, ... `free_names` has the
+    # names of values that no later step reads.
     steps = list[_ProgramStep]()
     free_names = list[str]()
-    # A dictionary, because it keeps the order and finds a name quickly: long chains have
-    # thousands of names.
+    # A dictionary, because it keeps the order and finds a name quickly.
     work_names = dict[str, None]()
     for k, node in enumerate(nodes):
         arguments = [name_of[x] for x in node.arguments]
@@ -285,7 +282,7 @@ def _write_program(outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]) ->
             name_of[x] for x in node.arguments if last_step_reading[x] == k
         )
         free_names += [name for name in names_read_last if name in work_names]
-        # An output has its name already. Other results take a free name or a new one.
+        # Results that are no outputs take a free name or a new one.
         if node not in name_of:
             if free_names:
                 name_of[node] = free_names.pop()

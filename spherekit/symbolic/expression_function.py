@@ -14,7 +14,8 @@ def expression_function(
 ) -> ArrayFunction:
     """Return a function of arrays that evaluates expressions.
 
-    It maps an array (inputs, n), whose columns are n samples, to an array (outputs, n).
+    The function maps an array (inputs, n), whose columns are n samples, to an array
+    (outputs, n).
 
     Parameters
     ----------
@@ -24,7 +25,7 @@ def expression_function(
         The variables, in the order of the first axis of the argument.
     compiled
         Whether heyoka compiles the expressions. Otherwise NumPy evaluates them operation by
-        operation. Without outputs there is nothing to compile, and NumPy is used.
+        operation. NumPy is used in any case if there are no outputs.
     """
     if compiled and outputs:
         return compile_function(outputs, inputs)

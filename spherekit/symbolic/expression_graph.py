@@ -80,7 +80,7 @@ def divide(a: Expr, b: Expr) -> Expr:
 def _sort_arguments(a: Expr, b: Expr) -> list[Expr]:
     """Return the arguments of a sum or product in one order: numbers, then nodes by age.
 
-    So a + b and b + a are stored as the same node. Nodes are operations and variables.
+    So a + b and b + a are stored as the same node.
     """
     return sorted(
         (a, b), key=lambda x: x.creation_index if isinstance(x, ExpressionNode) else -1
@@ -97,7 +97,7 @@ def _make_operator_methods(
 
     For the operator +, the first method computes ``node + x`` and the second ``x + node``.
     Python calls the second method if x cannot add a node itself. If x is neither a number
-    nor a node, such as a NumPy array, both methods return `NotImplemented`. Python then
+    nor a node, such as a NumPy array, both methods return `NotImplemented`, so that Python
     uses the operator of x.
 
     Parameters
@@ -127,15 +127,15 @@ class ExpressionNode:
     Nodes are created by `symbols`, `function` and the operators ``+ - * /``. Two equal
     nodes are always one object, so an expression that occurs several times is stored once.
     The operators simplify products with 0 and 1, sums with 0, and x - x, and move minus
-    signs outwards. This does not change finite values. Infinity times 0 gives 0, however,
-    and infinity minus itself, too.
+    signs outwards. Finite values stay the same. Infinity times 0, and infinity minus
+    itself, give 0.
 
     Attributes
     ----------
     operation
         ``variable``, one of ``+ - * / **``, or the name of a function such as ``sin``.
     arguments
-        The numbers and nodes on which it operates. A variable has its name here.
+        The numbers and nodes on which the operation operates. For a variable, its name.
     creation_index
         Number of nodes that were created before this one.
     """
@@ -181,15 +181,15 @@ _creation_counter = count()
 def function(operation: str, *arguments: Any) -> ExpressionNode:
     """Return the node of an operation or function, without any simplification.
 
-    If a node with this operation and these arguments exists, it is returned. Otherwise it
-    is created. Two equal nodes are therefore always one object.
+    A new node is created only if no node has this operation and these arguments. Two equal
+    nodes are therefore always one object.
 
     Parameters
     ----------
     operation
         One of ``+ - * / **``, or the name of a function such as ``atan2``.
     arguments
-        Numbers and nodes to which it is applied.
+        Numbers and nodes to which the operation is applied.
     """
     # Numbers are text in the key, because 0.0 and -0.0 are equal keys but different
     # numbers.
@@ -228,7 +228,7 @@ def vector_product(operation: str, a: Expr, b: Expr) -> Expr:
     """Return the dot or cross product of two nodes that each represent a whole vector.
 
     A product with a zero vector is 0. Minus signs are moved outwards: (-a) . b becomes -(a
-    . b). Then (-a) . b and a . b contain the same node, which is evaluated once.
+    . b), so that the node a . b is evaluated once.
 
     Parameters
     ----------
@@ -346,10 +346,9 @@ def separate_constant_parts(
 ) -> tuple[list[Expr], dict[ExpressionNode, ExpressionNode]]:
     """Replace the parts of expressions that do not depend on some nodes by variables.
 
-    The parts can then be evaluated once for many values of the other nodes. An example is a
-    function for many designs. The parts that depend only on the sizes of a design are
-    evaluated once per design. The new variables are therefore called design_0, design_1,
-    ...
+    The parts can be evaluated once for many values of the other nodes. For example, the
+    parts that depend only on the sizes of a design are evaluated once per design. The new
+    variables are called design_0, design_1, ...
 
     Parameters
     ----------
@@ -362,7 +361,7 @@ def separate_constant_parts(
     -------
     replaced
         The expressions, in which new variables replace the constant parts. The parts are as
-        large as possible, but a part may also be a single variable.
+        large as possible.
     part_by_variable
         The part that each new variable replaces.
     """

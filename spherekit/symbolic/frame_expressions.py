@@ -119,14 +119,14 @@ def _frames_from_pose(
     """
     frame = _frame_in_pose(geometry, design, pair.name)
     # Both links have the same frame so far. The design may change arcs and angles between
-    # the axes of a link. This rotates the frame of the pair in that link only.
+    # the axes of a link. Such a change rotates the frame of the pair in that link only.
     first_frame, second_frame = (
         _rotate_by_size_changes(mechanism, design, link, pair.name, frame)
         for link in pair.links
     )
-    # So far, both frames have the x axis that points east. If the sizes are those of the
-    # file, the two x axes coincide in the reference pose. The angle between them has to be
-    # the value of the variable in this pose, so the second frame is turned by it.
+    # With the sizes of the file, both x axes point east so far. The angle between the x
+    # axes has to be the value of the variable in the reference pose, so the second frame is
+    # turned by this value.
     value = design.get(("values", pair.name), geometry.values.get(pair.name, 0.0))
     return first_frame, second_frame @ about_z(value)
 
@@ -179,7 +179,7 @@ def _rotate_by_size_changes(
         states the axes of all pairs.
     """
     # The arc and the angle of this pair in the reference pose, by kind. The first axis of
-    # the link has none.
+    # the link has no sizes.
     pose_size_by_kind = {
         size.kind: size for size in pose_sizes(mechanism, link) if size.pair == pair
     }
@@ -215,8 +215,8 @@ def _frame_from_sizes(
     mechanism, geometry
         The mechanism and its geometry, with the sizes of links.
     design
-        Numbers or expressions that replace some sizes. The keys of these are "arcs" or
-        "angles", with the names of the link and of the pair.
+        Numbers or expressions that replace some sizes. A key is "arcs" or "angles", with
+        the names of the link and of the pair.
     link, pair
         Names of the link and of one of its R pairs.
 
@@ -226,8 +226,8 @@ def _frame_from_sizes(
         If the reference arc is 0 or 180 degrees, so that it has no direction.
     """
     sizes = geometry.links.get(link, LinkSizes(()))
-    # Keys of arcs and angles are the link and the pair. Without such sizes of this link,
-    # the frame consists of numbers.
+    # Keys of arcs and angles are the link and the pair. If no size of this link varies, the
+    # frame consists of numbers.
     varied_links = {key[0] for kind, key in design if kind in ("arcs", "angles")}
     if link not in varied_links:
         return reference_frame(axes_from_sizes(sizes), pair).astype(object)

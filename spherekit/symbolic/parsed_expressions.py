@@ -20,8 +20,8 @@ PRESERVES_WHOLE_REVOLUTIONS = ("+", "-", "negative")
 class AngleForms:
     """A part of a symbolic expression in two forms, as it is and without whole revolutions.
 
-    Sines, cosines and tangents are computed from the second form. It is more accurate,
-    because an angle of many revolutions has fewer exact digits.
+    Sines, cosines and tangents are computed from the second form. The second form is more
+    accurate, because an angle of many revolutions has fewer exact digits.
 
     Attributes
     ----------
@@ -55,9 +55,8 @@ def convert_to_graph(
         Full and reduced value of each name in the expression. Both are the same for names
         that are no angles.
     sign
-        Function that returns the sign of an expression. The result has a kink or a jump
-        where that expression is zero. An integrator gives a function here whose sign
-        changes only at switches. By default it is `sign_of`.
+        Function that returns the sign of an expression, by default `sign_of`. An integrator
+        gives a function whose sign changes only at switches (events of the integration).
 
     Raises
     ------
@@ -114,8 +113,8 @@ def convert_to_graph(
         else:
             result = operation(*full_operands)
         # A sum of reduced angles is the sum of the angles, less whole revolutions. So the
-        # sum has a reduced form. Half of a reduced angle may lack half a revolution, so it
-        # is no reduced form.
+        # sum has a reduced form. Half of an angle has none, because half of a reduced angle
+        # may lack half a revolution.
         if _keeps_whole_revolutions(name, full_operands):
             return AngleForms(full=result, reduced=operation(*reduced_operands))
         return AngleForms(full=result, reduced=result)
@@ -132,8 +131,8 @@ def convert_to_graph(
 def _check_denominator(name: str, operands: Sequence[Expr], text: str) -> None:
     """Raise an error if an operation divides by the number 0.
 
-    An operand that is not a number may still be zero for some values of its variables. This
-    is not an error here.
+    A denominator with variables passes, although its value may be zero at some values of
+    the variables.
 
     Parameters
     ----------
@@ -142,8 +141,7 @@ def _check_denominator(name: str, operands: Sequence[Expr], text: str) -> None:
     operands
         Its operands: numbers and nodes.
     text
-        The whole expression, for the message. It is empty for a load that does not come
-        from a text.
+        The whole expression, for the message. Empty for a load that is not stated as text.
     """
     if name == "/" and operands[1] == 0.0:
         subject = f'"{text}"' if text else "a load"
@@ -154,7 +152,7 @@ def _keeps_whole_revolutions(name: str, operands: Sequence[Expr]) -> bool:
     """Return whether whole revolutions of operands give whole ones in the result.
 
     Such an operation may be applied to angles from which whole revolutions were subtracted.
-    Sums are an example. Another example is the product of an angle and an integer.
+    Examples are a sum, and the product of an angle and an integer.
 
     Parameters
     ----------

@@ -161,12 +161,12 @@ class Integrator:
             tol=tolerance,
             compact_mode=compact,
             # Full optimisation of long code takes most of the compilation time and makes
-            # it hardly faster. Compact code is short.
+            # the code hardly faster. Compact code is short.
             opt_level=3 if compact else 1,
             t_events=terminal_events,
             nt_events=other_events,
         )
-        # Both are views of heyoka's own arrays.
+        # Views of heyoka's own arrays.
         self.state = self._adaptive.state
         self.parameters = self._adaptive.pars
         outcomes = module.taylor_outcome
@@ -188,8 +188,8 @@ class Integrator:
         A switch is a zero of an event function at which the equations change, for example
         by dry friction. A parameter of the equations is set to the new sign of the
         function. heyoka calls the returned function with its integrator and this sign. The
-        function returns whether the integration continues. It ends if the motion would
-        switch back at once, or after too many events.
+        function returns whether the integration continues. The integration ends if the
+        motion would switch back at once, or after too many events.
 
         Parameters
         ----------
@@ -200,14 +200,15 @@ class Integrator:
         """
 
         def set_sign(adaptive: Any, sign: int) -> bool:
-            """Note the event, set the parameter, and return whether to continue.
+            """Note the event, set its sign, and return whether to continue.
 
-            `adaptive` is heyoka's integrator. `sign` is the sign of the event function
-            after its zero.
+            The equations of motion have the sign of the event function as a parameter, such
+            as the sense of dry friction. Its index is `event.switch`. `adaptive` is
+            heyoka's integrator. `sign` is the sign of the event function after its zero.
             """
             time = float(adaptive.time)
             self.seen_events.append((index, time))
-            # At a zero rate of the function the sign is 0, and the parameter stays the
+            # The sign is 0 if the rate of the function is zero. The parameter stays the
             # same.
             if sign:
                 adaptive.pars[event.switch] = sign
@@ -256,8 +257,8 @@ class Integrator:
         """Take one step, and return why it ended and its length (s).
 
         A step also ends at some events. After a "switch", where the equations change
-        abruptly, the integration can continue. After an "event" the integration must end.
-        This event is then the last element of `seen_events`.
+        abruptly, the integration can continue. After an "event", the last element of
+        `seen_events`, the integration must end.
 
         Parameters
         ----------

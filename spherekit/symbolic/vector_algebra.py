@@ -77,9 +77,9 @@ def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:
     def form_minor(columns: tuple[int, ...]) -> Expr:
         """Return the determinant of k columns in the last k rows of the matrix.
 
-        It is expanded along the first of these rows. The sum has a term for each column:
-        the entry of the row times the determinant of the other columns in the rows below.
-        The signs of the terms alternate.
+        The determinant is expanded along the first of these rows. The sum has a term for
+        each column: the entry of the row times the determinant of the other columns in the
+        rows below. The signs of the terms alternate.
         """
         if not columns:
             return 1.0  # the determinant of an empty matrix

@@ -65,7 +65,8 @@ def read_numbers(path: Path, names: Sequence[str]) -> FileNumbers:
     """Read some columns of numbers from a CSV or Parquet file.
 
     The units of the columns are stated in the Parquet file, or in a file in the folder of
-    the CSV file. A unit in the header of a column, as in ``q [deg]``, replaces them.
+    the CSV file. A unit in the header of a column, as in ``q [deg]``, replaces the stated
+    unit.
 
     Parameters
     ----------
@@ -90,7 +91,7 @@ def read_numbers(path: Path, names: Sequence[str]) -> FileNumbers:
         first_number = 2
         units = _read_units_of_folder(path)
     rows = [[_parse_number(cell) for cell in row] for row in cells.itertuples(index=False)]
-    # Without rows, `np.array` has the shape (0,); it becomes (0, columns).
+    # Without rows, the shape (0,) becomes (0, columns).
     values = np.array(rows).reshape(-1, len(names))
     places = [f"{row_word} {index + first_number}" for index in cells.index]
     bad_cells = [

@@ -27,9 +27,6 @@ class ScreenColumn:
 class ScreenTable:
     """Results that a command prints on the screen in rows and columns, as texts.
 
-    Analyses and commands fill such tables. The columns are aligned when the table is
-    printed.
-
     Attributes
     ----------
     columns

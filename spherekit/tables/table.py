@@ -71,10 +71,9 @@ class Column:
     turns
         How the column changes if the whole mechanism is rotated. ``"no"``: not at all.
         ``"vector"``: it is a component of a vector in ground axes; the components x, y, z
-        are in successive columns. ``"otherwise"``: it depends on the ground axes in another
-        way, such as an azimuth. If a text is declared so, or if a table with such a column
-        has no row for each sample and assembly mode, a rotation may also change which rows
-        the table has.
+        are in successive columns. ``"otherwise"``: the column depends on the ground axes in
+        another way, such as an azimuth. A rotation may change which rows a table has if
+        such a column is a text, or if the rows do not belong to samples and assembly modes.
     on_request
         Name of the parameter of the analysis that requests the column. The table has the
         column only if the parameter differs from its default. Empty: it always has it.
@@ -272,9 +271,9 @@ def _name_modes(
     """Return the column of names of assembly modes, from the column of their numbers.
 
     An assembly mode is one of the ways to assemble the mechanism. A table can have several
-    rows for one sample, one for each subject, such as a pole. All of them have the same
-    mode. The texts are then made once for each sample. `Interleaved` repeats them for each
-    subject when the column is read.
+    rows for one sample, one for each subject, such as a pole. All these rows have the same
+    mode, so the texts are made once for each sample. `Interleaved` repeats the texts for
+    each subject when the column is read.
 
     Parameters
     ----------

@@ -363,7 +363,6 @@ def _open_parquet_writer(
     texts = [item.name for item in schema if not pa.types.is_primitive(item.type)]
     # With compression by zstd, floats are stored byte by byte: their first bytes together,
     # then their second bytes, and so on. Equal bytes next to each other compress better.
-    # The other method in use is "none", with which this order would save nothing.
     byte_by_byte: list[str] | bool = False
     if compression == "zstd":
         byte_by_byte = [item.name for item in schema if pa.types.is_floating(item.type)]
@@ -380,8 +379,8 @@ def _open_parquet_writer(
             yield writer
             writer.close()
         finally:
-            # After an error the writer is still open. When it is deleted, it would write to
-            # the closed stream. This prevents it.
+            # After an error the writer is still open, and would write to the closed stream
+            # when Python deletes the writer.
             writer.is_open = False
 
 
@@ -700,7 +699,7 @@ class ParquetColumns(Mapping[str, Array]):
     """The columns of a Parquet file by name. A column is read when it is used.
 
     The file was written by `write_table`. If angles in the file are in degrees, they are
-    converted to rad. A status column of the file has names; it is returned as codes.
+    converted to rad. A status column has names in the file, and is returned as codes.
 
     Parameters
     ----------

@@ -27,14 +27,14 @@ class TableFormat:
         Ending of the file names, without the dot. Formats that are written together need
         different endings.
     relative_size
-        Approximate size of the files divided by the size of the same numbers in memory. It
-        was measured on tables of motions and poles. It predicts the size of files before a
-        run.
+        Approximate size of the files divided by the size of the same numbers in memory. The
+        ratio was measured on tables of motions and poles. It predicts the size of files
+        before a run.
     separator
         Character between the cells of a CSV file; None for Parquet.
     is_default
-        Whether the files are written when the user names no format. CSV files are then left
-        out if all of them together would exceed `MAX_CSV_BYTES`.
+        Whether the files are written when the user names no format. CSV files are left out
+        if all of them together would exceed `MAX_CSV_BYTES`.
     """
 
     ending: str
@@ -69,8 +69,8 @@ def choose_formats(
     Parameters
     ----------
     requested
-        Formats that the user requests. None means the default formats; CSV is then left out
-        if the tables are larger than `MAX_CSV_BYTES`.
+        Formats that the user requests. None means the default formats, without CSV if the
+        tables are larger than `MAX_CSV_BYTES`.
     csv_bytes
         Approximate size of the tables as CSV.
     """

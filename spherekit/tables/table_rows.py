@@ -53,9 +53,8 @@ class MemoryTables:
 class JoinedBlocks(Mapping[str, Array]):
     """The columns of a table whose rows are in several blocks.
 
-    Rows are sorted by assembly mode, then by sample, if the table has these columns.
-    The blocks of a column are joined when the column is first read. To join many
-    columns at once, `join` is faster.
+    Rows are sorted by assembly mode, then by sample, if the table has these columns. The
+    blocks of a column are joined when the column is first read.
 
     Parameters
     ----------
@@ -191,7 +190,7 @@ def sort_by_mode(block: TableData) -> SortedBlock:
 
     An assembly mode is one of the ways to assemble the mechanism. Rows of one mode and
     sample keep their order. If all rows are in order already, the block is returned
-    unchanged. Its lazy columns (computed when they are read) then remain lazy.
+    unchanged, with its lazy columns (computed when they are read).
 
     Parameters
     ----------
@@ -220,19 +219,19 @@ def _find_modes_in_order(block: TableData) -> list[tuple[int, slice]] | None:
     An assembly mode is one of the ways to assemble the mechanism. The rows are in order if
     all rows of a mode follow each other, with samples that never decrease.
 
-    One mode and sample can have several rows, one for each subject, such as a pole. The
-    columns of modes and samples then repeat each number. `remove_repetitions` returns the
-    short columns without repetitions, which takes less time to compare.
+    Each sample in a mode can have several rows, one for each of k subjects, such as poles.
+    Then k successive rows have the same mode and sample. `remove_repetitions` returns
+    columns with only one of these rows, which take less time to compare.
     """
     modes, repeats = remove_repetitions(block[ASSEMBLY_MODE.name])
     samples, sample_repeats = remove_repetitions(block[SAMPLE.name])
-    # The short columns cannot be compared if only one of the two columns has repetitions.
+    # The short columns cannot be compared if they have different lengths.
     if sample_repeats != repeats:
         return None
     slices = _find_slices_in_order(modes, samples)
     if slices is None:
         return None
-    # Each number of the short columns stands for `repeats` rows.
+    # Each row of the short columns stands for `repeats` rows of the block.
     return [
         (mode, slice(rows.start * repeats, rows.stop * repeats)) for mode, rows in slices
     ]
@@ -241,8 +240,8 @@ def _find_modes_in_order(block: TableData) -> list[tuple[int, slice]] | None:
 def _find_slices_in_order(modes: Array, samples: Array) -> list[tuple[int, slice]] | None:
     """Return each assembly mode with its slice of items, None if they are out of order.
 
-    They are in order if all items of a mode follow each other, with samples that never
-    decrease. An assembly mode is one of the ways to assemble the mechanism.
+    An assembly mode is one of the ways to assemble the mechanism. Items are in order if all
+    items of a mode follow each other, with samples that never decrease.
 
     Parameters
     ----------

@@ -119,8 +119,8 @@ def _join_scenes(parts: Sequence[Scene]) -> Scene:
 
     A scene has primitives: objects that are drawn, such as arrows and plots. The same
     primitive in several blocks is recognised by its class and its address (`path`). Its
-    values, one row for each sample, are joined. The axes `scene.over` (quantities over
-    which the scene is plotted) are joined, too.
+    values, one row for each sample, are joined. The values of the axes `scene.over`
+    (quantities over which the scene is plotted) are joined in the same way.
     """
     primitive_parts: dict[tuple[type, str], list[Primitive]] = {}
     for scene in parts:
@@ -130,8 +130,7 @@ def _join_scenes(parts: Sequence[Scene]) -> Scene:
     axes: list[Axis] = []
     for axis_parts in zip(*(scene.over for scene in parts), strict=True):
         values = np.concatenate([axis.values for axis in axis_parts])
-        # A single block needs the range (`span`) of the whole run. The joined axis does not
-        # need it.
+        # The joined values cover the whole run, so the axis needs no range (`span`).
         axes.append(Axis(axis_parts[0].label, axis_parts[0].unit, values))
     primitives = tuple(map(_join_primitives, primitive_parts.values()))
     return Scene(parts[0].page, primitives, tuple(axes), parts[0].source)

@@ -110,8 +110,8 @@ def _subjects(
 
     The texts in a row name its subject, such as a pole. There is a curve for each subject
     in each assembly mode (way to assemble the mechanism). The label names the subject, such
-    as "pole 3/1". The page is the number of the assembly mode. If a table has no assembly
-    modes, there is one curve of all rows, without page and label.
+    as "pole 3/1". The page is the number of the assembly mode. A table without assembly
+    modes has one curve of all rows, without page and label.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def _interrupt(x: Floats, y: Floats, turn: float | None) -> tuple[Floats, Floats
     """Return the points of a curve with a gap (NaN) where an angle on the axis x jumps.
 
     Without the gap, a line would cross the whole figure. An angle jumps if it changes by
-    half a turn or more between two rows. Jumps on the axis y are handled by `draw_curves`.
+    half a turn or more between two rows.
 
     Parameters
     ----------

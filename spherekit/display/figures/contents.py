@@ -158,7 +158,7 @@ def plan_figures(
     draw_by_name: dict[str, Callable[[], Figure]] = {}
     for source in dict.fromkeys(scene.source for scene in scenes):
         source_scenes = [scene for scene in scenes if scene.source == source]
-        # Curves also show the inputs that other analyses mark, such as singular ones. So
+        # Curves show the inputs that any analysis marks, such as singular ones. So
         # `_plan_series` needs the scenes of all analyses.
         planned_figures = [
             *_plan_planes(source_scenes, sheet),
@@ -192,7 +192,7 @@ def _plan_series(
     source_scenes
         Scenes of one analysis.
     all_scenes
-        Scenes of all analyses. The inputs that they mark are drawn, too.
+        Scenes of all analyses. The inputs that these scenes mark are drawn on the curves.
     sheet
         Size of the figures, and titles of modes.
     """
@@ -237,9 +237,8 @@ def _plan_series(
 def _find_marks(scenes: Sequence[Scene], axis_label: str) -> list[tuple[Page, InputMarks]]:
     """Return the inputs that analyses mark in plots over one quantity, with their pages.
 
-    Examples are inputs at singularities. Plots of other analyses show these marks too, if
-    they have the same quantity on the x axis. A page is the number of an assembly mode (way
-    to assemble the mechanism), or a title.
+    Examples are inputs at singularities. A page is the number of an assembly mode (way to
+    assemble the mechanism), or a title.
 
     Parameters
     ----------
@@ -417,13 +416,20 @@ def _plan_axodes(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigur
             continue
         traces = [item for item in scene.primitives if isinstance(item, Trace)]
         curves = [
-            # `at_first` is the path with the link in its first pose.
-            SphereCurves(trace.path, trace.label, [trace.at_first], tone)
+            # `at_first` has the directions of the axis as points of a curve, with the link
+            # in its first pose.
+            SphereCurves(
+                path=trace.path,  # address in the tree of the scene
+                label=trace.label,
+                curves=[trace.at_first],
+                tone=tone,
+            )
             for tone, trace in enumerate(traces, start=1)
         ]
         if curves:
             name = f"axodes, {sheet.title(scene.page)}"
-            yield PlannedFigure(name, partial(draw_sphere, [], curves, sheet))
+            draw = partial(draw_sphere, maps=[], curves=curves, sheet=sheet)
+            yield PlannedFigure(name, draw)
 
 
 def _plan_diagrams(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:

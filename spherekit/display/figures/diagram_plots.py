@@ -26,9 +26,9 @@ gaps.
 def draw_diagrams(items: Sequence[tuple[Scene, Diagram]], sheet: Sheet) -> Figure:
     """Return a figure of the paths of points in a plane, each named at its start.
 
-    An example of such a diagram is a gnomonic chart. It shows axes through the centre of a
-    sphere as points where they meet a tangent plane. If an axis becomes parallel to the
-    plane, its point leaves through infinity and returns on the opposite side.
+    An example is a gnomonic chart. Its points are the places where axes through the centre
+    of a sphere meet a tangent plane. The point of an axis that becomes parallel to the
+    plane passes through infinity.
 
     Parameters
     ----------

@@ -24,8 +24,7 @@ def write_figures(
 ) -> list[Path]:
     """Write every figure of a run into a folder, named by analysis and subject.
 
-    An existing file is replaced only if it contains the name of this software. So no files
-    of the user are lost.
+    An existing file is replaced only if it contains the name of this software.
 
     Parameters
     ----------

@@ -54,8 +54,8 @@ def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
     ----------
     items
         The portraits, all of the same two quantities, each with its scene. Usually there is
-        one for each assembly mode. An analysis may also give a portrait that belongs to no
-        mode. Curves and marks that occur in several portraits are drawn once.
+        one for each assembly mode. Curves and marks that occur in several portraits are
+        drawn once.
     sheet
         Size of the figure, and titles of modes.
     """
@@ -96,8 +96,8 @@ def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
             look = marker_look(mark.tone) | {"label": label}
             panel.plot(*mark.place, zorder=4.0, **look)
         _set_frame(panel, first_portrait)
-        # If the two quantities have one unit, as two inputs have, the two axes have the
-        # same scale. A path fills the frame instead.
+        # Without paths, two quantities of one unit, such as two inputs, have axes of the
+        # same scale.
         has_one_unit = first_portrait.x_unit == first_portrait.y_unit
         if not paths and has_one_unit and not first_portrait.logarithmic:
             panel.set_aspect("equal")
@@ -113,8 +113,8 @@ def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
 def _path_line(portrait: Portrait) -> Floats:
     """Return the points (n, 2) of one quantity against another along the samples.
 
-    Rows of NaN interrupt the path where an angle jumps by a whole turn. Otherwise the jump
-    would be drawn as a line across the figure.
+    Rows of NaN interrupt the path where an angle jumps by a whole turn, so that no line is
+    drawn there.
     """
     line = np.stack([portrait.x, portrait.y], axis=1)
     # Half a revolution or more between two rows is a jump of the angle.
@@ -140,8 +140,7 @@ def _draw_path(panel: Axes, line: Floats, look: Look, has_start_dot: bool) -> No
     look
         Colour and dashes of the mode, and its name in the legend.
     has_start_dot
-        Whether a dot marks the first point. It is left out in a panel that also has curves
-        of singular configurations, on which dots mark special points.
+        Whether a dot marks the first point. Dots beside singular curves mark other points.
     """
     panel.plot(*line.T, linewidth=1.4, zorder=2.5, **look)
     finite_points = line[all_finite(line, 1)]

@@ -131,8 +131,8 @@ def _choose_rim(farthest_angle: float) -> float:
     """Return the angle (rad) from the centre of a map to its rim.
 
     The rim is one of the circles of the grid, and contains all directions to be shown. If
-    the farthest direction is on a circle, the next larger circle is the rim. Otherwise
-    rounding would decide between the two circles.
+    the farthest direction is on a circle, the next larger circle is the rim, so that
+    rounding has no effect.
 
     Parameters
     ----------
@@ -355,8 +355,7 @@ def _draw_sphere_map(
     # Values that are counts have a colour for each whole number (`BoundaryNorm`).
     are_counts = isinstance(look["norm"], BoundaryNorm)
     if are_counts:
-        # A triangle has one colour, for the smallest count of its vertices. So no count is
-        # overstated.
+        # A triangle has one colour, for the smallest count of its vertices.
         counts = np.min(sphere_map.values[triangles], axis=1)
         panel.tripcolor(mesh, facecolors=counts, transform=transform, **look)
     else:
@@ -412,17 +411,16 @@ def _draw_sphere_curves(panel: Axes, view: SphereView, sphere_curves: SphereCurv
     for curve in sphere_curves.curves:
         panel.plot(*view.project(np.asarray(curve)).T, **curve_look)
     for mark in sphere_curves.marks:
+        # The legend names the curves. A mark that only repeats this name is left out.
+        if has_curves and mark.label == label:
+            continue
         (angle,) = view.angles_from_centre(mark.place[None])
         is_on_map = angle <= view.rim + RIM_ROUNDING_RAD
         if not is_on_map:
             continue
         mark_label = mark.label
-        if has_curves:
-            if mark.label == label:
-                # This mark has the name of the curves, which is already in the legend.
-                continue
-        elif mark.label != label:
-            # There are no curves, so the legend also has to say what is marked.
+        if not has_curves and mark.label != label:
+            # No curve brings the label of the marks into the legend.
             mark_label = f"{label}: {mark.label}"
         panel.plot(
             *view.project(mark.place[None])[0],

@@ -96,9 +96,8 @@ class SphereView:
         """Return the polar coordinates of directions on a map of the sphere.
 
         The rim of the map is the circle at the angle `rim` from its centre. Directions a
-        little beyond the rim are projected too, in a band of the width `CLIPPED_BAND_RAD`.
-        Triangles across the rim need these vertices. They are cut off at the rim when
-        drawn.
+        little beyond the rim, in a band of the width `CLIPPED_BAND_RAD`, are projected for
+        triangles across the rim.
 
         Parameters
         ----------
@@ -147,8 +146,7 @@ def directions_to_show(maps: Sequence[SphereMap], curves: Sequence[SphereCurves]
     """Return the directions (n, 3) that a map of the sphere must contain.
 
     These are the directions of quantities on areas (`maps`) and of marks (labelled points).
-    Points of curves count only if there are neither areas nor marks. Otherwise curves may
-    leave the map at its rim.
+    Points of curves count only if there are neither areas nor marks.
 
     Parameters
     ----------
@@ -178,9 +176,9 @@ def turn_to_side(directions: Floats, out: Floats) -> Floats:
     """Return for each sample the direction of an axis that a map of a hemisphere shows.
 
     An axis has two opposite directions. The direction on the side of `out` is visible. On
-    the rim, at right angles to `out`, both directions are visible. In this case the
-    direction nearer to the direction at the neighbouring sample is taken, so that a path
-    along the rim has no jump.
+    the rim, at right angles to `out`, both directions are visible. On the rim the direction
+    nearer to the direction at the neighbouring sample is taken, so that a path along the
+    rim has no jump.
 
     Parameters
     ----------

@@ -139,7 +139,7 @@ def _draw_merit(
                     **look,
                 )
             else:
-                # Points of equal figures would cover each other, too, so the points of each
+                # Points of equal figures would cover each other, so the points of each
                 # further mode are larger rings.
                 axes.scatter(
                     ordered[size],

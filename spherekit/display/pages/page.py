@@ -143,9 +143,9 @@ class PageMaker:
         self._has_named_sizes = vary is not None
         self.keys = self._find_sizes() if vary is None else tuple(vary)
         # For each input, while only this input moves: the steps by which all pole axes
-        # (axes of relative rotation of two links) are constructed. If equations are
-        # redundant, counting links and pairs gives too small a mobility. Then the mobility
-        # follows from the rank of the equations.
+        # (axes of relative rotation of two links) are constructed. `moves_by_rank` says
+        # whether the mobility follows from the rank of the equations, because counting
+        # links and pairs gives too small a number.
         moves_by_rank = is_mobile_by_rank_only(self._mechanism)
         self._pole_plans = plans(self._mechanism, moves_by_rank)
 
@@ -155,13 +155,13 @@ class PageMaker:
         A kernel is a set of JavaScript functions. One kernel computes all quantities at
         every sample. Another kernel computes the picture at the cursor.
 
-        Sliders change sizes (dimensions) of the mechanism. By default all sizes have a
+        Sliders change numbers of the mechanism file. By default all arcs and angles have a
         slider, except those that change no result.
 
         Raises
         ------
         DesignError
-            If a number that the user named for a slider changes nothing.
+            If the user requested a slider for a number that changes no result.
         """
         row_formulas = self._make_row_formulas()
         # `step` has one step of Newton's method. It is empty if positions have a closed
@@ -182,18 +182,20 @@ class PageMaker:
             "picture": self._make_formulas(drawn_names),
         }
         if self._has_named_sizes:
-            # This raises an error if a number that the user named changes no result.
+            # The user requested the sliders. Raise an error if one of their numbers changes
+            # no result.
             check_arguments(formulas_by_kernel.values())
         elif idle_keys := idle_arguments(formulas_by_kernel.values()):
-            # Numbers that change no result get no slider. Make the page without them.
+            # `idle_keys` name numbers in the file that change no result. Make the page
+            # without their sliders.
             self._leave_out_sliders(idle_keys)
             return self.make_page()
         for reason, names in row_formulas.mode_table.left_out_by_reason().items():
             self.notes.append(f"left out: assembly {numbered('mode', names)}: {reason}")
         # The configurations of an assembly mode (way to assemble the mechanism) form a
-        # curve over the input. Curves of two modes may cross. The user can want modes to
-        # continue through crossings ("pass"), but this needs a closed form of positions.
-        # `_make_row_formulas` has checked that no curves cross with the sizes of the file.
+        # curve over the input. Modes can continue through a crossing of two curves ("pass")
+        # only if positions have a closed form. Crossings with the sizes of the file would
+        # have raised an error above.
         wants_to_pass_crossings = self._crossings == "pass"
         if wants_to_pass_crossings and not has_closed_form:
             self.notes.append(
@@ -274,11 +276,8 @@ class PageMaker:
 
         Configuration curves of two assembly modes (ways to assemble the mechanism) can
         cross. With the option "pass", a mode follows its smooth curve through the crossing.
-        This needs a closed form of the positions. Otherwise the page uses Newton's method,
-        which cannot pass a crossing.
-
-        The message names two ways out: the option "end", or the command `export`. Exported
-        source code has starting values before and after a crossing.
+        This needs a closed form of the positions, because Newton's method cannot pass a
+        crossing.
 
         Parameters
         ----------
@@ -309,8 +308,8 @@ class PageMaker:
 
         An assembly mode is one way to assemble the mechanism. The formulas compute the
         quantities that the page shows or needs. A first set of formulas tells which further
-        quantities are needed, for example to choose directions of axes. So the formulas are
-        created twice.
+        quantities are needed, for example to choose directions of axes. A second set
+        includes these quantities.
         """
         # Pairs at which springs or other loads count whole revolutions. The page needs the
         # angles of these pairs, to count their revolutions.
@@ -360,7 +359,7 @@ class PageMaker:
 
         By default driving torques are among them. Some torques cannot be written as
         formulas, for example with friction that depends on reactions in pairs (joints).
-        They are then left out with a note.
+        Such torques are left out with a note.
 
         Parameters
         ----------
@@ -370,7 +369,8 @@ class PageMaker:
         if self._requested_quantities is not None:
             return self._make_formulas([*self._requested_quantities, *needed_names])
         try:
-            # This raises an error for such friction. The text is a part of its message.
+            # Raise an error for friction that depends on reactions. The text is a part of
+            # the message.
             check_no_reaction_friction(self._mechanism, "a page")
             names = self._page_quantities.default_names(with_torques=True)
             return self._make_formulas([*names, *needed_names])
@@ -392,9 +392,8 @@ class PageMaker:
         keys = self._omit_axes_by_directions(default_size_keys(self._mechanism))
         if not self._mechanism.has_contacts:
             return keys
-        # With contacts some sizes cannot be arguments of formulas. So create formulas for
-        # each size, with an arbitrary quantity. They get the mechanism as the caller has
-        # stated it: an object, a name or a path.
+        # With contacts some sizes cannot be arguments of formulas. So formulas of an
+        # arbitrary quantity are created for each size, to see whether there is an error.
         any_quantity = next(iter(self._page_quantities.unit_by_name))
         variable_keys: list[str] = []
         for key in keys:
@@ -410,9 +409,9 @@ class PageMaker:
         """Remove the keys of axes that the mechanism file does not state as numbers.
 
         In a P pair (joint) one link slides along an arc of a great circle on the other
-        link. The axis of the pair is the normal of the plane of this circle. The file may
-        state two directions on the arc instead. Then no number of the axis can have a
-        slider, and a note says so.
+        link. The axis of the pair is the normal of the plane of this circle. If the file
+        states two directions on the arc, no number of the axis can have a slider, and a
+        note is added.
 
         Parameters
         ----------
@@ -441,9 +440,8 @@ class PageMaker:
         """The passive pairs whose whole turns the page counts.
 
         These are the pairs (joints) on whose angle loads depend, such as pairs with a
-        spring. The page counts turns only with one input. If assembly modes pass through
-        crossings, no turns are counted, because the count follows a mode with constant
-        signs.
+        spring. No turns are counted with several inputs, or if assembly modes pass through
+        crossings, because the count follows a mode with constant signs.
         """
         if len(self._inputs) > 1 or self._crossings == "pass":
             return []

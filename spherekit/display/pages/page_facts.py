@@ -206,8 +206,8 @@ def _step_facts(pole_plan: Plan, step: Step) -> Iterator[Facts]:
     and has one description. In some parts of a mechanism (`BlockPoles`), velocity equations
     give several poles at once. If one of these poles is known, others follow one by one, as
     intersections of great circles through known poles. The first description has the poles
-    that only the equations give. Then each of the other poles has a description of its own,
-    with its great circles.
+    that only the equations give. Each of the other poles has a description of its own, with
+    its great circles.
 
     A description has the keys that `_make_step_facts` lists.
     """
@@ -227,11 +227,11 @@ def _step_facts(pole_plan: Plan, step: Step) -> Iterator[Facts]:
 def _single_pole_facts(pole_plan: Plan, step: PrimaryPole | LinePole) -> Facts:
     """Return the description of a step that gives one pole, for a page.
 
-    The pole of two bodies i and j is the axis of their relative rotation. It may be the
-    axis of a pair (joint). Otherwise it lies on the great circle through the poles of (i,
-    k) and (j, k), for each third body k. If a sliding contact joins i and j, the pole also
-    lies in the contact plane. This plane contains the centre of the sphere, and the common
-    normal of the two curves at the point of contact.
+    The pole of two bodies i and j is the axis of their relative rotation. A pole that is
+    not the axis of a pair (joint) lies on the great circle through the poles of (i, k) and
+    (j, k), for each third body k. If a sliding contact joins i and j, the pole lies in the
+    contact plane. This plane contains the centre of the sphere, and the common normal of
+    the two curves at the point of contact.
     """
     facts = _make_step_facts(pole_plan, step, [step.pole])
     if isinstance(step, LinePole):
@@ -270,8 +270,8 @@ def _make_step_facts(pole_plan: Plan, step: Step, poles: Sequence[Pole]) -> Fact
     poles
         The poles that the step gives.
     """
-    # Some steps give several poles at once. Their text then has further lines about single
-    # poles. The page has separate descriptions for these, so only the first line is used.
+    # Further lines of the text are about single poles, which have descriptions of their own
+    # on the page.
     first_line = describe(pole_plan, step).split("\n")[0]
     return {
         "text": first_line,

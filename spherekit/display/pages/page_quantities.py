@@ -34,9 +34,8 @@ class OutputPath(NamedTuple):
 class ReversiblePole(NamedTuple):
     """A pole axis for which the page chooses one of two opposite directions.
 
-    A pole axis is the axis about which one link rotates relative to another link. The axis
-    of a pair (joint) has its direction in the file. For any other axis the page chooses the
-    direction. If it is reversed, the quantities along the axis change their signs.
+    A pole axis is the axis about which one link rotates relative to another link. If the
+    direction is reversed, the quantities along the axis change their signs.
 
     Attributes
     ----------
@@ -45,7 +44,7 @@ class ReversiblePole(NamedTuple):
     input_suffix
         End of the names of the quantities of the pole, which says which input moves. For
         example, this end is "_by_21" in ``velocity_coefficient_4_1_by_21``, for the input
-        at the pair 21. It is empty if the mechanism has one input.
+        at the pair 21. The end is empty if the mechanism has one input.
     """
 
     link: str
@@ -79,7 +78,7 @@ class PageQuantities:
         Units of all quantities of the mechanism, by name.
     input_suffixes
         For each input the end of the names of quantities while this input moves and the
-        others rest, such as "_by_21" for the input at the pair 21. It is empty for the only
+        others rest, such as "_by_21" for the input at the pair 21. Empty for the only
         input.
     """
 
@@ -188,14 +187,14 @@ class PageQuantities:
     def signed_quantities(self, names: Iterable[str]) -> dict[ReversiblePole, list[str]]:
         """Return the quantities that change their signs with the direction of a pole axis.
 
-        A pole axis (axis of relative rotation of two links) has two opposite directions.
-        The page may reverse it.
+        A pole axis (axis of relative rotation of two links) has two opposite directions, of
+        which the page chooses one.
 
         Parameters
         ----------
         names
             Names of the quantities that the page computes. Other quantities are left out,
-            and also poles without quantities.
+            and so are poles without quantities.
         """
         computed_names = [*names]
         names_by_pole: dict[ReversiblePole, list[str]] = {}
@@ -210,8 +209,8 @@ class PageQuantities:
     def sign_velocities(self, names: Iterable[str]) -> list[str]:
         """Return the names of the angular velocities that decide directions of pole axes.
 
-        A pole axis is the axis about which a link rotates relative to a reference link. It
-        has two opposite directions. The page chooses one of them so that the direction is
+        A pole axis is the axis about which a link rotates relative to a reference link. Of
+        its two opposite directions the page chooses one, so that the direction is
         continuous from sample to sample. This choice depends on the relative angular
         velocity, the difference of the angular velocities of the two links.
 
@@ -261,8 +260,8 @@ class PageQuantities:
             for name in ("determinant", self.output_determinant)
             if name in self.unit_by_name
         ]
-        # Variables of pairs with joint limits, and of pairs whose turns are counted. Driven
-        # pairs are left out: their variables are the inputs, which the page has anyway.
+        # Variables of pairs with joint limits, and of pairs whose turns are counted.
+        # Variables of driven pairs are the inputs, which the page has anyway.
         names += [
             f"theta_{joint_limit.pair}"
             for joint_limit in self._mechanism.joint_limits

@@ -98,8 +98,8 @@ def slider_range(
     # numbers: an arc of a link, for example, is from 0 to 180 degrees.
     least, most = _find_typed_limits(document, mechanism, variable, half_range)
     # Limits of the format are special cases: with an arc of 0, two axes coincide. So the
-    # slider ends at least one step before a limit. The number of the file can be reached
-    # in any case.
+    # slider ends at least one step before a limit. The slider always includes the number of
+    # the file.
     lowest_end = min(least + step, value)
     highest_end = max(most - step, value)
     return SliderRange(
@@ -116,8 +116,8 @@ def _find_typed_limits(
 ) -> tuple[float, float]:
     """Return the smallest and the largest number that may be typed beside a slider.
 
-    This range is `TYPED_TO_SLIDER_RATIO` times as wide as the range of the slider. It is
-    narrower if the mechanism file cannot be read with all these numbers.
+    This range is `TYPED_TO_SLIDER_RATIO` times as wide as the range of the slider. The
+    range is narrower if the mechanism file cannot be read with all these numbers.
 
     Parameters
     ----------
@@ -197,8 +197,7 @@ def _find_last_accepted(
     """Return the farthest number, in one direction, with which the file can still be read.
 
     The near number is tried first, then the far one. If one of them is refused, bisection
-    finds the limit between this number and the last accepted number. Trying the near number
-    first shortens the range of the bisection.
+    finds the limit between this number and the last accepted number.
 
     Parameters
     ----------

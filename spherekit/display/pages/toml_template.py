@@ -92,14 +92,13 @@ def _mark_number(document: Document, text: str, path: KeyPath, mark: str) -> str
     The text, or None if the number is not found.
     """
     # The search starts at the first character of the line of the key. The first line has
-    # the number 1. Lines of TOML end with a line feed; `splitlines` would also split at
-    # other characters.
+    # the number 1.
     lines_before = text.split("\n")[: document.line(path) - 1]
     start = sum(len(line) + len("\n") for line in lines_before)
     for match in islice(_TOML_NUMBER.finditer(text, start), _MAX_TRIED_NUMBERS):
         marked_text = text[: match.start()] + mark + text[match.end() :]
-        # A mark in another place may make the text invalid. The trial then raises an error,
-        # and the next number is tried.
+        # A mark in another place may make the text invalid. After such an error the next
+        # number is tried.
         with suppress(FileError, KeyError, IndexError, TypeError, ValueError):
             if number_at(parse(marked_text, document.name), path) == float(mark):
                 return marked_text

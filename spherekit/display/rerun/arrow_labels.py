@@ -22,8 +22,7 @@ def arrow_labels(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.object
     A pole axis is the axis about which one link rotates relative to another. A row is one
     picture of the mechanism, at one sample of its motion. If arrows cover each other, the
     first arrow is labelled with all their names, and the other arrows have an empty label.
-    Axes of pairs (joints, `primary`) have no label and are left out. Hidden arrows cover
-    nothing and are left out, too.
+    Axes of pairs (joints, `primary`) and hidden arrows are left out.
 
     Parameters
     ----------
@@ -57,8 +56,8 @@ def find_label_owners(directions: Floats) -> Integers:
     Two arrows of nearly equal direction cover each other, and labels would overlap. The
     name is written in the label of the first arrow that covers the arrow, or in its own
     label. For example, let arrow 1 cover the arrows 0 and 2, which do not cover each other.
-    The result is then [0, 0, 1]: arrow 0 has the names of 0 and 1, arrow 1 has the name of
-    2, and arrow 2 has an empty label.
+    The result is [0, 0, 1]: arrow 0 has the names of 0 and 1, arrow 1 has the name of 2,
+    and arrow 2 has an empty label.
 
     Parameters
     ----------

@@ -63,8 +63,8 @@ class Plot(NamedTuple):
     has_findings
         Whether the plot shows results of an analysis. Such plots come first.
     view
-        A function without arguments that creates the view. It is called each time the
-        layout is written, since rerun allows a view in one layout only.
+        A function without arguments that creates the view. The function is called each time
+        the layout is written, since rerun allows a view in one layout only.
     comparison
         Path of the chart that has the curves of this plot for all assembly modes (ways to
         assemble the mechanism). Empty if there is none.
@@ -334,7 +334,7 @@ def plane_view(
     bounds
         The x and the y range that are visible.
     further_paths
-        Paths of other things in the recording that are shown in the plane, too.
+        Paths of other things in the recording that are shown in the plane.
     """
     x_range, y_range = bounds
     return rrb.Spatial2DView(

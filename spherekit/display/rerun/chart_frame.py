@@ -133,8 +133,8 @@ def axis_side(axis: Axis) -> FrameSide:
 def draw_frame(width: float, x: FrameSide, y: FrameSide, has_grid: bool = True) -> Stills:
     """Yield the frame of a chart with its grid lines, and the words at its axes.
 
-    Each item is a path below the path of the chart, and the data that are logged there
-    once.
+    Each item is the name of a part, such as ``frame``, and its data. The caller logs the
+    data once, below the path of the chart in the tree of the viewer rerun.
 
     Parameters
     ----------
@@ -175,8 +175,8 @@ def draw_frame(width: float, x: FrameSide, y: FrameSide, has_grid: bool = True) 
 def draw_colour_scale(low: float, high: float, label: str) -> Stills:
     """Yield a horizontal scale of colours, with numbers below it and a title above it.
 
-    Each item is a path below the path of the scale, and the data that are logged there
-    once.
+    Each item is the name of a part, such as ``bar``, and its data. The caller logs the data
+    once, below the path of the scale in the tree of the viewer rerun.
 
     Parameters
     ----------

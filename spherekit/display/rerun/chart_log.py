@@ -60,8 +60,7 @@ class Charts:
         """Add a block of values of a series to its chart; return whether the chart is new.
 
         A recording is written in blocks of consecutive rows (samples). A series is one
-        quantity over an axis. A new chart gets a view in the layout of the window, so the
-        caller sends the layout again.
+        quantity over an axis. A new chart gets a view in the layout of the window.
 
         Parameters
         ----------
@@ -85,8 +84,8 @@ class Charts:
         is_new = chart_path not in self.charts
         if is_new:
             self.charts[chart_path] = Chart(title, axes)
-            # Pages of assembly modes are numbers. Their curves also get a chart of all
-            # modes.
+            # Pages of assembly modes are numbers. Their curves are shown in a second chart
+            # with the curves of all modes.
             is_comparable = isinstance(scene.page, int) and not is_map
             comparison = f"{layout.root}/compare/{slug(title)}" if is_comparable else ""
             view = partial(plane_view, chart_path, title, CHART_BOUNDS)

@@ -117,7 +117,7 @@ class Chart:
         """The width of the frame, which leaves space for the legend.
 
         The first call fixes the number of columns of the legend. Curves that are added
-        later do not change it. The cursor of the chart (a line at the present sample) was
+        later do not change the width, because the cursor (a line at the present sample) was
         already drawn at a position that depends on the width.
         """
         if self.is_map:
@@ -211,8 +211,9 @@ class Chart:
     def draw(self, marks: Sequence[InputMarks] = ()) -> Stills:
         """Yield what does not move in the chart: frame, curves or map, and marks.
 
-        Each item is a path below the path of the chart, and the data that are logged there
-        once. The curves have the rows (samples) of all blocks so far.
+        Each item is the name of a part, such as ``frame``, and its data. The caller logs
+        the data once, below the path of the chart in the tree of the viewer rerun. The
+        curves have the rows (samples) of all blocks so far.
 
         Parameters
         ----------
@@ -395,7 +396,7 @@ def legend_style(
     places, tints
         (k, 2) place of each name, and its colour.
     names
-        The names. None if they contain values, since they are then logged with each row.
+        The names. None if the names contain values and are logged with each row.
     """
     return rr.Points2D.from_fields(
         positions=places, colors=tints, radii=0.0, show_labels=True, labels=names

@@ -77,8 +77,7 @@ class FileOutput:
         """Create and lock the file ``NAME.rrd.part``, and start the thread that fills it.
 
         The file has this name until the recording is complete. The library rerun writes
-        into a pipe, and the thread copies the pipe to the file. On a full disk rerun itself
-        might wait for ever.
+        into a pipe, and the thread copies the pipe to the file.
 
         Raises
         ------
@@ -105,8 +104,8 @@ class FileOutput:
         """Create the part file of a recording if necessary, and lock it.
 
         The lock belongs to a file object of its own, which stays open until the recording
-        is complete. The file is opened for appending, which does not empty it. So a run
-        that gets no lock does not destroy the file of another run.
+        is complete. The file is opened for appending, so a run that gets no lock does not
+        empty the file of another run.
 
         Raises
         ------
@@ -280,8 +279,8 @@ class LiveOutput:
     def close(self, keep: bool) -> str:
         """Disconnect from the program, and return an empty text.
 
-        `keep` has no effect. `FileOutput.close` has the same parameter and returns a note
-        on the file that remains. Here no file remains, so there is no note.
+        `keep` has no effect, since no file remains. `FileOutput.close` has the same
+        parameter.
         """
         if self.sink is not None:
             self.stream.disconnect()
@@ -307,8 +306,8 @@ def served(stream: rr.RecordingStream, port: int) -> LiveOutput:
     def check(is_start: bool) -> None:
         """Raise `OutputError` if the server cannot start because its port is not free.
 
-        `LiveOutput` calls this when the recording begins (`is_start`), and again before it
-        waits until all data have arrived.
+        `is_start` is true when the recording begins, and false when the connection is
+        checked later.
         """
         if not is_start:
             return  # the server runs in this process, so it is always reachable
@@ -343,8 +342,8 @@ def viewer_at(stream: rr.RecordingStream, url: str) -> LiveOutput:
     def check(is_start: bool) -> None:
         """Raise `OutputError` if the URL is not an address, or if no viewer answers there.
 
-        `is_start` says whether the recording begins. Otherwise the viewer has answered
-        before, and the message says that it is gone.
+        `is_start` says whether the recording begins, so that the viewer has not answered
+        before.
         """
         try:
             parts = urlsplit(url)
@@ -370,8 +369,7 @@ def viewer_at(stream: rr.RecordingStream, url: str) -> LiveOutput:
 def check_notebook(is_start: bool) -> None:
     """Raise `OutputError` if notebooks cannot show recordings.
 
-    `is_start` has no effect. All functions that `LiveOutput` calls as its check have this
-    parameter.
+    `is_start` has no effect, but `LiveOutput` calls every check with this argument.
     """
     del is_start
     if find_spec("rerun_notebook") is None:
@@ -385,9 +383,8 @@ def check_notebook(is_start: bool) -> None:
 def _speaks_http2(host: str, port: int) -> bool:
     """Return whether a server at a port speaks HTTP/2, as gRPC servers do.
 
-    rerun itself would wait for seconds, or for ever if another kind of server listens.
-
-    This check avoids the wait: rerun connects only to a server that passes the check.
+    Without this check, rerun would wait for seconds, or for ever if another kind of server
+    listens.
     """
     try:
         with socket.create_connection((host, port), timeout=PROBE_TIMEOUT_S) as probe:
@@ -470,8 +467,9 @@ class Outputs:
         Parameters
         ----------
         error
-            The error that ended the recording, if any. It gets a note on the file that
-            remains with a part of the recording. Without rows (samples) no file remains.
+            The error that ended the recording, if any. The error gets a note on the file
+            that remains with a part of the recording. Without rows (samples) no file
+            remains.
         """
         for destination in self.destinations:
             kept_note = destination.close(keep=self.rows > 0)
@@ -550,7 +548,7 @@ class Outputs:
         """Call a function with each destination (file or viewer) of the recording.
 
         If a viewer no longer answers, but there is also a file, the viewer is removed with
-        a warning. The recording then goes on. Otherwise the error is raised.
+        a warning. Any other error is raised.
         """
         for destination in tuple(self.destinations):  # a copy: the loop may remove some
             try:

@@ -43,19 +43,20 @@ Moving = tuple[str, Columns]
 def draw_static(diagram: Diagram) -> Stills:
     """Yield the frame of a diagram, and the appearance of its parts that move.
 
-    A diagram shows points and straight lines in a plane. It changes from row to row (one
+    A diagram shows points and straight lines in a plane, which move from row to row (one
     row for each sample of a motion, or each step of a construction). Frame, colours and
-    line widths are the same in all rows, so they are logged to the recording once.
-    `moving_columns` logs the positions and texts of all rows.
+    line widths are the same in all rows. They are logged once, without the positions and
+    texts, which `moving_columns` logs for all rows.
 
-    The parts that move are ``points``, their ``names``, straight ``lines``, ``leaders``
-    (thin lines from a point to its name), ``legend`` and ``step``. The legend lists two
-    angles of each point, if the diagram has such `readings`. The part ``step`` is a text
-    below the frame that explains the current row.
+    Each part is an entity (a name in the tree of the viewer rerun). The parts that move are
+    ``points``, their ``names``, straight ``lines``, ``leaders`` (thin lines from a point to
+    its name), ``legend`` and ``step``. If the diagram has `readings`, which are two angles
+    of each point, the legend lists them. The part ``step`` is a text below the frame that
+    explains the current row.
 
     Yields
     ------
-    For each part its path below the path of the diagram, and the data to log there.
+    The name of each part below the path of the diagram, and the data to log there.
     """
     width = _frame_width(diagram)
     x = frame_side(diagram.x_label, diagram.x_range)
@@ -71,7 +72,7 @@ def draw_static(diagram: Diagram) -> Stills:
         radius = rr.Radius.ui_points(line_width)
         yield name, rr.LineStrips2D.from_fields(colors=colour, radii=radius)
     if diagram.readings is not None:
-        # The tone of a point is the number of its colour in a list.
+        # Each point has a `tone`, the number of a colour.
         tints = [colours.tone_colour(tone) for tone in diagram.tones[:MAX_LISTED_READINGS]]
         yield "legend", legend_style(legend_places(width, len(tints)), tints)
     yield "step", rr.Points2D.from_fields(radii=0.0, show_labels=True, colors=colours.PALE)
@@ -169,7 +170,7 @@ def _name_columns(diagram: Diagram, name_places: Floats, is_visible: Bools) -> C
 
 def _visible_colours(diagram: Diagram, is_visible: Bools) -> np.ndarray:
     """Return the colours (visible points of all rows, 3), red, green and blue."""
-    # The tone of a point is the number of its colour in a list.
+    # Each point has a `tone`, the number of a colour.
     point_colours = [colours.tone_colour(tone) for tone in diagram.tones]
     rgb = np.array(point_colours, np.uint8)  # (points, 3)
     visible_rgb: np.ndarray = np.broadcast_to(rgb, (*is_visible.shape, 3))[is_visible]

@@ -207,8 +207,8 @@ def moving_columns(
     """
     match primitive:
         case Trace(quaternions=quaternions) if quaternions is not None:
-            # A trace is a curve on a link, with which it turns: the path of an axis, as
-            # seen from this link.
+            # A trace is the path of an axis as seen from a link, a curve that turns with
+            # this link.
             yield ENTITY_ITSELF, _rotation_columns(quaternions)
         case Diagram():
             yield from diagrams.moving_columns(primitive)
@@ -300,7 +300,6 @@ def _arrow_columns(arrow: Arrow, labels: NDArray[np.object_] | None) -> Iterator
         labels=labels[has_label].tolist(),
     )
     yield "label", columns.partition(has_label)
-    # Hidden arrows get no trail, nor do arrows whose path is not wanted.
     if arrow.shown and arrow.path_shown:
         yield "trail", _point_columns(TRAIL_SCALE * directions, is_valid)
 
@@ -434,8 +433,8 @@ def _point_columns(positions: Floats, has_point: Bools) -> Columns:
 def _rotation_columns(quaternions: Floats) -> Columns:
     """Return the rotation of a moving object in each row, and hide it in NaN rows.
 
-    The object, such as the curves of a link, was logged once. It can't be removed in a
-    single row, so in a NaN row it is shrunk to a point.
+    The object, such as the curves of a link, was logged once. Static data cannot be removed
+    in a single row, so in a NaN row the object is shrunk to a point.
 
     Parameters
     ----------
@@ -466,8 +465,8 @@ def _draw_body(body: Body, names: Sequence[Name]) -> Stills:
     stands for the path of the link.
     """
     colour = colours.link_colour(body.number)
-    # Links are drawn at a few different distances from the centre. Arcs of two links that
-    # coincide would flicker otherwise.
+    # Links are drawn at a few different distances from the centre, so that coinciding arcs
+    # of two links do not flicker.
     scale = 1.0 + SHELL_DISTANCE * (1 + body.number % SHELL_COUNT)
     if len(body.curves):
         curves = [scale * np.asarray(curve) for curve in body.curves]
@@ -485,8 +484,7 @@ def _draw_body(body: Body, names: Sequence[Name]) -> Stills:
             labels=[text for text, _, _ in names],
             colors=[colours.PALE if is_pair else colour for _, _, is_pair in names],
             radii=LABEL_RADIUS,
-            # A moving link shows its names only in rows with a configuration. This is
-            # logged with the rows.
+            # Whether a moving link shows its names is logged row by row.
             show_labels=True if body.quaternions is None else None,
         ),
     )
@@ -511,8 +509,8 @@ def _draw_sphere_curves(item: SphereCurves) -> Stills:
             _curves(item.curves, CURVE_SCALE, colour, SPHERE_CURVE_WIDTH),
         )
     if item.marks:
-        # Labels are always visible if no two are equal. Otherwise the viewer shows a label
-        # only while the pointer is on its mark.
+        # Labels are always visible if no two are equal. Equal labels are visible only while
+        # the pointer is on their mark.
         labels = [mark.label for mark in item.marks]
         yield (
             "marks",
@@ -535,7 +533,7 @@ def _draw_sphere_map(item: SphereMap) -> Stills:
     # Colours span only the values at vertices that are drawn.
     low, high = choose_map_range(item.shown_values, item.unit)
     tints = colours.heat_colours(item.values, low, high)
-    # The map is a little outside of the sphere, which would hide it otherwise.
+    # The map is a little outside of the sphere, so that the sphere does not hide the map.
     positions = MAP_SCALE * item.vertices
     if len(item.triangles):
         yield (
@@ -560,8 +558,9 @@ def _draw_surface(surface: Surface) -> Stills:
     The three quantities have different ranges, so each axis is scaled by itself to the side
     of the cube. Without triangles the surface is drawn as points.
 
-    Each item is a path below the path of the surface, and the data that are logged there
-    once. The path `ENTITY_ITSELF` stands for the path of the surface.
+    Each item is the name of a part, such as ``axes``, and its data. The data are logged
+    once, below the path of the surface in the tree of the viewer rerun. The name
+    `ENTITY_ITSELF` stands for the surface itself.
     """
     low = np.min(surface.vertices, axis=0)
     high = np.max(surface.vertices, axis=0)

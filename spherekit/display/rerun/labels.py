@@ -141,7 +141,7 @@ def facing(focus: Floats | None) -> Sight:
 
     The eye is outside of the sphere, on the side of the middle of the mechanism, and looks
     nearly at the centre of the sphere. The z axis is up. If the middle is near the z axis,
-    -x is up instead, so that the picture is not twisted.
+    -x is up, so that the picture is not twisted.
 
     Parameters
     ----------
@@ -353,9 +353,9 @@ class Names:
 def _covered_shares(request: _NameRequest, obstacle: _Box) -> Floats:
     """Return the share of pictures in which a name would cover an obstacle, by place.
 
-    A picture is the mechanism in one configuration. The viewer shows the first picture at
-    the start, so it has half of the weight. The mean over all pictures has the other half
-    of the weight.
+    A picture is the mechanism in one configuration. The first picture, which the viewer
+    shows at the start, has half of the weight. The mean over all pictures has the other
+    half.
 
     Parameters
     ----------
@@ -388,11 +388,11 @@ def _name_half_size(text: str) -> Floats:
 def _picture_rotations(bodies: Sequence[Body]) -> list[Floats]:
     """Return the rotations (pictures, 3, 3) of each link in the same few configurations.
 
-    The caller projects these configurations onto the screen and tests where names of links
-    and pairs cover each other. The configurations are `MAX_PICTURES` evenly spaced rows
-    (samples) of the motion, out of those in which all links have an orientation. If there
-    are fewer such rows, some occur several times. A link at rest gets a single identity
-    matrix, and so do all links if there is no such row.
+    Names are placed where they cover each other little in these configurations. The
+    configurations are `MAX_PICTURES` evenly spaced rows (samples) of the motion, out of
+    those in which all links have an orientation. If there are fewer such rows, some occur
+    several times. A link at rest gets a single identity matrix, and so do all links if
+    there is no such row.
     """
     at_rest = np.eye(3)[None]
     moving = [body.quaternions for body in bodies if body.quaternions is not None]

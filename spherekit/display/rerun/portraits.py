@@ -34,9 +34,9 @@ def draw_portrait(portrait: Portrait) -> Stills:
     """Yield the parts of a portrait (a plot of one quantity against another).
 
     The parts are frame, curves, marks (labelled points) and legend. Marks with equal labels
-    are one kind. Up to `MAX_LEGEND_KINDS` kinds are named in the legend. If there are more
-    kinds, each mark has its label beside it instead. If there are also more than
-    `MAX_SHOWN_LABELS` marks, no labels are shown, because they would cover each other.
+    are one kind. Up to `MAX_LEGEND_KINDS` kinds are named in the legend. With more kinds,
+    each mark has its label beside it. Labels of more than `MAX_SHOWN_LABELS` marks are
+    hidden, because they would cover each other.
 
     Yields
     ------

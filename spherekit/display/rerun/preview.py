@@ -70,9 +70,8 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
     position_analysis, motion, note = _assemble(mechanism)
     shapes = link_shapes(mechanism)  # what is drawn for each link
     with RerunRecorder(mechanism.name, path=path) as recorder:
-        # The recording shows a text that says how poles (axes of the relative rotation of
-        # two links) are constructed. The plans check the number of degrees of freedom. It
-        # is counted as in the position analysis (`by_rank`).
+        # Plans say how poles (axes of the relative rotation of two links) are constructed.
+        # The mobility is counted as in the position analysis (`by_rank`).
         pole_plans = plans(mechanism, position_analysis.by_rank)
         head = RecordingHead(
             scenes=[static_scene(pole_plans, shapes)],

@@ -175,7 +175,8 @@ class RerunRecorder:
         self._charts: Charts | None = None
         self._live_draw_time = 0.0  # s, when curves were last drawn for live viewers
         # Number of things in the recording when its layout (the arrangement of the viewer's
-        # window) was last written to files. It is written again when this number has grown.
+        # window) was last written to files. The layout is written again when this number
+        # has grown.
         self._layout_size = 0
         self._is_finished = False
 
@@ -424,9 +425,8 @@ class RerunRecorder:
         """Log a label at the rows without a configuration, where a link has NaN.
 
         The label is the text "no configuration here". A page (the drawings of an assembly
-        mode or an analysis) has a view of the sphere, which shows the label. When the label
-        is new on a page, this view has to be told. The layout of the window then changes
-        and has to be sent again.
+        mode or an analysis) has a view of the sphere, which shows the label. A label that
+        is new on a page is added to this view, which changes the layout of the window.
 
         Parameters
         ----------
@@ -697,9 +697,8 @@ class RerunRecorder:
         """Send the layout of the window to the destinations of the recording.
 
         Viewers get each new layout. Files get a layout only when it has grown enough, and
-        at the end. A layout has an item for every plotted quantity of every assembly mode.
-        With a layout for each mode, a file would grow with the square of the number of
-        modes.
+        at the end. A layout has items for every assembly mode. With a layout for each mode,
+        a file would grow with the square of the number of modes.
         """
         size = len(self._outputs.known_paths)
         destinations = self._outputs.live

@@ -288,8 +288,8 @@ def _take_stable_picture(client: ViewerClient, view_id: str | None) -> bytes:
 
     Plots appear some time after the recording is loaded. After the start the viewer also
     shows a notice over the picture, which can't be switched off. The function waits until
-    the notice disappears, at most `NOTICE_TIMEOUT_S`. After that it takes at most
-    `MAX_FRAMES` further pictures; if they still change, the last one is returned.
+    the notice disappears, at most `NOTICE_TIMEOUT_S`. After that the function takes at most
+    `MAX_FRAMES` further pictures. If pictures still change, the last one is returned.
 
     Parameters
     ----------
@@ -487,8 +487,8 @@ def _failure_message(
 ) -> str:
     """Return a message for the user about a viewer that failed.
 
-    A missing graphics driver is the usual cause. It is recognised by words in the error
-    stream of a viewer that has ended, and the message then says how to install one.
+    A missing graphics driver is recognised by words in the error stream of a viewer that
+    has ended. The message for this case says how to install a driver.
 
     Parameters
     ----------

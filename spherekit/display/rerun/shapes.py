@@ -34,9 +34,9 @@ def vertex_normals(vertices: Floats, triangles: Integers) -> Floats:
     """Return unit normals (v, 3) of a triangle mesh at its vertices, for its shading.
 
     The normal at a vertex is the mean of the normals of the triangles around it, weighted
-    by area. Neighbouring triangles may have opposite orders of corners, and their normals
-    would then cancel. A triangle normal is therefore reversed if it points against the sum
-    of the normals so far. A vertex without triangles gets (0, 0, 1).
+    by area. Neighbouring triangles may have opposite orders of corners, so that their
+    normals would cancel. A triangle normal that points against the sum of the normals so
+    far is reversed. A vertex without triangles gets (0, 0, 1).
 
     Parameters
     ----------

@@ -21,8 +21,6 @@ from spherekit.errors import OutputError
 def serve_web(recording: Path | str, announce: Callable[[str], None]) -> None:
     """Serve a recording on this computer until Ctrl-C, and open it in a browser.
 
-    Without a display no browser is opened.
-
     Parameters
     ----------
     recording
