@@ -136,7 +136,8 @@ def _find_angles_beyond(
 
     On each arc, a search has narrowed an interval around the border until the interval was
     tiny. The outer end of the interval is just beyond the border. A search that met a
-    margin of exactly 0 has stopped early. Its angle is a small step beyond the crossing.
+    margin of exactly 0 has stopped early. For such an arc, the angle is a small step beyond
+    the crossing.
 
     Parameters
     ----------

@@ -191,9 +191,9 @@ def estimate_area_errors(height: Floats, length: Floats) -> Floats:
 def parabola_minima(samples: Floats) -> Floats:
     """Return the smallest value at or beside each inner sample of functions.
 
-    A minimum between two samples would otherwise be missed. A parabola is laid through each
-    sample and its two neighbours. If its extremum is between the neighbours, the smaller
-    one of extremum and sample is returned, otherwise the sample.
+    To find minima between samples, a parabola is laid through each sample and its two
+    neighbours. If the extremum of the parabola is between the neighbours, the smaller one
+    of extremum and sample is returned. If not, the sample is returned.
 
     Parameters
     ----------
@@ -249,10 +249,10 @@ class BorderSegments(ArrayRows):
     """Segments of the border of a region, n in all.
 
     A chord is the arc of a great circle between two points of the border in a triangle of a
-    mesh. Its segment is the border beside it: a curve whose height, the angle to the left
-    of the chord, is a polynomial along the chord. The region is to the left. Margins are
-    the functions that are at least 0 in the region. A crossing is a point at which the
-    border crosses an edge of the mesh.
+    mesh. The segment is the border beside the chord: a curve whose height is a polynomial
+    along the chord. The height is the angle to the left of the chord. The region is to the
+    left. Margins are the functions that are at least 0 in the region. A crossing is a point
+    at which the border crosses an edge of the mesh.
 
     Attributes
     ----------
@@ -363,8 +363,8 @@ class BorderSegments(ArrayRows):
             (n,) whether a segment begins at an edge of its triangle. If the border has a
             corner within a triangle, a leading segment ends there and another one begins.
         is_searched
-            (n,) whether the border of a segment is searched. Otherwise its chord is taken
-            as the border.
+            (n,) whether the border of a segment is searched. If not, the chord is taken as
+            the border.
         """
         # Begin with chords: order 1, no height, and no area beside the chord. A segment is
         # sound if its border is known. All searched segments begin as sound. `raise_order`
@@ -607,7 +607,7 @@ class BorderSegments(ArrayRows):
         """
         # The chord is the great-circle arc between the ends of a segment. The parameter u
         # runs along the chord. The height of the segment over the chord is a polynomial in
-        # u. It is interpolated from its values at degree + 1 nodes.
+        # u, interpolated from its values at degree + 1 nodes.
         u = np.linspace(-1.0, 1.0, CHECK_STEPS + 1)
         degree = ORDERS[1]  # 4, the degree with which `find` creates segments
         nodes_to_samples = interpolation_matrix(degree, u)

@@ -67,8 +67,8 @@ def quintic_panels(
     h = np.diff(knots)
     panels = len(h)
     # The unknowns are coefficients for the powers of (u - knot) / h. A derivative of order
-    # k with respect to u then has the factor 1 / h^k. It is multiplied by the k-th power of
-    # the mean h, so that all equations have coefficients of similar size.
+    # k with respect to u has the factor 1 / h^k. This factor is multiplied by the k-th
+    # power of the mean h, so that all equations have coefficients of similar size.
     h_powers = h[:, None] ** np.arange(6.0)
     scale = (np.real(np.mean(h)) ** np.arange(6.0) / h_powers)[..., None]
     at_starts = scale * np.diag(np.diag(_POWER_DERIVATIVES))
@@ -199,11 +199,11 @@ class MovingFit:
 def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
     """Return the smooth curve through moving points, and its derivative.
 
-    The curve is a spline. Its knots are the parameters of the points, and should be nearly
-    arc lengths, which depend on the spline. The spline is therefore fitted several times.
-    The knots of the first fit are the sums of great-circle arcs between the points. Those
-    of every later fit are the arc lengths on the fit before. All knots change with the
-    design variable.
+    The curve is a spline. The knots are the parameters of the points. Knots should be
+    nearly arc lengths, which depend on the spline. The spline is therefore fitted several
+    times. The knots of the first fit are the sums of great-circle arcs between the points.
+    Those of every later fit are the arc lengths on the fit before. All knots change with
+    the design variable.
 
     Parameters
     ----------
@@ -375,8 +375,8 @@ class CurveDerivative:
            length of the path is added, which gives an arc length on the path. Only the
            length of the path depends on the design variable.
         2. The arc length determines the parameter u of the path.
-        3. The path at u gives tangent, point and curvature. They change because the path
-           changes and because u does.
+        3. The path at u gives tangent, point and curvature. Tangent, point and curvature
+           change because the path changes and because u changes.
 
         Returns
         -------

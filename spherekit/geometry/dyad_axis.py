@@ -65,9 +65,9 @@ def triple_square(
         t^2 = 1 + 2 cos A cos B cos C - cos^2 A - cos^2 B - cos^2 C
             = (cos(A - C) - cos B) (cos B - cos(A + C)).
 
-    t^2 is negative if the dyad cannot be assembled. It is computed as the product of the
-    two factors in brackets. `_cosine_minus_dot` computes each factor without loss of
-    digits, from |a - c|^2 and |a + c|^2.
+    t^2 is negative if the dyad cannot be assembled. The result is the product of the two
+    factors in brackets. `_cosine_minus_dot` computes each factor without loss of digits,
+    from |a - c|^2 and |a + c|^2.
 
     Parameters
     ----------

@@ -506,7 +506,7 @@ def _sample_points(boxes: _Boxes) -> Indices:
 
     A margin is a function of the orientation; its samples show whether it is 0 in a box.
     Boxes are parts of a cube with integer coordinates. The 31 points of a box have integer
-    coordinates too.
+    coordinates.
     """
     quarter_width = boxes.width // 4
     offsets = _SAMPLE_QUARTERS[:, None, :] * quarter_width[:, None]  # (31, n, 3)

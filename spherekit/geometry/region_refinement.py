@@ -219,8 +219,9 @@ class RegionRefinement:
 
         1. Triangles are open and have an edge longer than `feature`, or are broken and have
            an edge longer than `MAX_BROKEN_EDGE_RAD`.
-        2. Then the border is searched in the triangles that it crosses. Those in which the
-           search fails become open. They are cut if an edge is longer than `feature`.
+        2. The border is searched in the triangles that it crosses. Triangles in which the
+           search fails become open. Open triangles are cut if an edge is longer than
+           `feature`.
         3. The error of the area exceeds the tolerance. The triangles that cause it are cut.
 
         Parameters
@@ -672,8 +673,8 @@ class RegionRefinement:
     def _cut(self, is_cut: Bools) -> None:
         """Cut the triangles for which `is_cut` (T,) is true.
 
-        A neighbour is cut too if a new vertex would otherwise be in the middle of its edge.
-        All other triangles retain what is known about them. Margins are functions of the
+        Neighbours are cut where necessary, so that no new vertex is in the middle of an
+        edge. All other triangles retain their properties. Margins are functions of the
         direction that are at least 0 inside the region. `has_several_uncertain` says
         whether several margins may have either sign in a triangle.
         """

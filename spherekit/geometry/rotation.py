@@ -121,8 +121,9 @@ def rotation_vector(matrix: Floats) -> Floats:
     sine = 0.5 * np.sqrt(x * x + y * y + z * z)
     cosine = 0.5 * (r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2] - 1.0)
     angle = np.arctan2(sine, cosine)
-    # For small angles, angle / sine is computed from its series. Near half a turn the sine
-    # is small too, but the series is wrong. The vectors there are replaced below.
+    # For small angles, angle / sine is computed from its series. The series is wrong near
+    # half a turn, where the sine is small as well. The vectors of these rotations are
+    # replaced below.
     is_small = sine < SMALL_ANGLE_SINE
     angle_over_sine = np.where(
         is_small, 1.0 + angle * angle / 6.0, angle / np.where(is_small, 1.0, sine)

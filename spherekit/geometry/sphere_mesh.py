@@ -252,7 +252,7 @@ def bisect_triangles(points: Floats, triangles: Indices, is_marked: Bools) -> Bi
     edges, sides = list_edges(triangles)
     is_cut = np.zeros(len(edges), dtype=bool)
     is_cut[sides[is_marked]] = True
-    # A triangle in which any edge is cut must be cut at its first edge too. This spreads to
+    # A triangle in which any edge is cut must be cut at its first edge. Cuts spread to
     # neighbours until nothing changes.
     while np.any(must_cut := is_cut[sides].any(axis=1) & ~is_cut[sides[:, 0]]):
         is_cut[sides[must_cut, 0]] = True

@@ -171,8 +171,8 @@ def classify_triangles(
       samples have one sign and vary little (see `STEADY_RATIO`). A margin that is NaN at
       all samples counts as positive. A sample counts as outside if some margins are NaN
       there and no margin is negative. A triangle with such samples is outside if all
-      samples are of this kind. It is broken if no margin is negative at any sample, and
-      otherwise open.
+      samples are of this kind, and broken if no margin is negative at any sample. Any other
+      triangle with such samples is open.
 
     Parameters
     ----------
@@ -206,8 +206,8 @@ def classify_triangles(
     is_negative = high < 0.0
     is_uncertain = (low < 0.0) & (high >= 0.0)
 
-    # A triangle is inside if all margins are certainly positive. Otherwise it is open,
-    # unless the gradients show that its border is simple.
+    # A triangle is inside if all margins are certainly positive, and simple if the
+    # gradients show a simple border. Any other triangle is open.
     classes = np.full(len(triangles), TriangleClass.INSIDE)
     classes[is_uncertain.any(axis=1)] = TriangleClass.OPEN
     candidates = np.flatnonzero(
@@ -305,11 +305,11 @@ def _gradients_lie_in_cone(
 ) -> Bools:
     """Return whether the gradients of the uncertain margins lie in a cone about their mean.
 
-    A margin is a function that is at least 0 inside a region. It is uncertain in a triangle
-    if it may be 0 there. If all gradients lie in a cone, all these margins increase along
-    the axis of the cone. On each line along this axis, the region is then the part beyond
-    one point. These points form a single curve, so no separate part or hole of the region
-    is hidden in the triangle.
+    A margin is a function that is at least 0 inside a region. An uncertain margin may be 0
+    in the triangle. If all gradients lie in a cone, all these margins increase along the
+    axis of the cone. On each line along this axis, the region is then the part beyond one
+    point. These points form a single curve, so no separate part or hole of the region is
+    hidden in the triangle.
 
     Margins are interpolated by polynomials of degree 2, so gradients are linear in a
     triangle. It is therefore enough to check the gradients at the three vertices.

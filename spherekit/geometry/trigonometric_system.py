@@ -167,8 +167,8 @@ class EliminantSamples:
 
     A system has two equations in two angles, or three equations in three angles. The
     eliminant is the polynomial in the cosine and sine of the first angle that remains when
-    the other angles are eliminated. It is zero at the solutions. Samples determine its
-    coefficients.
+    the other angles are eliminated. The eliminant is zero at the solutions. Samples
+    determine its coefficients.
 
     Attributes
     ----------
@@ -335,8 +335,8 @@ def _can_eliminate_in_order(incidence: Bools) -> bool:
     """Return whether all angles but the first can be eliminated, beginning with the last.
 
     A system has t equations in t angles. For t = 2 or 3, the last angle is eliminated from
-    the last two equations. Both must contain this angle, and one equation remains of these
-    two. For t = 3, the second angle is then eliminated from the remaining equation and the
+    the last two equations. Both equations must contain the last angle. One equation
+    remains. For t = 3, the second angle is eliminated from the remaining equation and the
     first equation. The first equation must contain the second angle, but not the last. For
     t = 1, the equation must contain its angle.
 
@@ -375,8 +375,8 @@ def find_near_real_angles(equations: Numbers, incidence: Bools) -> tuple[Complex
     """Return the solutions of one system of equations with nearly real first angles.
 
     Each equation is a polynomial in the cosines and sines of angles. Real solutions are the
-    configurations of a mechanism. Rounding can make them slightly complex, so nearly real
-    ones are returned too.
+    configurations of a mechanism. Rounding can make real solutions slightly complex, so
+    nearly real ones are returned.
 
     Parameters
     ----------
@@ -842,7 +842,7 @@ def _sample_eliminants(
     """Return the values of the eliminants of n systems at values of the first angle.
 
     The eliminant is the polynomial in the cosine and sine of the first angle that remains
-    when the other angles are eliminated. It is zero at the solutions.
+    when the other angles are eliminated. The eliminant is zero at the solutions.
 
     Parameters
     ----------
@@ -906,11 +906,11 @@ def _sample_eliminants_of_three(
     """Return values of the eliminants of systems of three equations in three angles.
 
     With a value of the first angle inserted, the first equation has two zeros of the second
-    angle y. At each of them, the other two equations are forms c0 + c1 cos + c2 sin = 0 in
-    the last angle. Their resultant is zero if they have a common zero. The product of both
-    resultants is therefore zero at the solutions. The zeros, cos(y) and sin(y), have the
-    same denominator w. If a resultant has the degree p in them, the product is a fraction
-    with the denominator w^p. The eliminant is its numerator.
+    angle y. At each zero, the other two equations are forms c0 + c1 cos + c2 sin = 0 in the
+    last angle. The resultant of both forms is zero if the forms have a common zero. The
+    product of both resultants is therefore zero at the solutions. The zeros, cos(y) and
+    sin(y), have the same denominator w. If a resultant has the degree p in them, the
+    product is a fraction with the denominator w^p. The eliminant is its numerator.
 
     Parameters
     ----------
@@ -994,9 +994,10 @@ def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoot
     """Return the roots of the eliminants of n systems of two or three equations.
 
     The eliminant is the trigonometric polynomial in the first angle x that remains when the
-    other angles are eliminated. Its terms are e^(ikx) with k from -degree to degree. It is
-    sampled at equally spaced values of x. A Fourier transform gives its coefficients. The
-    eigenvalues of the companion matrix are the roots, values of e^(ix).
+    other angles are eliminated. The terms of the eliminant are e^(ikx) with k from -degree
+    to degree. The eliminant is sampled at equally spaced values of x. A Fourier transform
+    gives the coefficients. The eigenvalues of the companion matrix are the roots, values of
+    e^(ix).
 
     Parameters
     ----------

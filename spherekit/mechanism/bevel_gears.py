@@ -213,11 +213,14 @@ def find_gear_carrier(
     )
     gear_shafts = []
     for links in coaxial_links:
-        # The last pair on the path from the gear to the carrier. The sign of its angle is
-        # the sense of its axis in the carrier if the gear is on the side of its second link
-        # (near_side 1), and the opposite if it is on the side of its first link (0).
+        # The last pair on the path from the gear to the carrier. `near_side` is 0 or 1 if
+        # the gear is on the side of the first or the second link of the pair.
         pair, near_side = links[carrier].path[-1]
-        sense = int(links[carrier].angle_signs[pair] * (2 * near_side - 1))
+        angle_sign = int(links[carrier].angle_signs[pair])
+        # The sign is that of the angle of the gear relative to the carrier. The pair
+        # variable is the angle of the second link relative to the first.
+        gear_is_on_second_side = near_side == 1
+        sense = angle_sign if gear_is_on_second_side else -angle_sign
         gear_shafts.append(GearShaft(pair, sense))
     shaft_angle = float(arc(first_links[carrier].line, second_links[carrier].line))
     return GearCarrier(carrier, gear_shafts, shaft_angle)

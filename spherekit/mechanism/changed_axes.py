@@ -38,9 +38,7 @@ def rotate_profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:
     rotation
         (3, 3) rotation from the old to the new link axes.
     pair
-        The contact, which is not used here. `redescribe` gets a function that rotates
-        profiles: either this function, or another one with the same parameters that needs
-        the contact.
+        The contact. This function does not use the contact, but `redescribe` passes it.
     """
     del pair
     centre = None if profile.centre is None else rotate_vector(rotation, profile.centre)
@@ -59,7 +57,8 @@ def redescribe(
 ) -> dict[str, Any]:
     """Return the pairs, outputs, masses and loads of a mechanism in another description.
 
-    Locking a pair needs this, since the joined link has one name and one set of axes.
+    Locking a pair needs the new description, because the joined link has one name and one
+    set of axes.
 
     Links can get other names and other axes, and names in the expressions of loads can be
     replaced. The caller changes the geometry (arcs of links or axes of pairs) itself.

@@ -26,17 +26,19 @@ LinkName = TypeVar("LinkName", bound=Hashable)
 class CoaxialLink(NamedTuple, Generic[PairName]):
     """A link relative to which a wheel rotates about a fixed line, the axis of the wheel.
 
+    A chain of R pairs (hinges), all with this line as axis, joins the wheel to the link.
+
     Attributes
     ----------
     line
         (3,) unit vector of the line in the axes of this link.
     angle_signs
-        1.0 or -1.0 for each R pair (hinge) between the wheel and the link. The angle of the
-        wheel about `line` relative to this link is the sum of the pair variables times
-        these signs.
+        1.0 or -1.0 for each R pair of the chain. The rotations of the chain add up: the
+        angle of the wheel about `line` relative to this link is the sum of the pair
+        variables times these signs.
     path
-        The R pairs from the wheel to the link, in order. Each has a position, 0 or 1: which
-        of its two links is nearer to the wheel.
+        The R pairs of the chain, from the wheel to the link. The number of each pair is 0
+        if its first link is nearer to the wheel, and 1 if its second link is.
     """
 
     line: Floats
@@ -53,8 +55,9 @@ def find_coaxial_links(
     """Find all links that coaxial R pairs join to a wheel, breadth first.
 
     Relative to each of these links the wheel rotates about one line, fixed in wheel and
-    link. The R pairs (hinges) between them have this line as axis. The angle is the sum of
-    their variables, each with a sign. Such links can carry the wheel in a gear train.
+    link. The R pairs (hinges) between wheel and link have this line as axis. The angle of
+    the wheel is the sum of the pair variables, each with a sign. Such links can carry the
+    wheel in a gear train.
 
     Parameters
     ----------
@@ -63,7 +66,8 @@ def find_coaxial_links(
     axes_by_pair
         The unit axis (3,) of each R pair, in the axes of its first and its second link.
     wheel
-        The link from which the search starts. It is in the result, with an empty path.
+        The link from which the search starts. The result contains the wheel, with an empty
+        path.
     wheel_line
         (3,) unit vector along the axis of the wheel, in the axes of the wheel.
 
@@ -93,8 +97,8 @@ def find_coaxial_links(
             direction_sign = float(np.sign(axes[near_side] @ coaxial_link.line))
             # The pair variable is the angle of the second link relative to the first. The
             # required angle is the angle of the near link, with the wheel, relative to the
-            # far link. This is the opposite of the pair variable if the near link is the
-            # first one.
+            # far link. The required angle is minus the pair variable if the near link is
+            # the first one.
             if near_side == 1:
                 sign = direction_sign
             else:

@@ -166,9 +166,7 @@ class Pair:
     def rolls(self) -> bool:
         """Whether the pair is a rolling contact.
 
-        Rolling contacts need special care: their constraints may depend on those of other
-        pairs (joints). A mobility computed from the number of constraints is then too
-        small.
+        The constraints of a rolling contact may depend on those of other pairs (joints).
         """
         return not self.kind.has_axis and self.kind.variable_count == 1
 
@@ -256,8 +254,7 @@ def resize_link(
 class SizeGeometry:
     """Geometry of a mechanism by the sizes of its links.
 
-    Sizes do not say how the links are assembled, unlike a reference pose (`PoseGeometry`).
-    The assembly modes (ways to assemble the links) have to be computed.
+    Sizes do not say how the links are assembled.
 
     Attributes
     ----------

@@ -90,7 +90,7 @@ class Bearings(BearingFriction):
 
     @property
     def needs_forces(self) -> bool:
-        """Whether the friction also depends on the force through the sphere's centre."""
+        """Whether the friction depends on the force through the sphere's centre."""
         return self.axial is not None
 
     def supported_loads(self, moments: Floats, forces: Floats | None = None) -> Floats:
@@ -204,9 +204,9 @@ class Bearings(BearingFriction):
         """Return the friction as one load component of magnitude -tanh(v / speed).
 
         Here v is the rate of the pair. The friction moment (N m) is this magnitude times
-        the coefficient, the radius and the sum of the forces on the bearings. Other code
-        multiplies, because the forces are known only after the reactions have been
-        computed.
+        the coefficient, the radius and the sum of the forces on the bearings. These factors
+        are not in the component, because the forces are known only after the reactions have
+        been computed.
         """
         magnitude = f"-tanh(dtheta_{self.pair}/{format_number(self.speed)})"
         if not self.friction_coefficient > 0.0:
@@ -221,9 +221,9 @@ class ContactFriction(BearingFriction):
 
     A normal force N at the distance r from the centre of the sphere has the moment r N (N
     m), called the push. Forces are stated by such moments. The moment of the friction force
-    is the coefficient times the push. It acts against the rate v (rad/s) at which the
-    second link slides along the first. The factor tanh(v / speed) smooths its jump at v =
-    0. The sliding velocity at the contact is r v.
+    is the coefficient times the push. The friction acts against the rate v (rad/s) at which
+    the second link slides along the first. The factor tanh(v / speed) smooths the jump of
+    the friction at v = 0.
 
     Attributes
     ----------
@@ -267,8 +267,7 @@ class ContactFriction(BearingFriction):
 
         Returns
         -------
-        (..., 1, 3) push (N m) in pair axes. The axis of length 1 counts the supports: an R
-        pair can have several bearings, a sliding contact has one support.
+        (..., 1, 3) push (N m) in pair axes. The axis of length 1 counts the supports.
         """
         push = moments * [1.0, 0.0, 0.0]
         return push[..., None, :]
@@ -278,8 +277,8 @@ class ContactFriction(BearingFriction):
 
         Here v is the sliding rate. The friction moment is this magnitude times the
         coefficient times the push, the moment (N m) of the normal force about the centre.
-        Other code multiplies, because the push is known only after the reactions have been
-        computed.
+        These factors are not in the component, because the push is known only after the
+        reactions have been computed.
         """
         if not self.friction_coefficient > 0.0:
             return (LoadComponent(parse("0", [])),)

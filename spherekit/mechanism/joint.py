@@ -195,7 +195,7 @@ class Joint(ABC):
         A contact is between two profiles (curves), one on each link. The states have the
         geodesic curvatures of both profiles and the derivatives of the curvatures with
         respect to arc length. `inside` tells whether the contact point is between the ends
-        of both profiles. R pairs (hinges) override this method.
+        of both profiles.
 
         Parameters
         ----------
@@ -277,9 +277,9 @@ class Revolute(Joint):
     A_first = first Z(v) and A_second = second. Z(v) is the rotation by the variable v (rad)
     about z.
 
-    The axis is the third column of the frames (`axis_column`). The axis is also the pole
-    axis of the two links (`pole_line`), about which they turn relative to each other.
-    Random start values of the variable are drawn from `start_ranges` (rad).
+    The axis is the third column of the frames (`axis_column`). The axis is the pole axis of
+    the two links (`pole_line`), about which they turn relative to each other. Random start
+    values of the variable are drawn from `start_ranges` (rad).
 
     Attributes
     ----------
@@ -421,20 +421,21 @@ class Sliding(Joint):
     ) -> Floats:
         """Return the time derivatives of both velocity vectors of sliding contacts.
 
-        The vectors are n + k1 p and -(n + k2 p), with the normal n, the contact point p,
-        and the geodesic curvatures k1 and k2 of both profiles (curves). The contact point
-        moves along the profile of the first link with the rate s1', and along that of the
-        second link with s2'.
+        The variables s1 and s2 are the arc lengths of the contact point p along the
+        profiles (curves) of both links. The profiles have the common normal n and the
+        geodesic curvatures k1 and k2. A velocity vector is the angular velocity of the
+        second link relative to the first per unit rate of a variable. Primes denote time
+        derivatives.
 
-        The frame of tangent, normal and point moves along a profile. It rotates relative to
-        the first link with the angular velocity s1' (n + k1 p), and relative to the second
-        link with s2' (n + k2 p). The second link rotates relative to the first one with the
-        difference w = s1' (n + k1 p) - s2' (n + k2 p). The products of w with n and p give
-        the rates s1' = (w . p - k2 w . n) / (k1 - k2) and
-        s2' = (w . p - k1 w . n) / (k1 - k2).
-
-        Along a profile dn/ds + k dp/ds = 0. A vector n + k p therefore changes only by the
-        rotation of its link and by the change of the curvature, dk/ds s' p.
+        1. The frame of tangent, normal and point moves along both profiles. The frame
+           rotates relative to the first link with the angular velocity s1' (n + k1 p), and
+           relative to the second link with s2' (n + k2 p). So the second link rotates
+           relative to the first with w = s1' (n + k1 p) - s2' (n + k2 p). The velocity
+           vectors are n + k1 p and -(n + k2 p).
+        2. The scalar products of w with n and p give the rates
+           s1' = (w . p - k2 w . n) / (k1 - k2) and s2' = (w . p - k1 w . n) / (k1 - k2).
+        3. Along a profile dn/ds + k dp/ds = 0. A vector n + k p therefore changes only by
+           the rotation of its link and by the change of the curvature, dk/ds s' p.
 
         Parameters
         ----------

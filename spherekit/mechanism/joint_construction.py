@@ -110,8 +110,8 @@ def make_joints_in_pose(
             joints.append(Rolling(*curves, start))
             pose_variables.append(0.0)
         else:
-            # A sliding contact. Its two variables are the arc lengths along both profiles,
-            # so it needs no start. In a reference pose they have the values at the contact.
+            # A sliding contact. Its two variables are the arc lengths along both profiles.
+            # In a reference pose, the variables have their values at the contact.
             joints.append(Sliding(*curves))
             pose_variables.extend(start)
     return tuple(joints), np.array(pose_variables) if pose else None

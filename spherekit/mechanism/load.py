@@ -45,9 +45,8 @@ class LinkMoment:
     link
         Name of the link.
     direction
-        (3,) direction of the moment. With `arm`, it is the direction of a force at this
-        point instead. The link then gets the moment of this force about the centre of the
-        sphere.
+        (3,) direction of the moment or, with `arm`, of a force. A force acts on the link by
+        its moment about the centre of the sphere.
     axes
         Axes of the components of `direction`: "ground" or "link".
     arm
@@ -64,9 +63,8 @@ class LinkMoment:
 class TorqueCallback:
     """A torque at a pair that a Python function f(t, q, dq) returns.
 
-    Usually the magnitude of a load is an `Expression`, which can also be differentiated and
-    compiled. This class takes its place if the user has a Python function. Only
-    computations with numbers can use it.
+    The magnitude of a load is an `Expression`, or an object of this class if the user has a
+    Python function. Only computations with numbers can use the function.
 
     Attributes
     ----------
@@ -84,8 +82,7 @@ class TorqueCallback:
         """Names of the variables on which the torque depends, spelled as in expressions.
 
         The variables are the time, the angle of the pair (joint) and the rate of this
-        angle. An `Expression` (torque stated by a formula) has the same attribute, so both
-        are used alike.
+        angle.
         """
         return frozenset({"t", f"theta_{self.pair}", f"dtheta_{self.pair}"})
 
@@ -249,15 +246,12 @@ class Load(ABC):
     def check(self, key: str, mechanism: LoadedMechanism) -> None:
         """Check the values of the fields of the load.
 
-        Subclasses add checks of their own. Names of links and pairs need no check, because
-        the mechanism has refused unknown ones.
-
         Parameters
         ----------
         key
             Key of the load in the file of the mechanism, for messages.
         mechanism
-            The mechanism on which it acts.
+            The mechanism on which the load acts.
 
         Raises
         ------
@@ -273,8 +267,7 @@ class Load(ABC):
         """Return the components (magnitudes with their points of action) of the load.
 
         This method is for loads that are one torque at a pair (joint). The torque is the
-        expression `torque_template`, with the values of the fields inserted. Other loads
-        override the method.
+        expression `torque_template`, with the values of the fields inserted.
         """
         fields = {
             name: value if isinstance(value, str) else format_number(value)
@@ -307,8 +300,8 @@ class BearingFriction(Load):
         """Whether the friction depends on the transmitted force as well as on the moment.
 
         The transmitted force acts through the centre of the sphere and has no moment about
-        it. Computing this force takes extra work, so it is computed only if the friction
-        depends on it.
+        it. Computing this force takes extra work, which is saved if the friction does not
+        depend on the force.
         """
         return False
 
@@ -318,8 +311,7 @@ class BearingFriction(Load):
 
         The friction torque (N m) at the pair is the sum of the magnitudes of these vectors,
         times the `friction_coefficient`. The coefficient is a length (m) for forces on
-        bearings, and has no unit for the moment of a contact. Each kind of friction
-        implements this method.
+        bearings, and has no unit for the moment of a contact.
 
         Parameters
         ----------
@@ -397,7 +389,7 @@ class TorqueTable(Load):
         """Yield the times (s) at which the slope of the torque changes.
 
         An integrator ends its steps there. All such times from `start` to `stop` (s) are
-        among the results; others and repetitions are harmless.
+        among the results. The results can contain other times and repetitions.
         """
         if not self.periodic:
             yield from self.times

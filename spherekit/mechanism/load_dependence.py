@@ -27,8 +27,9 @@ def used_pairs(mechanism: Mechanism) -> frozenset[str]:
 def acting_links(mechanism: Mechanism) -> frozenset[int]:
     """Return the indices of the links that matter to the dynamics.
 
-    These links have mass, or loads depend on their orientation or angular velocity. Links
-    of the `used_pairs` (joints whose variables or rates loads contain) matter too.
+    These are the links that have mass, and those on whose orientation or angular velocity
+    loads depend. The links of the `used_pairs` (joints at which loads act or whose
+    variables or rates loads contain) are included.
     """
     names = {mass.link for mass in mechanism.masses} | used_links(mechanism)
     names |= {link for pair in used_pairs(mechanism) for link in mechanism.pair(pair).links}

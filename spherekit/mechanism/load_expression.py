@@ -278,7 +278,7 @@ def _parse(text: str, names: Names) -> Expression:
         raise _syntax_error(forbidden.start(), _describe_character(forbidden[0]))
     if not one_line.strip():
         raise ModelError("column 1: the expression is empty; write 0 for no torque")
-    # Python's parser refuses spaces at the start. They still count in the columns of
+    # Python's parser refuses spaces at the start. These spaces count in the columns of
     # messages.
     indentation = len(one_line) - len(one_line.lstrip(" "))
     python_tree = _parse_python(one_line.strip(" "), indentation)
@@ -330,8 +330,7 @@ def _parse_python(text: str, indentation: int) -> ast.expr:
             f"cannot be read at this place ({reason}); products are written with *",
         ) from None
     except (RecursionError, MemoryError, ValueError):
-        # Deep nesting makes the parser fail with several types of errors. A long row of
-        # minus signs, for example, gives a `RecursionError` or a `MemoryError`.
+        # Deep nesting makes the parser fail with one of these types of errors.
         raise _syntax_error(indentation, "too deeply nested", _DEPTH_LIMIT) from None
 
 
@@ -389,7 +388,7 @@ def _convert_python_tree(
     arguments = [
         _convert_python_tree(operand, names, indentation, depth + 1) for operand in operands
     ]
-    # A call of numbers becomes its value, unless that is not finite.
+    # A call of numbers becomes its value. A value that is not finite is refused.
     numbers = [argument for argument in arguments if isinstance(argument, float)]
     if function == "/" and arguments[1] == 0.0:
         fault = "divides by zero"
@@ -481,7 +480,7 @@ def _read_function_name(call: ast.Call, names: Names, column: int) -> str:
     names
         Names of variables that are allowed.
     column
-        Its column, for messages.
+        Column of the call, for messages.
 
     Raises
     ------
@@ -500,6 +499,8 @@ def _read_function_name(call: ast.Call, names: Names, column: int) -> str:
         else:
             allowed = f"Functions: {functions}"
         raise _syntax_error(column, message, allowed)
+    # `largest` is None for functions without an upper limit, such as max. All others take
+    # exactly `smallest` arguments.
     smallest, largest = ARGUMENT_COUNTS[name]
     count = len(call.args)
     if not smallest <= count <= (largest or count) or call.keywords:
@@ -545,7 +546,7 @@ def _iterate_steep_arguments(
 
 
 def _steep_arguments(name: str, arguments: list[Node]) -> list[Node]:
-    """Return the expressions near whose zeros the value of a function may change suddenly.
+    """Return expressions near whose zeros a function may change suddenly or have a kink.
 
     For example, 1 / x changes suddenly near x = 0, so x is returned.
 

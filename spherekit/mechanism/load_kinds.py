@@ -57,7 +57,8 @@ class PairTorque(Load):
         The torque (N m): an expression in pair variables ``theta_PAIR`` (rad), their rates
         ``dtheta_PAIR`` (rad/s) and the time ``t`` (s). The torque may also be a function
         f(t, q, dq) of the time and of the variable and the rate of this pair. Only
-        simulations by NumPy can use a function, and they call it at any times in any order.
+        simulations by NumPy can use a function. Such simulations call the function at any
+        times in any order.
     """
 
     kind = "torque"
@@ -146,7 +147,7 @@ class Gravity(Load):
 class PointForce(Load):
     """A force on a link, at a point that is fixed in the link.
 
-    It acts between the ground and the link: the opposite force acts on the ground.
+    The opposite force acts on the ground.
 
     Attributes
     ----------

@@ -105,8 +105,8 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
     """Return the mechanism with one R pair locked, so that its two links become one.
 
     The removed link becomes a part of the kept link. A reference pose (axes of all pairs in
-    one configuration) remains only if the pair is locked at its value in this pose.
-    Otherwise the geometry becomes sizes of links.
+    one configuration) remains only if the pair is locked at its value in this pose. If not,
+    the geometry becomes sizes of links.
 
     Parameters
     ----------
@@ -316,9 +316,9 @@ def _arc_between_starts(
 def _choose_kept_link(mechanism: Mechanism, pair: Pair) -> tuple[str, str]:
     """Return which link of a locked pair keeps its name and axes.
 
-    A locked pair joins its two links into one. The ground is always kept. Otherwise a link
-    with contacts is kept, so that its profiles (contact curves) need no rotation. If
-    neither or both links have contacts, the first link is kept.
+    A locked pair joins its two links into one. The ground is always kept. Without the
+    ground, a link with contacts is kept, so that its profiles (contact curves) need no
+    rotation. If neither or both links have contacts, the first link is kept.
 
     Returns
     -------
@@ -431,7 +431,7 @@ def _is_at_reference_value(
     """Check that a pair can be locked; return whether it has this value in the pose.
 
     If the pair is locked at the value that it has in the reference pose, all axes of this
-    pose remain valid. A mechanism without a reference pose has no such value.
+    pose remain valid. The result is False without a reference pose.
 
     Parameters
     ----------
@@ -458,7 +458,6 @@ def _is_at_reference_value(
                 f"its joint limits, {degree_range_text(limit.low, limit.high)} deg "
                 f"({limit.low:.6g} to {limit.high:.6g} rad)"
             )
-    # Without a reference pose there is no value to compare with.
     if isinstance(mechanism.geometry, SizeGeometry):
         return False
     reference_value = mechanism.geometry.values.get(pair.name, 0.0)

@@ -146,8 +146,7 @@ class Mechanism:
         object.__setattr__(self, "links", tuple(links))
         _check(self)
         if not self.inputs:
-            # The default is filled in here and nowhere else, so that every analysis and
-            # every part of a mechanism has the same input.
+            # The default input is the first R pair, driven through one turn.
             default_inputs = tuple(
                 Input(pair, 0.0, ONE_TURN_RAD, is_default=True)
                 for pair in list(self.angles)[:1]
@@ -402,8 +401,7 @@ class Mechanism:
         one_turn_inputs = (Input(self.pair(name).name, 0.0, ONE_TURN_RAD) for name in names)
         inputs = tuple(input_by_pair.get(item.pair, item) for item in one_turn_inputs)
         # The same mechanism is returned if nothing changes. Default inputs compare as equal
-        # to declared ones. If all inputs are default ones, a new mechanism is made
-        # nevertheless, which declares them.
+        # to declared ones, but the result must declare them.
         if declared_names and inputs == self.inputs:
             return self
         # A named assembly mode is given by angles of some pairs, among them all declared
@@ -621,6 +619,7 @@ def _check(mechanism: Mechanism) -> None:
     if isinstance(geometry, SizeGeometry):
         _check_sizes(where, mechanism, geometry)
         return
+    # Any other geometry has axes and values of R pairs in a reference pose.
     for name, value in geometry.values.items():
         check_finite(f"{where}: pairs.{name}.value", [value])
     for pair in mechanism.pairs:
@@ -805,7 +804,7 @@ def _check_pair(where: str, pair: Pair) -> None:
         raise ModelError(
             f'{where}: type "{pair.type}" is not one of {listing(JOINT_KINDS)}'
         )
-    # Contacts have profiles. R pairs have an axis instead.
+    # Contacts have profiles. R pairs have an axis and no profiles.
     if (pair.profiles is None) != pair.kind.has_axis:
         raise ModelError(
             f"{where}: a contact pair (Cr, Cs) has a profile for each of its links, an R "
@@ -870,8 +869,7 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
                 f"are [{listing(r_pairs)}]; "
                 f"{_advise_on_axes(link, mechanism, geometry, r_pairs)}"
             )
-        # Arcs are from 0 to pi. If a link allows signed arcs, they can be any finite
-        # number.
+        # Arcs are from 0 to pi, or any finite number if the link allows signed arcs.
         for index, arc in enumerate(sizes.arcs):
             may_be_signed = sizes.signed and math.isfinite(arc)
             if not (0.0 <= arc <= math.pi or may_be_signed):

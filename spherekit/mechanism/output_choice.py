@@ -43,7 +43,7 @@ def chosen_output(mechanism: Mechanism, name: str | None = None) -> Output:
 def observed_outputs(mechanism: Mechanism) -> tuple[Output, ...]:
     """Return the outputs whose motion is examined if the user chooses none.
 
-    They are the first of these groups that is not empty:
+    The outputs are the first of these groups that is not empty:
 
     - the outputs that the mechanism file declares,
     - the links that a pair (joint) joins to the ground,

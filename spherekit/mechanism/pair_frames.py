@@ -119,13 +119,13 @@ def axes_from_sizes(sizes: LinkSizes) -> AxesOfLink:
 
     The first axis is z, and the second one is in the half-plane x = 0, y > 0. Each axis
     after the first has an arc (rad), its distance from the first axis. Each axis after the
-    second also has an angle (rad), its azimuth about the first axis, counter-clockwise from
-    the second axis.
+    second has an angle (rad), its azimuth about the first axis, counter-clockwise from the
+    second axis.
     """
     # The first axis. A link without axes has none.
     axes: AxesOfLink = {name: np.array([0.0, 0.0, 1.0]) for name in sizes.axes[:1]}
     # The azimuth of the second axis is zero. If sizes are missing, the last axes are left
-    # out. The constructor of the mechanism reports this fault later.
+    # out, because a check of the mechanism reports this fault.
     azimuths = (0.0, *sizes.angles)
     for name, arc, azimuth in zip(sizes.axes[1:], sizes.arcs, azimuths, strict=False):
         sine = np.sin(arc)
@@ -138,9 +138,8 @@ def axes_from_sizes(sizes: LinkSizes) -> AxesOfLink:
 def reference_frame(axes: Mapping[str, Floats], name: str) -> Floats:
     """Return the frame (3, 3) of a pair axis in its link, by the other axes of the link.
 
-    The frame shows from which direction the variable of the pair (joint) is measured. Its
-    columns are the x, y and z axes in link axes. In the first link, callers then rotate it
-    about z by the zero angle of the pair, at which the variable is 0.
+    The angle of the pair (joint) is measured between the x axes of the frames in its two
+    links. The columns of a frame are its x, y and z axes in link axes.
 
     Parameters
     ----------
@@ -151,8 +150,8 @@ def reference_frame(axes: Mapping[str, Floats], name: str) -> Floats:
         is not on the same line, or in an arbitrary direction if there is none.
     """
     axis = axes[name]
-    # The part of the other axis perpendicular to this one. This part is zero for axes on
-    # one line.
+    # `toward` is the part of the other axis perpendicular to `axis`. This part is zero for
+    # axes on one line.
     for other_axis in axes.values():
         toward = cross(cross(axis, other_axis), axis)
         length = np.linalg.norm(toward)

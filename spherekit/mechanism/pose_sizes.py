@@ -54,8 +54,8 @@ def pose_sizes(mechanism: Mechanism, link: str) -> tuple[PoseSize, ...]:
         if pair.kind.has_axis and link in pair.links
     ]
     _, first_axis = axes[0]
-    # The end of an arc rotates about `growth_axis` when the size grows. For an arc it is
-    # the normal of its plane, for an angle the first axis.
+    # When a size grows, the end of its arc rotates about `growth_axis`. The growth axis of
+    # an arc is the normal of its plane, that of an angle is the first axis.
     sizes: list[PoseSize] = []
     first_normal: Floats | None = None  # of the plane of the arc at which angles are zero
     for name, axis in axes[1:]:

@@ -24,8 +24,8 @@ def sizes_from_frames(
     the first axis, counter-clockwise from the second axis. The first axis of a link defines
     its z axis, and the second one is in the half-plane x = 0, y > 0. Each link gets two
     extra axes, z and y, in front of the axes of its pairs. The coordinate axes of the given
-    frames then stay the same. Each pair also has a zero: the angle in its first link from
-    which its variable counts.
+    frames then stay the same. The zero of a pair is the angle in its first link from which
+    the variable of the pair counts.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def sizes_from_frames(
         Frames of R pairs in their first and in their second links. The z column is the axis
         of the pair, and the x column the direction of the variable's zero.
     known_sizes
-        Sizes of the links that have their sizes already. They are not checked against the
+        Sizes of the links that have their sizes already, which are not checked against the
         frames.
     """
     axes_by_link: dict[str, dict[str, Floats]] = {}

@@ -34,7 +34,7 @@ class Wheel(NamedTuple):
         curve points.
     zero_direction
         (3,) unit vector perpendicular to `centre`. Azimuths about the centre are counted
-        from it, counter-clockwise.
+        counter-clockwise from this vector.
     radius
         Angle between centre and circle (rad), between 0 and pi.
     start
@@ -73,7 +73,7 @@ class Wheel(NamedTuple):
 
         `direction` is a vector (3,) in link axes. The length is measured along the circle
         from the point at the `zero_direction`, counter-clockwise and at most half a
-        circumference. The stated `start` of the wheel is then subtracted.
+        circumference. The result is this length minus `start`.
         """
         side = cross(self.centre, self.zero_direction)
         azimuth = np.arctan2(side @ direction, self.zero_direction @ direction)
@@ -102,14 +102,13 @@ class WheelShaft(NamedTuple):
 def find_contact_start(mechanism: Mechanism, contact: Pair, phase: Angles) -> Ends:
     """Return the arc lengths at which two wheels touch in a configuration of their shafts.
 
-    Wheels are links with circles as profiles. Their shafts are the R pairs about which they
-    rotate, and the carrier is the link at the other end of both shafts.
+    Wheels are links with circles as profiles. The shaft of a wheel is the R pair about
+    which the wheel rotates. The carrier is the link at the other end of both shafts.
 
     Parameters
     ----------
     mechanism
-        Mechanism given by arcs and angles. A reference pose already shows how the wheels
-        mesh.
+        Mechanism given by arcs and angles.
     contact
         A rolling contact of circles. Both its links rotate about R pairs of one carrier.
     phase
@@ -119,7 +118,7 @@ def find_contact_start(mechanism: Mechanism, contact: Pair, phase: Angles) -> En
     -------
     Arc lengths (rad) along the circles of the first and the second link. If one of the
     shafts is driven, the arc lengths belong to the configuration in which the variable of
-    this shaft is zero. Revolutions are counted from there.
+    this shaft is zero.
 
     Raises
     ------
@@ -245,7 +244,7 @@ def find_wheel_contact(
     Raises
     ------
     ModelError
-        If both wheels have the same centre, and touch everywhere.
+        If the centres of both wheels are on one line through the centre of the sphere.
     """
     first_radius, second_radius = (wheel.radius for wheel in wheels)
     # Unit vectors to the centres, in the axes of the carrier.
@@ -253,11 +252,13 @@ def find_wheel_contact(
         rotation @ wheel.centre
         for wheel, rotation in zip(wheels, orientations, strict=True)
     )
-    # One circle touches the other from inside. (Each circle has two opposite centres on the
-    # sphere, which were chosen so.) The contact point is on the great circle through both
-    # centres. From the first centre it is one first radius away: towards the second centre
-    # if the first circle is larger, otherwise in the opposite direction. `across` is the
-    # part of the second centre perpendicular to the first.
+    # Each circle has two opposite centres on the sphere. `Wheel.centre` is the one on the
+    # side of the common normal of both curves. With these centres, the smaller circle
+    # touches the larger one from inside. The contact point is on the great circle through
+    # both centres. The arc from the first centre to the contact point is the first radius
+    # (rad). The arc leads towards the second centre if the first circle is larger,
+    # otherwise in the opposite direction. `across` is the part of the second centre
+    # perpendicular to the first.
     across = second_centre - (first_centre @ second_centre) * first_centre
     size = np.linalg.norm(across)
     have_same_line = size < COLLINEAR_SINE
@@ -265,7 +266,8 @@ def find_wheel_contact(
         raise ModelError(
             "both wheels turn about the same line, so phase has no meaning; leave phase out"
         )
-    # 1 if the first circle is larger, -1 if it is smaller.
+    # 1 if the first circle is larger, -1 if it is smaller. Equal circles would have the
+    # same centre, which is refused above.
     side = np.sign(first_radius - second_radius)
     # (3,) unit vector to the contact point.
     point = (
