@@ -126,7 +126,7 @@ def row_columns(batch: Batch, with_time: bool = False) -> dict[str, NDArray[Any]
 def repeat_rows(columns: TableData, subjects: Sequence[str], name: str) -> TableData:
     """Return columns in which each row is repeated once for every subject.
 
-    For a table with one row per configuration and link, for example.
+    An example is a table with one row for each configuration and link.
 
     Parameters
     ----------
@@ -194,9 +194,10 @@ def describe_place(batch: Batch, row: int) -> str:
     """Return words for the place of a row: its time or its inputs, and its assembly mode.
 
     An example is ``21 = 30 deg, mode 0``. A row is one sample of one assembly mode. The
-    time is used if the analysis reads it (``Needs(time=True)``), otherwise the inputs.
+    time is used if the motion has times and the analysis reads them.
     """
     mode = f"mode {batch.assembly_mode[row]}"
+    # `needs.time` states that the analysis reads the times.
     if batch.timed and batch.needs.time:
         return f"t = {number_text(float(batch.t[row]))} s, {mode}"
     inputs = [
@@ -221,9 +222,9 @@ def find_largest_torques(batch: Batch, torques: Floats, key: str) -> dict[str, A
 
     Returns
     -------
-    By the name of each input, a record (entry of the summary) with the torque (N m),
-    and with the sample, assembly mode and inputs (rad) at which it occurs, also in
-    words (``place``). Inputs without a known torque are left out.
+    By the name of each input, a record (entry of the summary) with the torque (N m), and
+    with the sample, assembly mode and inputs (rad) at which it occurs, and ``place``, these
+    in words. Inputs without a known torque are left out.
     """
     records: dict[str, Any] = {}
     for number, name in enumerate(batch.moving_inputs):
@@ -277,7 +278,7 @@ def merge_largest(
     Parameters
     ----------
     first, second
-        Records by name, of the two blocks. A name may be missing in one block.
+        Records by name, of the two blocks.
     key
         Key of the value in a record. Absolute values are compared.
     """
@@ -292,9 +293,9 @@ def continue_load_angles(batch: Batch) -> Motion:
     """Return the configurations of a batch, with some angles that count whole revolutions.
 
     Loads such as springs depend on the whole rotation of a pair, including whole
-    revolutions. The angles of the pairs on which loads depend are therefore continued
-    from row to row. The analysis must have asked for these continued values, and for
-    the position analysis (tracer), in its needs.
+    revolutions. The angles of these pairs are therefore continued from row to row, without
+    jumps of 2 pi. The needs of the analysis must list these continued values and the
+    position analysis (tracer).
     """
     values = batch.motion.values.copy()
     for pair in batch.needs.continued_values:
@@ -310,7 +311,7 @@ def direction_or_quaternion_columns(
     In some mechanisms, base and output are mirror images of each other about a plane, the
     mid-plane. A direction of the output then determines the mid-plane. Chen et al. 2021
     describe its unit normal (x, y, z) by the angles phi = -2 arcsin(x) and gamma = 2
-    arcsin(y) (rad). Orientations have no such columns.
+    arcsin(y) (rad).
 
     Parameters
     ----------
@@ -335,12 +336,12 @@ def direction_or_quaternion_columns(
 def output_in_words(mechanism: Mechanism, links: str) -> str:
     """Return the name of an output with its links, such as ``rocker (4/1)``.
 
-    Without a unique name, only the links are returned.
+    Only the links are returned unless exactly one output has these links.
 
     Parameters
     ----------
     mechanism
-        The mechanism, which declares outputs.
+        The mechanism with its declared outputs.
     links
         The names of the output link and of its reference link, such as ``4/1``.
     """

@@ -217,8 +217,7 @@ class Dynamics(AbstractAnalysis):
                 **input_columns(
                     mechanism, entry_derivatives.reshape(-1, input_count), "dM"
                 ),
-                # `of_parts` gives a finite entry the status OK, also if the torques of its
-                # row failed.
+                # Finite entries have the status OK, even if the torques of the row failed.
                 "status": of_parts(entries, solution.status).ravel(),
             },
             "loads": {

@@ -173,9 +173,9 @@ class Eksergian(AbstractAnalysis):
     def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
         """Return the figures of merit: largest torques and extreme inertias.
 
-        They are numbers by which designs are compared. The equivalent inertia is twice the
-        kinetic energy at unit rate of the input, so only mechanisms with one input and
-        masses have them.
+        Figures of merit are numbers by which designs are compared. The equivalent inertia
+        is twice the kinetic energy at unit rate of the input. Only mechanisms with one
+        input and masses have these figures.
         """
         if not mechanism.masses or len(mechanism.inputs) != 1:
             return ()
@@ -198,18 +198,18 @@ class Eksergian(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return the quantities of a motion that this analysis reads.
 
-        They are:
+        The quantities are:
 
         - the time of each row, and the rates and accelerations of the input;
         - orientations and angular velocities of the links that have mass or on whose motion
           loads depend, and the derivatives of these velocities with respect to the
           input;
-        - variables and rates of the pairs (joints) with loads. Their angles have no jumps
-          of whole revolutions, because a spring counts revolutions;
+        - variables and rates of the pairs (joints) with loads. The angles have no jumps of
+          whole revolutions, because springs count revolutions;
         - the rate of the pair at which the torque acts;
         - the position analysis of the run (`tracer`), if there is friction of bearings or
-          contacts. This friction is proportional to the forces in the pairs, which are
-          computed from the position analysis.
+          contacts. The forces in the pairs, which cause the friction, are computed from the
+          position analysis.
 
         Raises
         ------
@@ -269,7 +269,7 @@ class Eksergian(AbstractAnalysis):
         # the only input (number 0).
         inertia_parts = solution.B_parts
         force_parts = solution.Q_parts[:, 0]
-        # With the option `at`, the torque is computed at another pair than the input.
+        # The option `at` can name another pair than the input.
         torque = self._torque_at_pair(batch, solution.tau)
         # `of_parts` returns OK for each finite part, and the status of the row for others.
         return {
@@ -303,8 +303,8 @@ class Eksergian(AbstractAnalysis):
         """Return the torque (n,) at the pair `at`, equivalent to a torque at the input.
 
         `torque` (n,) is the torque at the input (N m). Both torques have the same power, so
-        this torque is divided by the rate of the pair per unit rate of the input. Without
-        `at` the torque is returned unchanged.
+        `torque` is divided by the rate of the pair per unit rate of the input. Without `at`
+        the torque is returned unchanged.
         """
         if not self.at:
             return torque
@@ -314,8 +314,7 @@ class Eksergian(AbstractAnalysis):
     def _inverse_solution(self, batch: Batch) -> InverseSolution:
         """Return inertia, loads and driving torque of a batch, which are computed once.
 
-        Inverse dynamics computes the torque that a known motion needs. Several methods use
-        the result for the same batch (group of rows).
+        The driving torque is the torque that the known motion needs.
         """
         return batch.once("torque", lambda: _solve_torque(batch))
 
@@ -323,15 +322,15 @@ class Eksergian(AbstractAnalysis):
         """Return the driving torque (n,) at the only input, 0 where it is a rounding error.
 
         In a simulation the loads alone cause the motion, so the driving torque is zero up
-        to rounding. The torque is a sum of three terms, B ddq + dB/dq dq^2 / 2 - Q. If the
-        sum is zero, the second term is not larger than the two others together. So the two
-        others show how large the terms are. A torque is a rounding error if it is small
-        compared with the largest terms of all rows.
+        to rounding. The torque is a sum of three terms, B ddq + dB/dq dq^2 / 2 - Q. B is
+        the equivalent inertia of the mechanism at the input q. Q is the generalised force
+        of all loads at the input. A torque is a rounding error if it is small compared with
+        the largest sum of |B ddq| and |Q| in any row.
         """
         solution = self._inverse_solution(batch)
-        # In `sure_torques`, rounding errors of the terms in the same row are already 0.
+        # `sure_torques` is 0 where a torque is small compared with the terms of its row.
         torque = solution.sure_torques[:, 0].copy()
-        load_size = np.abs(solution.Q).reshape(len(batch))
+        load_size = np.abs(solution.Q)
         inertia_size = np.abs(solution.B * batch.ddq)
         terms = load_size + inertia_size
         largest_term = np.max(terms, initial=0.0, where=np.isfinite(terms))
@@ -343,15 +342,14 @@ class Eksergian(AbstractAnalysis):
         """Return the largest torque and the worst conditioning, and where they occur.
 
         The conditioning is the condition number of the equations that close the loops, with
-        a locked input. The torque is that at the input, or at another pair that the option
-        `at` names.
+        a locked input. The torque is at the input, or at the pair that the option `at`
+        names.
         """
-        # No row has a configuration, so there is nothing to report.
+        # Without any configuration there is nothing to report.
         if not np.any(np.isfinite(batch.residual)):
             return Findings()
-        # In a simulation the loads alone cause the motion, so the torque at the input is
-        # only a rounding error. It is replaced by 0, because the next step divides by the
-        # rate of the pair `at`. This could make a rounding error large.
+        # Rounding errors become 0 here, because the next step divides by the rate of the
+        # pair `at`. The division could make a rounding error large.
         input_torque = self._torque_without_rounding_errors(batch)
         torque = self._torque_at_pair(batch, input_torque)
         worst_row = int(np.nanargmax(batch.closure_conditioning))
@@ -360,8 +358,7 @@ class Eksergian(AbstractAnalysis):
             "at_q_rad": float(batch.q[worst_row]),
             "at_assembly_mode": int(batch.assembly_mode[worst_row]),
         }
-        # A mapping from the name of the only input to its largest torque. It is empty if no
-        # torque is known.
+        # The largest torque by the name of the only input; empty if no torque is known.
         largest_by_input = find_largest_torques(
             batch, torque[:, None], LARGEST_DRIVING_TORQUE
         )
@@ -446,7 +443,7 @@ def _inertia_plots(batch: Batch, solution: InverseSolution) -> list[Series]:
         B and dB/dq (n,) of the whole mechanism, and their parts (n, links with mass).
     """
     mechanism = batch.mechanism
-    # The last argument of `plot_series` is a link, which decides about the colour.
+    # The last argument of `plot_series` is a link, whose colour the curve gets.
     title = "equivalent inertia"
     plots = [plot_series("inertia", "B", title, solution.B, "kg m2", 0)]
     for mass, part in zip(mechanism.masses, solution.B_parts.T, strict=True):
@@ -481,13 +478,13 @@ def _solve_torque(batch: Batch) -> InverseSolution:
     - Friction is proportional to the forces in the pairs (joints). These forces depend on
       the motion of all links. The batch does not have all rates, so they are computed
       from the configurations.
-    - Otherwise, only the links and pairs with masses or loads matter. The batch has their
-      motion. Rows with inaccurate rates get the status ILL_CONDITIONED.
+    - Without friction, only the links and pairs with masses or loads matter. The batch has
+      their motion. Rows with inaccurate rates get the status ILL_CONDITIONED.
     """
     # `friction_components` lists the pairs with such friction.
     if Loads(batch.mechanism).friction_components:
-        # A spring counts whole revolutions, so angles of pairs with loads must not jump by
-        # 2 pi. This function removes the jumps.
+        # The motion in which angles of pairs with loads have no jumps of 2 pi, because
+        # springs count whole revolutions.
         motion = continue_load_angles(batch)
         # The torques that balance inertia, loads and friction.
         return needed_torques(motion)
@@ -508,9 +505,9 @@ def _solve_torque(batch: Batch) -> InverseSolution:
 def _coordinate_motion(batch: Batch) -> CoordinateMotion:
     """Return the configurations of a batch and their derivatives with respect to the input.
 
-    The batch has only the variables and links that this analysis reads: those on which
-    loads and masses depend. All others are NaN. The second derivatives of the pair
-    variables are not needed and are NaN, too.
+    The result has the variables and links on which loads and masses depend. All other
+    variables and links are NaN. The second derivatives of the pair variables are not needed
+    and are NaN.
     """
     mechanism = batch.mechanism
     needs = batch.needs

@@ -28,15 +28,14 @@ def chart_axes(mechanism: Mechanism, chart: ChartAxis = "yes") -> tuple[int, int
     Opposite points of the sphere therefore have the same place on the chart.
 
     The user can choose a ground axis as x. With "yes" or "no", x is the ground axis nearest
-    to the middle of the pair axes on the ground. These are then near the middle of the
-    chart. The axes y and z follow cyclically, so the system is right-handed.
+    to the middle of the pair axes on the ground. The axes y and z follow cyclically, so the
+    system is right-handed.
     """
     if chart in ("x", "y", "z"):
         x = "xyz".index(chart)
     else:
         ground_axes = link_axes(mechanism)[mechanism.links[0]]
-        # The zero vector makes the sum valid if the ground has no pair axes, but only
-        # contacts.
+        # The zero vector makes the sum valid if the ground has no pair axes.
         middle = np.sum([*ground_axes.values(), np.zeros(3)], axis=0)
         # Either end of the ground axis may be near the middle, so the sign has no meaning.
         x = int(np.argmax(np.abs(middle)))
@@ -46,11 +45,10 @@ def chart_axes(mechanism: Mechanism, chart: ChartAxis = "yes") -> tuple[int, int
 def chart_coordinates(directions: Floats) -> tuple[Floats, Floats]:
     """Return the angles xi and zeta (n,) of axes, rad, between -pi/2 and pi/2.
 
-    They are the coordinates in a chart, the projection of the sphere from its centre onto a
-    plane x = 1. With tan xi = y/x and tan zeta = z/x, both directions of an axis have the
-    same angles. R. Di Gregorio calls them pseudo-Cartesian coordinates (lecture 2,
-    Barcelona 2019). An axis with x = 0 is a point at infinity. The direction with positive
-    y is then used, or with positive z if y is zero.
+    The chart is the projection of the sphere from its centre onto a plane x = 1. The
+    coordinates are tan xi = y/x and tan zeta = z/x. R. Di Gregorio calls xi and zeta
+    pseudo-Cartesian coordinates (lecture 2, Barcelona 2019). Both directions of an axis
+    have the same angles.
 
     Parameters
     ----------
@@ -66,8 +64,8 @@ def chart_coordinates(directions: Floats) -> tuple[Floats, Floats]:
 def _choose_positive_directions(directions: Floats) -> Floats:
     """Return, for each axis, which of its two directions counts as positive.
 
-    So both directions of an axis give the same result. In a positive direction the first
-    component that is not zero is positive. `directions` and the result are (n, 3).
+    In a positive direction the first component that is not zero is positive. `directions`
+    and the result are (n, 3).
     """
     x, y, z = directions.T
     is_reversed = (x < 0.0) | ((x == 0.0) & ((y < 0.0) | ((y == 0.0) & (z < 0.0))))
@@ -78,16 +76,15 @@ def circle_coordinates(normals: Floats) -> tuple[Floats, Floats]:
     """Return the slope epsilon and the distance angle theta (n,) of great circles, rad.
 
     The gnomonic chart projects the sphere from its centre onto a plane x = 1, with the
-    horizontal axis y and the vertical axis z. A great circle is a straight line in it, with
-    two coordinates:
+    horizontal axis y and the vertical axis z. In the chart a great circle is a straight
+    line with two coordinates:
 
-    - Its slope: the angle epsilon from the horizontal axis to the line. It is above -pi/2
-      and at most pi/2.
+    - Its slope: the angle epsilon from the horizontal axis to the line, above -pi/2 and at
+      most pi/2.
     - Its distance from the origin, tan theta. The distance is positive if the line is above
       the origin. A vertical line has a positive distance if it is on the left.
 
-    The great circle x = 0 is the line at infinity. Its slope is NaN, and its theta is pi/2
-    with either sign.
+    The great circle x = 0 is the line at infinity, with the slope NaN and theta = +-pi/2.
 
     Parameters
     ----------
@@ -95,8 +92,8 @@ def circle_coordinates(normals: Floats) -> tuple[Floats, Floats]:
         (n, 3) normals of the planes of the circles, in the axes x, y, z of the chart. The
         sign of a normal has no effect, except for the circle x = 0.
     """
-    # Both normals of a plane describe the same circle. The one with c > 0 is used, or with
-    # b < 0 if c is 0. Then epsilon is above -pi/2 and at most pi/2.
+    # Of both normals of a plane, the one with c > 0 is used, or with b < 0 if c is 0. The
+    # slope of this normal is above -pi/2 and at most pi/2.
     a, b, c = _orient_normals(normals)
     # The circle has the equation a x + b y + c z = 0. In the chart x is 1, so its line has
     # the equation b y + c z = -a, and the direction (y, z) = (c, -b).
@@ -111,12 +108,11 @@ def circle_coordinates(normals: Floats) -> tuple[Floats, Floats]:
 def _orient_normals(normals: Floats) -> Floats:
     """Return the components a, b, c (3, n) of the normal of each plane with positive c.
 
-    A plane has two opposite normals. In the chart it is a line with the slope angle
-    arctan2(-b, c), which is then between -pi/2 and pi/2. If c is zero, the normal with
-    negative b is returned, so that the slope is pi/2.
+    A plane has two opposite normals. In the chart the plane is a line with the slope angle
+    arctan2(-b, c), which lies between -pi/2 and pi/2 for positive c. If c is zero, the
+    normal with negative b is returned, so that the slope is pi/2.
     """
     a, b, c = np.moveaxis(normals, 1, 0)
     is_reversed = (c < 0.0) | ((c == 0.0) & (b > 0.0))
     sign = np.where(is_reversed, -1.0, 1.0)
-    # The sum with 0.0 turns -0.0 into 0.0, for which arctan2 returns angles up to pi/2.
-    return np.stack([sign * a, sign * b, sign * c + 0.0])
+    return np.stack([sign * a, sign * b, sign * c])

@@ -71,8 +71,7 @@ def read_pose(
     AnalysisError
         If the text has no such form.
     """
-    # `read_end` accepts the same texts, and also the axis and angle of a rotation from
-    # another pose. Such a rotation is refused here.
+    # `allow_rotation=False` refuses the axis and angle of a rotation from another pose.
     pose = read_end(text, inputs, where, angle_unit, allow_rotation=False)
     assert not isinstance(pose, AtRotation)
     return pose
@@ -159,7 +158,7 @@ def _rotations_from_vectors(rotation_vectors: Floats) -> Floats:
     quaternion is (sin(a / 2) v / a, cos(a / 2)).
     """
     half_angle = 0.5 * np.linalg.norm(rotation_vectors, axis=1, keepdims=True)
-    # `np.sinc(x / pi)` is sin(x) / x, and 1 at x = 0, so no division by 0 occurs.
+    # `np.sinc(x / pi)` is sin(x) / x, without a division by 0 at x = 0.
     vector_part = 0.5 * np.sinc(half_angle / np.pi) * rotation_vectors
     return from_quaternion(np.hstack([vector_part, np.cos(half_angle)]))
 
@@ -238,7 +237,7 @@ def read_terms(
         except QuantityError as problem:
             raise AnalysisError(f"{where}: {name}: {problem}") from None
         except ValueError:
-            # The check below refuses NaN with a message.
+            # NaN is refused below.
             number = np.nan
         begins_pose = name in poses[-1]
         # The whole text, for messages about a part of it.
@@ -287,7 +286,7 @@ def read_interference_limit(text: str, angle_unit: AngleUnit) -> InterferenceLim
     axes, *limits = text.split(":")
     if len(limits) == 1:
         limits.append("180deg")
-    # A wrong number of names or angles raises a ValueError when they are unpacked.
+    # A wrong number of names or angles raises a ValueError here.
     try:
         first_pair, second_pair = axes.split("/")
         low, high = _read_angles(limits, angle_unit)

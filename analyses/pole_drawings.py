@@ -109,7 +109,7 @@ def draw_axodes(batch: Batch, pole: Pole, rows: slice) -> Iterator[Trace]:
 
     A pole is the axis about which two links turn relative to each other. Its path in the
     axes of the first link is the fixed axode. Its path in the axes of the second link is
-    the moving axode. They are two cones that roll on each other.
+    the moving axode. Both axodes are cones that roll on each other.
 
     Parameters
     ----------
@@ -129,7 +129,9 @@ def draw_axodes(batch: Batch, pole: Pole, rows: slice) -> Iterator[Trace]:
             path=f"axode/{label}/{kind}",
             label=f"{kind} axode of {label}",
             directions=directions,
+            # The index of the link determines the colour.
             number=link,
+            # The ground, link 0, never turns.
             quaternions=quaternion(rotations) if link else None,
         )
 
@@ -167,8 +169,10 @@ def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
     - The first step has the axes of all pairs (joints).
     - A pole at the intersection of two great circles (`LinePole`) is one step.
     - A pole that is the common axis of several pairs is one step.
-    - A block starts with one step for all poles that follow from linear equations. Further
-      poles of the block are one step each.
+    - Poles that do not follow one by one are computed together from linear equations, as a
+      block (`BlockPoles`). A block has one step for poles that only the equations
+      determine, and one step for each pole that is also at the intersection of two great
+      circles.
     """
     # The construction is only drawn for mechanisms with one input, which have one plan.
     plan = batch.plans[0]
@@ -204,8 +208,8 @@ def _is_axis_of_one_pair(
     A pole is the axis about which one link rotates relative to another. A step computes one
     pole or several.
 
-    In pass 0 a pair joins both links of a `PrimaryPole`. In later passes several coaxial
-    pairs lead from one link to the other, and the pole is their common axis.
+    A `PrimaryPole` of pass 0 is the axis of one pair that joins both links. A `PrimaryPole`
+    of a later pass is the common axis of several pairs.
     """
     return isinstance(step, PrimaryPole) and not step.pass_number
 
@@ -216,12 +220,12 @@ def _list_block_steps(plan: Plan, block: BlockPoles) -> list[ConstructionStep]:
     A pole is the axis about which one link rotates relative to another. A drawing shows the
     construction of the poles step by step.
 
-    The first step has the poles that only the equations determine. As soon as these
-    poles are known, the other poles follow one by one as intersections of two great
-    circles.
+    The first step has the poles that only the equations determine. From these poles the
+    other poles follow one by one, as intersections of two great circles.
     """
     # The description has one line for the equations and one for each pole at circles.
     equations_text, *circle_texts = describe(plan, block).split("\n")
+    # `steps_from_opening` has the steps at great circles that follow the equations.
     circle_poles = [circle_step.pole for circle_step in block.steps_from_opening]
     equation_poles = [pole for pole in block.poles if pole not in circle_poles]
     steps = [ConstructionStep(equations_text, equation_poles, uses_circles=False)]
@@ -250,8 +254,7 @@ def draw_construction(batch: Batch, row: int, chart: ChartAxis = "yes") -> Scene
     """
     mechanism = batch.mechanism
     steps = _list_construction_steps(batch)
-    # The plan of the only input lists all poles, each a pair of two link numbers. The
-    # values of `pass_numbers` tell the order in which poles are found, and are not used.
+    # The plan of the only input lists all poles, each a pair of two link numbers.
     poles = list(batch.plans[0].pass_numbers)
     # Directions by step, pole and component. Normals of great circles by step, circle
     # (first or second) and component. NaN is not drawn.
@@ -261,8 +264,7 @@ def draw_construction(batch: Batch, row: int, chart: ChartAxis = "yes") -> Scene
         for pole in step.poles:
             # A pole is visible from its step on, its great circles in this step only.
             directions[number:, poles.index(pole)] = batch.direction(*pole)[row]
-            # A step with great circles has only one pole. `planes` returns the unit normals
-            # (2, 3) of the two circles.
+            # `planes` returns the unit normals (2, 3) of the two great circles.
             if step.uses_circles:
                 normals[number] = batch.planes(*pole)[row]
     rotations = np.stack([batch.rotation(link)[row] for link in mechanism.links])

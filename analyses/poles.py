@@ -252,13 +252,13 @@ class Poles(AbstractAnalysis):
         """Return the largest velocity coefficients, as figures of merit to compare designs.
 
         A velocity coefficient is the relative angular velocity of two links per unit rate
-        of the input. The result covers the poles in `only`. By default it covers the
-        motions of the declared outputs or, without outputs, the motions of all links
-        relative to the ground.
+        of the input. The figures are for the poles in `only`. By default they are for the
+        motions of the declared outputs or, without outputs, of all links relative to the
+        ground.
         """
         names = mechanism.links
-        # A relative motion is a link and its reference link. Pole (i, j) is the motion of
-        # link j relative to link i.
+        # A relative motion is a link and its reference link. Pole (i, j) belongs to the
+        # motion of link j relative to link i.
         if self.only:
             relative_motions = [(names[j], names[i]) for i, j in self.poles(mechanism)]
         else:
@@ -266,8 +266,8 @@ class Poles(AbstractAnalysis):
                 (output.link, output.relative_to) for output in mechanism.outputs
             ] or [(link, names[0]) for link in names[1:]]
         inputs = mechanism.input_pairs
-        # With several inputs, one input moves at a time. Names and meanings of the figures
-        # then end with this input.
+        # With several inputs, one input moves at a time. The figures are named by this
+        # input.
         suffixes = {"": ""}
         if len(inputs) > 1:
             suffixes = {f"_by_{pair}": f" by input {pair} alone" for pair in inputs}
@@ -299,8 +299,8 @@ class Poles(AbstractAnalysis):
           input.
         - `planes`: poles for which two great circles through the pole are computed. Figures
           show the circles of one selected pole. A drawing of the construction needs the
-          circles of all poles that are not axes of pairs (joints). So do coordinates of
-          poles and circles in a chart (projection of the sphere onto a plane).
+          circles of all poles that are not axes of pairs (joints). Coordinates in a chart
+          (projection of the sphere onto a plane) need the same circles.
         - `rotations`: all links if the construction is drawn, otherwise the links with a
           drawn axode. An axode is the path of a pole in the axes of a link.
         """
@@ -336,8 +336,8 @@ class Poles(AbstractAnalysis):
     def _draws_construction(self, mechanism: Mechanism) -> bool:
         """Return whether the construction of the poles is drawn step by step.
 
-        It is drawn if the mechanism has one input and the user wants all poles (`only`
-        is empty).
+        The mechanism must have one input, and the user must want all poles (`only` is
+        empty).
         """
         return not self.only and len(mechanism.inputs) == 1
 
@@ -417,10 +417,9 @@ class Poles(AbstractAnalysis):
         poles, the two great circles that intersect in a selected pole, and plots of the
         velocity coefficients (rates of rotation per unit rate of the input).
 
-        The last page shows step by step how the pole axes follow from the axes of the pairs
-        (joints) by intersections of great circles. It shows one configuration. It exists
-        for mechanisms with one input if all poles are requested. Long motions are computed
-        in blocks of samples, and only the first block has this page.
+        The last page shows, at one configuration, how the pole axes follow step by step
+        from the axes of the pairs (joints) by intersections of great circles. Only the
+        first block of a long motion has this page.
         """
         pages = []
         for mode, rows in batch.assembly_mode_rows().items():
@@ -435,7 +434,8 @@ class Poles(AbstractAnalysis):
         if len(good_rows) and is_first_block and draws_construction:
             modes = batch.assembly_mode[good_rows]
             rows_of_first_mode = good_rows[modes == modes[0]]
-            # Any row of the first mode is suitable. This one is a third of the way along.
+            # Any row of the first mode is suitable, for example the one a third of the way
+            # along.
             row = rows_of_first_mode[len(rows_of_first_mode) // 3]
             pages.append(draw_construction(batch, int(row), self.chart))
         return tuple(pages)
@@ -477,8 +477,8 @@ class Poles(AbstractAnalysis):
 
         # 2. The chart, with the two great circles (n, 2, 3) of one pole.
         normals = batch.planes(*pole_with_circles, input_number)[rows]
-        # Poles of pairs are drawn last, on top of the others. In both sets poles relative
-        # to the ground (link 0) come first.
+        # Poles of pairs come last, to be drawn on top. In both groups, poles relative to
+        # the ground (link 0) come first.
         charted_poles = sorted(
             poles, key=lambda pole: (pole in mechanism.pole_pairs, pole[0] != 0)
         )
@@ -510,10 +510,9 @@ class Poles(AbstractAnalysis):
     ) -> Iterator[Arrow]:
         """Yield the arrow along the axis about which two links turn relative to each other.
 
-        With several inputs there is one arrow for each input that moves while the others
-        are locked. The axis of a pair (joint) does not depend on the input, so its arrow is
-        drawn once. In mechanisms of many links some arrows are hidden until the user
-        selects them.
+        The axis of a pair (joint) does not depend on which input moves, so its arrow is
+        drawn only for the first input. In mechanisms of many links some arrows are hidden
+        until the user selects them.
 
         Parameters
         ----------
@@ -595,9 +594,9 @@ class Poles(AbstractAnalysis):
             velocity_label = f"ω{output_name}/ω{short_name(mechanism, input_pole)}"
         acceleration_label = f"({velocity_label})′" if has_short_names else velocity_label
         if not batch.has_continuous_sign(*pole, input_number):
-            # Over a grid of inputs the axis may be reversed between neighbours, and the
-            # coefficient with it. So the size of the coefficient is drawn, and the
-            # derivative of that size.
+            # The axis, and so the sign of the coefficient, may be reversed between
+            # neighbours in a grid of inputs. So the absolute value of the coefficient is
+            # drawn, with its derivative.
             acceleration = np.where(velocity < 0.0, -acceleration, acceleration)
             velocity = np.abs(velocity)
             velocity_label = f"|{velocity_label}|"

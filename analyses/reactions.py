@@ -218,9 +218,8 @@ class ReactionAnalysis(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Declare that the analysis reads the motion in time and variables of loads.
 
-        Variables of loads are the variables of pairs on which loads such as springs
-        depend. These variables include whole revolutions. `tracer` gives access to the
-        configurations.
+        Variables of loads are the variables of pairs on which loads such as springs depend,
+        including whole revolutions. `tracer` gives access to the configurations.
 
         Raises
         ------
@@ -235,8 +234,8 @@ class ReactionAnalysis(AbstractAnalysis):
 
         The first link of a pair (joint) acts on the second with a moment about the centre
         of the sphere and a force. The force of an R pair (revolute joint) is through the
-        centre. The force of a contact is at the contact point; its normal and tangential
-        parts are listed as moments (N m) about the centre.
+        centre. The force of a contact is at the contact point. The normal and tangential
+        parts of this force are listed as moments (N m) about the centre.
 
         The table of reactions has a row for each row of the batch and each pair, in this
         order. Arrays (n, pairs, ...) are therefore flattened.
@@ -249,8 +248,8 @@ class ReactionAnalysis(AbstractAnalysis):
         # fixed in its second link, and z is the axis of the pair. At a contact, x is
         # the tangent, y the normal, and z points from the centre to the contact.
         #
-        # For R pairs, `in_first` also returns the two components along axes x and y that
-        # are fixed in the first link. For contacts these components are NaN.
+        # `in_first` returns components along axes x and y that are fixed in the first link
+        # of an R pair, NaN for contacts.
         moments_in_first = result.in_first(result.moments).reshape(-1, 2)
         forces_in_first = result.in_first(result.forces).reshape(-1, 2)
         columns: dict[str, Any] = {
@@ -282,18 +281,17 @@ class ReactionAnalysis(AbstractAnalysis):
         """Return the largest moments and loads, contacts that lift off, and open reactions.
 
         A reaction is called open if redundant constraints leave it undetermined. A contact
-        lifts off if it would have to pull. The summary also says what the file lacks to
-        determine the forces through the centre of the sphere (`forces_need`):
+        lifts off if it would have to pull. The summary item `forces_need` says what the
+        file lacks to determine the forces through the centre of the sphere:
 
         - `centres_of_mass`: links without a centre of mass.
         - `distances_of_contacts`: contacts without a distance from the centre.
         - `floating_pairs`: pairs whose links would have to be free to slide along the axis.
-        - `repeated_constraints`: whether some forces would stay open even then, because
-          constraints are redundant.
+        - `repeated_constraints`: whether some forces would stay open even with all of
+          these, because constraints are redundant.
         - `wanted`: these four as phrases of a sentence.
-        - `pressure_angles`: rolling contacts without a pressure angle. Teeth with a
-          pressure angle have one unknown fewer, because their normal force follows from the
-          tangential one.
+        - `pressure_angles`: rolling contacts without a pressure angle. A pressure angle
+          makes the normal force of teeth follow from the tangential force.
         """
         mechanism = batch.mechanism
         result = self._reactions(batch)
@@ -341,7 +339,7 @@ class ReactionAnalysis(AbstractAnalysis):
                 for link, is_sliding in zip(mechanism.links, slides, strict=True)
                 if is_sliding
             ],
-            # The file wants axial forces if it says how bearings share them.
+            # The file asks for axial forces if it says how bearings share them.
             "asks_for_forces": any(
                 load.axial is not None for load in _loads_with_bearings(mechanism)
             ),
@@ -357,8 +355,8 @@ class ReactionAnalysis(AbstractAnalysis):
         """Return plots of the moments across all axes, of contacts and of bearings.
 
         The moment across the axis is the part of a pair's moment at right angles to its
-        axis. The push of a contact is its normal force, positive if it presses. It is drawn
-        times the radius of the sphere (N m).
+        axis. The push of a contact is its normal force, positive if it presses. The drawn
+        value is the push times the radius of the sphere (N m).
         """
         result = self._reactions(batch)
         plots = []
@@ -372,9 +370,9 @@ class ReactionAnalysis(AbstractAnalysis):
                 torque = result.push[:, number]
                 plots.append(plot_series("contact_torque", pair.name, title, torque, "N m"))
         for bearing in _bearing_loads(batch.mechanism, result):
-            # The radial load of a bearing has two causes: the moment of the pair, and its
-            # force through the centre. If the file does not determine this force, the
-            # radial load is NaN. Then only the force due to the moment is drawn.
+            # The moment of the pair and the force through the centre cause the radial load
+            # of a bearing. The load is NaN if the file does not determine this force. Only
+            # the force due to the moment is then drawn.
             if np.any(np.isfinite(bearing.radial)):
                 title = "radial load of bearings"
                 force = bearing.radial
@@ -404,8 +402,8 @@ class BearingLoad:
     Attributes
     ----------
     load
-        The entry of the mechanism file that states the bearings of the pair, their
-        positions and their friction. Because of the friction, the file lists it as a load.
+        The entry of the mechanism file, among the loads, that states the bearings of the
+        pair, their positions and their friction.
     position
         Distance of this bearing from the centre of the sphere along the pair's axis (m).
     couple_force
@@ -436,7 +434,7 @@ def _bearing_loads(mechanism: Mechanism, result: Reactions) -> list[BearingLoad]
     Parameters
     ----------
     mechanism
-        The mechanism. Its loads include the bearings, because they cause friction.
+        The mechanism. Its loads include the bearings.
     result
         The reactions of the pairs (joints) in n rows.
     """
@@ -467,10 +465,10 @@ def _bearing_columns(batch: Batch, result: Reactions) -> TableData:
     """Return the columns of the table of bearings.
 
     The table has one row for each row of the batch and each bearing. The bearings of a row
-    follow each other. Bearings are stated by an entry of the mechanism file. The column
-    `load` has the name of this entry, because bearings cause friction and therefore are
-    loads. The column `couple_force` is the force on a bearing that the moment of the pair
-    (joint) alone causes. The status is the status of the reactions of the pair.
+    follow each other. The column `load` has the name of the entry of the mechanism file
+    that states the bearings. The column `couple_force` is the force on a bearing that the
+    moment of the pair (joint) alone causes. The status is the status of the reactions of
+    the pair.
 
     Parameters
     ----------
@@ -489,8 +487,8 @@ def _bearing_columns(batch: Batch, result: Reactions) -> TableData:
 
     def interleave(forces: list[Floats]) -> Floats:
         """Return the column of a force from its values (n,) for each bearing."""
-        # Transposed from (bearings, n), so that the bearings of a row are adjacent. Without
-        # bearings, `reshape` gives the shape (0, n).
+        # Transposed from (bearings, n), so that the bearings of a row are adjacent.
+        # `reshape` is needed if there are no bearings.
         return np.reshape(forces, (-1, row_count)).T.ravel()
 
     return {
@@ -531,8 +529,8 @@ def _find_maxima(batch: Batch, columns: Mapping[str, Floats]) -> dict[str, Any]:
         largest = _largest_or_none(column)
         record[name] = largest
         if largest is not None:
-            # Values that differ from the maximum only by rounding count as maxima, too. The
-            # first of them is found: `argmax` returns the index of the first True.
+            # Values that differ from the maximum only by rounding count as maxima. `argmax`
+            # returns the index of the first True.
             is_maximum = column >= largest * (1.0 - EQUAL_MAXIMUM_RATIO)
             row = np.argmax(is_maximum)
             positions[name] = [
@@ -578,8 +576,7 @@ def _merge_mappings(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict
 
     The values of each key are merged by `_merge_summaries`. The entry ``at``, if it exists,
     has the position of each maximum. The position must come from the block that has the
-    maximum. If both blocks have the same maximum, it is the position in the first
-    block.
+    maximum, from the first block if the maxima are equal.
     """
     merged = {}
     for name, value in first.items():
@@ -615,8 +612,8 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
     # `is_open` states whether a component of the moment is open.
     open_pairs = [name for name, record in pairs.items() if record["is_open"]]
     if open_pairs:
-        # Rolling contacts without a pressure angle. With this angle in the file, the
-        # tangential force of gear teeth would determine their normal force.
+        # A pressure angle in the file makes the normal force of gear teeth follow from the
+        # tangential force.
         without_angle = summary["forces_need"]["pressure_angles"]
         meshes = [name for name in without_angle if name in open_pairs]
         hint = ""
@@ -637,7 +634,7 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
         ("largest_radial_N", "radial load of a bearing"),
         ("largest_axial_N", "axial load of a bearing"),
     ):
-        # If one load is unknown, the largest load is unknown, too.
+        # If one load is unknown, so is the largest load.
         if all(record[key] is not None for record in bearings.values()):
             remarks += _describe_maximum(bearings, key, "N", quantity, are_bearings=True)
 
@@ -688,7 +685,7 @@ def _describe_maximum(
 ) -> list[str]:
     """Return a sentence about the largest value among pairs (joints) or bearings.
 
-    The sentence is in a list, which is empty if no value is known.
+    The list is empty if no value is known.
 
     Parameters
     ----------
@@ -699,7 +696,7 @@ def _describe_maximum(
     key
         Key of the value in each record.
     unit, quantity
-        Its unit, and the quantity in words.
+        Unit of the value, and the quantity in words.
     are_bearings
         Whether the records are about bearings.
     """
@@ -710,8 +707,8 @@ def _describe_maximum(
         return []
     name = max(values, key=lambda candidate: values[candidate])
     # Two bearings support the moment of their pair by two opposite forces (couple forces).
-    # Rounding errors of bearing loads are proportional to these, so a much smaller load
-    # counts as zero. Pairs have no couple force, so only an exact 0 counts as zero.
+    # Rounding errors of bearing loads are proportional to these forces, so a much smaller
+    # load counts as zero. Pairs have no couple force, so only an exact 0 counts as zero.
     largest_couple_force = max(
         record.get("largest_couple_force_N") or 0.0 for record in records.values()
     )
@@ -725,10 +722,10 @@ def _describe_maximum(
 def _describe_open_forces(summary: Mapping[str, Any]) -> list[str]:
     """Return a sentence why forces through the centre of the sphere are not determined.
 
-    The sentence is in a list, which is empty if they are determined. There are two reasons:
+    The list is empty if the forces are determined. There are two reasons:
 
-    - All pairs (joints) of some links let them slide along their axes. Then nothing fixes
-      these links at the centre.
+    - Some links can slide along the axes of all their pairs (joints). Nothing fixes these
+      links at the centre.
     - Redundant constraints leave the force of a pair undetermined (`force_is_open`). The
       sentence lists entries of the mechanism file that would determine it (`wanted`).
 

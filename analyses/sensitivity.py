@@ -67,15 +67,15 @@ class Tolerances:
     ----------
     spread, worst
         (c, n) standard deviation and worst case, to first order. In the worst case all
-        effects add up. Every size then deviates by three standard deviations (normal
+        effects add up, and every size deviates by three standard deviations (normal
         distribution) or by its largest deviation (uniform distribution).
     drawn_spread, drawn_worst
         (c, n) standard deviation and largest deviation of the draws.
     lost
         (c, n) part of the draws that cannot be assembled.
     matters_most
-        (c, n) key of the size that causes the largest part of the variance. If several
-        sizes cause equal parts, their keys are joined by plus signs.
+        (c, n) key of the size that causes the largest part of the variance. Keys of sizes
+        with equal parts are joined by plus signs.
     share
         (c, n) part of the variance that one of these sizes causes, from 0 to 1.
     """
@@ -275,9 +275,8 @@ class SensitivityAnalysis(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Check the parameters, and return what this analysis reads of a run.
 
-        It reads the position analysis of the run (`tracer`). The times and the rates of the
-        inputs are read if a quantity depends on them. With a single input each sample has a
-        time, so times and rates are always read.
+        The analysis reads the position analysis of the run (`tracer`). Times and rates of
+        the inputs are read for a single input, or if a quantity depends on them.
 
         Raises
         ------
@@ -315,7 +314,7 @@ class SensitivityAnalysis(AbstractAnalysis):
 
         An example is ``links.3.arc:0.02deg``, a key and a deviation. Several of them are
         joined by plus signs. The result has the deviations by key, those of angles in
-        degrees. Whether keys exist is checked later.
+        degrees.
 
         Raises
         ------
@@ -495,10 +494,10 @@ class SensitivityAnalysis(AbstractAnalysis):
         no draws.
         """
         statistics = np.full((3, *values.shape), np.nan)
-        # A failed row is NaN for every quantity, so the first quantity is tested.
+        # A failed row is NaN for every quantity.
         rows = np.flatnonzero(np.isfinite(values[0]))
         if self.draws and len(rows):
-            # (sizes, draws) random deviations. Each size has a key in the mechanism file.
+            # (sizes, draws) random deviations.
             size_count = len(sensitivity.keys)
             size_draws = self._size_deviations(sensitivity).draws(size_count)
             # (quantities, rows, draws)
@@ -513,9 +512,9 @@ class SensitivityAnalysis(AbstractAnalysis):
         """Return the largest spread of each quantity, and the size that causes most of it.
 
         The spread is the standard deviation that deviations of sizes cause, to first order.
-        It is reported for the row (configuration) in which it is largest. For this row, the
-        summary also has results of draws, which are mechanisms with random sizes: their
-        spread, and the part of them that cannot be assembled (`lost`).
+        The summary has the row (configuration) with the largest spread. The summary has
+        results of draws (mechanisms with random sizes) for this row: the spread of the
+        draws, and the part of them that cannot be assembled (`lost`).
         """
         result = self._result(batch)
         sensitivity = result.sensitivity
@@ -536,10 +535,9 @@ class SensitivityAnalysis(AbstractAnalysis):
                 summary[name]["drawn"] = float(tolerances.drawn_spread[number, row])
                 summary[name]["lost"] = float(tolerances.lost[number, row])
         findings = self._make_findings(summary, self._describe_sizes(sensitivity.keys))
-        # If the two axes of a link are on one line, its arc is 0 or 180 degrees. A
-        # deviation can then tilt an axis in any direction, so the derivative with
-        # respect to the arc is undefined. Such sizes are left out, with a warning
-        # unless the user chose the sizes (`by`).
+        # If two axes of a link are on one line, the derivative with respect to the arc
+        # between them is undefined. Such sizes are left out, with a warning unless the user
+        # chose the sizes (`by`).
         if not sensitivity.left_out or self.by:
             return findings
         left_out = listing(f"links.{link}" for link in sensitivity.left_out)
@@ -570,10 +568,10 @@ class SensitivityAnalysis(AbstractAnalysis):
     def _zero_spread(self) -> float:
         """The spread (deviation) up to which a quantity counts as independent of the sizes.
 
-        Such a small spread is a rounding error. It is proportional to the largest
-        deviation. `deviation` can be zero if single numbers have deviations of their own.
-        The unit of their file is not known here, so numbers without a unit are taken as
-        degrees. This limit is far below any spread of interest, with either unit.
+        Such a small spread is a rounding error, which is proportional to the largest
+        deviation. The unit of numbers in `deviations` without a unit is not known here.
+        Such numbers are taken as degrees, because the limit is far below any spread of
+        interest in either unit.
         """
         single_deviations = [
             read_quantity(text, ANGLE, "deg", "deg", is_limited=False)
@@ -596,8 +594,7 @@ class SensitivityAnalysis(AbstractAnalysis):
         sizes
             A sentence about the sizes with tolerances.
         """
-        # Quantities that do not depend on the sizes have a spread of rounding errors. One
-        # limit suits all units, because it is far below any spread of interest.
+        # Quantities that do not depend on the sizes have a spread of rounding errors.
         independent = [
             name for name in summary if summary[name]["spread"] <= self._zero_spread
         ]
@@ -619,10 +616,9 @@ class SensitivityAnalysis(AbstractAnalysis):
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of the spread of each quantity, and of its largest derivatives.
 
-        The spread is the standard deviation that deviations of sizes cause. Plots with the
-        same title are drawn together. This applies to all angles, because they have the
-        same unit (rad). Derivatives are drawn for the first `MAX_LISTED` quantities only,
-        so that the page stays readable.
+        The spread is the standard deviation that deviations of sizes cause. All angles have
+        one plot, because they have the same unit (rad). Derivatives are drawn for the first
+        `MAX_LISTED` quantities only, so that the page stays readable.
         """
         result = self._result(batch)
         spreads = result.tolerances.spread
@@ -659,8 +655,6 @@ class SensitivityAnalysis(AbstractAnalysis):
 
 def _find_largest_sizes(squares: Floats) -> list[int]:
     """Return the indices of at most `MAX_LISTED` sizes with the largest variances, sorted.
-
-    These sizes contribute most to the deviations of a quantity.
 
     `squares` (sizes, n) are the variances that the sizes cause in n rows.
     """
@@ -704,8 +698,7 @@ def _split_terms(text: str) -> tuple[str, ...]:
 def _input_samples(batch: Batch, sensitivity: Sensitivity) -> Floats:
     """Return inputs, rates, accelerations and time at n rows, (n, 3 inputs + 1).
 
-    If there are several inputs and no quantity depends on the motion, rates, accelerations
-    and time are those of inputs at rest.
+    With several inputs, if no quantity depends on the motion, the inputs are at rest.
     """
     if batch.inputs.shape[1] > 1 and not sensitivity.timed:
         return sensitivity.at_rest(batch.inputs)
@@ -717,9 +710,7 @@ def _input_samples(batch: Batch, sensitivity: Sensitivity) -> Floats:
 def _variances_by_size(gradients: Floats, deviations: SizeDeviations) -> Floats:
     """Return the variance of each quantity that the deviation of each size causes.
 
-    To first order it is (derivative times standard deviation of the size)^2. Sizes deviate
-    independently, so the variances that all sizes cause add up to the variance of the
-    quantity.
+    To first order the variance is (derivative times standard deviation of the size)^2.
 
     Parameters
     ----------
@@ -740,9 +731,8 @@ def _variances_by_size(gradients: Floats, deviations: SizeDeviations) -> Floats:
 def _worst_case(gradients: Floats, deviations: SizeDeviations) -> Floats:
     """Return the largest deviation (quantities, rows) of quantities, to first order.
 
-    It occurs if all sizes have their largest deviations, with the worst signs. It is the
-    sum over the sizes of |derivative| times largest deviation. `gradients` are the (sizes,
-    quantities, rows) derivatives.
+    The largest deviation is the sum over the sizes of |derivative| times largest deviation
+    of the size. `gradients` are the (sizes, quantities, rows) derivatives.
     """
     # s: size, c: quantity, n: row
     return np.einsum("scn,s->cn", np.abs(gradients), deviations.worst)

@@ -134,9 +134,9 @@ class Statics(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Check the parameters, and return what this analysis reads of a run.
 
-        It reads the position analysis of the run (`tracer`), and the variables of pairs
-        (joints) on which loads such as springs depend. These variables have no jumps of
-        2 pi. The links are those on which masses and loads act, and both links of each
+        The analysis reads the position analysis of the run (`tracer`), and variables of
+        pairs (joints) without jumps of 2 pi. Loads such as springs depend on these
+        variables. The links are those on which masses and loads act, and both links of each
         output.
 
         Raises
@@ -158,8 +158,6 @@ class Statics(AbstractAnalysis):
 
     def _drive_stiffness(self, mechanism: Mechanism) -> Floats:
         """Check all parameters, and return the stiffness (inputs,) of the drives (N m/rad).
-
-        The parameter `time` is the time at which loads are evaluated that depend on time.
 
         Raises
         ------
@@ -188,7 +186,7 @@ class Statics(AbstractAnalysis):
         each row of the batch, a row for each output. Its columns are the mechanical
         advantage of each input, and the stiffness of the output if the drives are elastic.
         The stiffness is a symmetric matrix: torque on the output per rotation. The columns
-        have its three principal values and their axes.
+        have the three principal values of the matrix and their axes.
         """
         # The torques at the inputs that hold the mechanism at rest against all loads.
         solution = self._holding_solution(batch)
@@ -198,22 +196,21 @@ class Statics(AbstractAnalysis):
         results = list(stiffness_of_output.values())
         row_count, input_count = solution.torques.shape
         # `_interleave` lists the first row of all outputs, then the second row, and so on.
-        # It needs the shape of the arrays, because there may be no outputs.
+        # The shape of the arrays is needed if there are no outputs.
         advantages = _interleave(
             [result.advantage for result in results], (row_count, input_count)
         )
         stiffness = _interleave([result.stiffness for result in results], (row_count, 3))
         axes = _interleave([result.axes for result in results], (row_count, 3, 3))
-        # The table rows are on the first array axis. `axes` then has the principal axis and
-        # the component.
+        # `axes` has the axes: row of the table, principal axis, component.
         principal_columns: dict[str, NDArray[Any]] = {}
         for number in range(3):
             principal_columns[f"stiffness_{number + 1}"] = stiffness[:, number]
             for component, axis in enumerate("xyz"):
                 column = axes[:, number, component]
                 principal_columns[f"axis_{number + 1}_{axis}"] = column
-        # Advantage and stiffness follow from the velocities of the output per unit rate of
-        # each input, not from the loads. So they have a status of their own.
+        # Advantage and stiffness follow from velocities per unit rate of each input, not
+        # from loads. The status is therefore that of the rates.
         output_status = np.repeat(solution.rate_status, len(results))
         return {
             "statics": {
@@ -318,7 +315,7 @@ def _interleave(arrays: Sequence[Floats], shape: tuple[int, ...]) -> Floats:
     arrays
         The k arrays; there may be none.
     shape
-        Their common shape (n, ...).
+        The common shape (n, ...) of the arrays.
 
     Returns
     -------

@@ -252,7 +252,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 f"workspace: tolerance: {self.tolerance:g} is not a relative error; give "
                 "one above 0 and below 1, or 0 for the default"
             )
-        # This call checks all other parameters. It does not compute the workspaces yet.
+        # This call checks all other parameters.
         self._make_workspaces(mechanism)
         return Needs()
 
@@ -261,11 +261,11 @@ class WorkspaceAnalysis(AbstractAnalysis):
 
         A working mode is one of the ways to assemble the legs at a pose of the output. This
         method converts the parameters of the analysis from texts and numbers. Angles become
-        rad. The workspaces are computed later, when they are read.
+        rad. The workspaces are computed when they are first read.
         """
         kinematics = closed_kinematics(mechanism, self.output or None)
-        # If the output is a direction (`points`), its workspace has an area. If it is an
-        # orientation, its workspace has a volume.
+        # The workspace of a direction (`points`) has an area, that of an orientation a
+        # volume.
         default_tolerance = AREA_TOLERANCE if kinematics.points else VOLUME_TOLERANCE
         # `limits` are ranges of pair angles, `apart` are ranges of angles between axes of
         # pairs. `near` (rad) is the least allowed distance from singularities, measured as
@@ -342,8 +342,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return a page for each workspace.
 
-        For directions it has the border, the margin (angle to the limits) and the
-        singularity measures. For orientations it has the rotation that is possible about
+        A page of directions has the border, the margin (angle to the limits) and the
+        singularity measures. A page of orientations has the rotation that is possible about
         each direction, and the margin.
         """
         return self._workspaces(batch).scenes()

@@ -121,8 +121,8 @@ class WorkspaceModes:
     bounds
         The limits that end the workspace.
     limit_names
-        Names of the limits by their indices, then the name for no limit, which has the
-        index -1.
+        Names of the limits by their indices. The last name, with index -1, stands for no
+        limit.
     """
 
     def __init__(
@@ -158,9 +158,9 @@ class WorkspaceModes:
         self.mechanism = mechanism
         self.kinematics = kinematics
         self.limits = bounds_of(kinematics, constraints)
-        # A border of a workspace has the index of the limit that is reached there. Some
-        # borders consist of singularities and reach no limit. They have the index -1, which
-        # selects the last name.
+        # Borders of a workspace have the index of the limit that is reached there. Borders
+        # that consist of singularities reach no limit. Their index -1 selects the last
+        # name.
         self.limit_names = [limit.name for limit in self.limits] + [NO_LIMIT_NAME]
         self.modes = modes
         self.poses = poses
@@ -223,9 +223,8 @@ class WorkspaceModes:
     def _name_of_limit(self, number: int) -> str:
         """Return the name of a limit at the border of a workspace.
 
-        Limits are numbered from 0. At -1 no limit is reached, but the output is not
-        determined. The text for -1 is the last one in `limit_names`, which the index -1
-        selects.
+        Limits are numbered from 0. The number -1 stands for a border that consists of
+        singularities and reaches no limit.
         """
         return self.limit_names[number]
 
@@ -238,8 +237,8 @@ class WorkspaceModes:
         called a component. A connected part of all other directions is called a gap. A
         curve separates one component from one gap, and the table has the numbers of both.
         """
-        # If base and output mirror each other in a plane, the mechanism has an architecture
-        # with formulas for this plane. The table then also has two angles of the plane.
+        # If base and output mirror each other in a plane, the table has two angles of the
+        # plane.
         mid_plane_architecture = self.kinematics.form
         columns = []
         for curve_number, curve in enumerate(region.boundaries):
@@ -267,14 +266,13 @@ class WorkspaceModes:
         The first row is the whole workspace. For directions, its connected parts follow,
         then the outside and the holes. Each part has a sample: the pose that is farthest
         from the border of the part. The margin of a sample is the angle (rad) to the
-        nearest limit. In the outside and in holes it is negative, because a limit is
-        exceeded.
+        nearest limit. The margin is negative in the outside and in holes.
 
         The whole set of directions has no sample (NaN). A set of orientations is not
         divided into parts, so its only row has the sample.
 
-        The column `number` identifies parts, also in the table of borders. It is the
-        position in `region.components` or, for the outside and holes, in `region.gaps`.
+        The column `number` is the position of the part in `region.components` or, for the
+        outside and holes, in `region.gaps`.
         """
         # Each list has one item for each row of the table.
         kinds = ["whole"]
@@ -302,7 +300,6 @@ class WorkspaceModes:
             sizes = [orientations.volume]
             samples = [orientations.place]
         poses = np.array(samples)
-        # A part without a sample has no margin either.
         has_sample = ~np.isnan(poses[:, 0])
         margin = np.where(has_sample, self.judge(workspace, poses).margin, np.nan)
         return {
@@ -323,7 +320,7 @@ class WorkspaceModes:
         else:
             record, warning = self._summarize_orientations(workspace)
         if workspace.same_as is not None:
-            # The warning is given for the mode with the same workspace.
+            # The mode with the same workspace has the warning.
             record["same_as"] = label_of(workspace.same_as)
             warning = ""
         return record, warning
@@ -334,12 +331,12 @@ class WorkspaceModes:
         There is a warning if the set is empty, or if its area is less accurate than the
         tolerance.
 
-        The area is measured with a mesh of triangles on the unit sphere. Some triangles
-        contain too much detail, such as borders that touch. Their area is ``unresolved_sr``
-        (sr), and is included in the bound of the error, ``error_sr``. ``components`` and
-        ``holes`` list connected parts that are larger than this area. ``bounded_by`` names
-        the limits that are reached on the border. ``evaluations`` is the number of
-        directions that were tested.
+        The area is measured with a mesh of triangles on the unit sphere. ``unresolved_sr``
+        is the area (sr) of triangles with too much detail, such as borders that touch. The
+        bound of the error, ``error_sr``, includes this area. ``components`` and ``holes``
+        list connected parts that are larger than this area. ``bounded_by`` names the limits
+        that are reached on the border. ``evaluations`` is the number of directions that
+        were tested.
         """
         record: Columns = {
             "area_sr": region.area,
@@ -388,8 +385,8 @@ class WorkspaceModes:
             # Number of orientations whose margins were computed.
             "evaluations": orientations.evaluations,
         }
-        # The depth is the smallest margin of the best orientation, `place`. If it is
-        # negative, all tested orientations are outside.
+        # The depth is the smallest margin of the best orientation, `place`. With a negative
+        # depth, all tested orientations are outside.
         if orientations.depth < 0.0:
             # The smallest margin of this orientation, and the index of the limit to
             # which it belongs.
@@ -414,8 +411,8 @@ class WorkspaceModes:
         is outside of the workspace of a mode, the nearest reachable pose is stated.
         """
         findings = PoseFindings(records=[], warnings=[], remarks=[])
-        # The user can give a pose by the inputs. There are no poses if the mechanism cannot
-        # be assembled at these inputs.
+        # A pose can be given by inputs. There are no poses if the mechanism cannot be
+        # assembled at these inputs.
         if not len(self.poses):
             findings.warnings.append(
                 "The mechanism does not close at the inputs of the pose"
@@ -538,9 +535,8 @@ class WorkspaceModes:
         # output can move while the inputs are locked.
         least_measure = np.nan_to_num(np.fmin(judged.type_1, judged.type_2))
         singularity_angle = np.arcsin(np.clip(least_measure, 0.0, 1.0))
-        # `samples` are the vertices of a mesh over the whole sphere, by working mode. A
-        # mode is named by the signs of its legs. The vertex with the largest margin is
-        # marked as the one farthest inside.
+        # `samples` are the vertices of a mesh over the whole sphere. The vertex with the
+        # largest margin is marked as the one farthest inside.
         samples = self.samples[workspace.signs]
         deepest = np.nanargmax(samples.judged.margin)
         deepest_margin = np.degrees(samples.judged.margin[deepest])
@@ -592,8 +588,7 @@ class WorkspaceModes:
             )
         ]
 
-        # 2. The orientations inside, as points without triangles. The signs of the legs
-        # identify the working mode (way to assemble the legs).
+        # 2. The orientations inside, as points without triangles.
         samples = self.samples[workspace.signs]
         is_inside = samples.judged.inside
         if np.any(is_inside):
@@ -619,15 +614,14 @@ class WorkspaceModes:
 
         The border consists of arcs. On each arc one limit is reached, such as that of a
         joint. The name of the limit is written at the middle of its longest arc. Colours
-        are numbered from 1, because colour 0 is for the mark of the direction farthest
-        inside.
+        are numbered from 1, because another mark has colour 0.
         """
         curves: list[Primitive] = []
         for colour, (limit_number, arcs) in enumerate(arcs_by_limit(region).items(), 1):
             name = self._name_of_limit(limit_number)
             longest = max(arcs, key=len)
             middle = longest[len(longest) // 2]
-            # A mark has no room for the details of a limit, which follow in parentheses.
+            # Marks have no room for the details of a limit in parentheses.
             short_name, _, _ = name.partition(" (")
             mark = Mark(short_name, middle, colour)
             # Limits are numbered from -1, paths in the recording from 0.
@@ -675,10 +669,9 @@ def read_distinct_poses(text: str, kinematics: ClosedKinematics) -> Floats:
     Parameters
     ----------
     text
-        Poses, or inputs for which poses are computed, as ``name=number`` with ``+`` between
-        all numbers. A name that occurs again begins the next pose:
-        ``azimuth=10+tilt=20+azimuth=30+tilt=5`` are two directions. An empty text has no
-        poses.
+        Poses, or inputs for which poses are computed. An example with two directions is
+        ``azimuth=10+tilt=20+azimuth=30+tilt=5``. A name that occurs again begins the next
+        pose. An empty text has no poses.
     kinematics
         The inverse kinematics of the output, which is a direction or an orientation.
 
@@ -689,6 +682,7 @@ def read_distinct_poses(text: str, kinematics: ClosedKinematics) -> Floats:
     """
     if not text:
         return np.empty((0, 3))
+    # `points` states that the output is a direction.
     is_direction = kinematics.points
     pose_list = read_poses(kinematics, "workspace", text.split("+"), parameter="pose")
     # Either `poses` or `inputs` is None.

@@ -221,8 +221,8 @@ class EquivalentRotation(AbstractAnalysis):
         """Check all parameters, and return what this analysis reads of a run.
 
         The analysis turns the output link from a start to an end about one fixed axis, and
-        computes the inputs during this rotation. For that the analysis reads only the
-        position analysis of the run (`tracer`), which computes further configurations.
+        computes the inputs during this rotation. Only the position analysis (`tracer`) of
+        the run is read.
 
         Raises
         ------
@@ -238,25 +238,23 @@ class EquivalentRotation(AbstractAnalysis):
                 "has only three degrees of freedom; lock some inputs"
             )
         angle_unit = mechanism.angle_unit
-        # These calls only raise an error if a text is not valid. The end can be a pose, or
-        # an axis and an angle of the rotation.
+        # These calls only raise an error if a text is not valid.
         read_pose(self.start, inputs, f"{self.name}: start", angle_unit)
         read_end(self.end, inputs, f"{self.name}: end", angle_unit)
         if self.samples < 2:
             raise AnalysisError(
                 f"{self.name}: samples: found {self.samples}, expected at least 2"
             )
-        # The user can list angles of the rotation. The angle of the whole rotation is not
-        # known yet, so only later they are compared with this angle.
+        # The user can list angles of the rotation. An upper limit is not checked here,
+        # because the angle of the whole rotation is not known yet.
         if not all(0.0 <= theta < np.inf for theta in self.theta):
             raise AnalysisError(
                 f"{self.name}: theta: found {'+'.join(map(str, self.theta))}, expected "
                 "angles in degrees between 0 and the angle of the whole rotation"
             )
         try:
-            # A schedule gives the angle of the rotation as a function of time: a law of the
-            # chosen shape, within limits of the inputs, and at the cycle time of a
-            # controller. This call only raises an error if one of these is not valid.
+            # This call only raises an error if a parameter of the schedule is not valid. A
+            # schedule is the angle of the rotation as a function of time.
             schedule_limits(
                 inputs,
                 self.speed or None,
@@ -271,16 +269,16 @@ class EquivalentRotation(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of a rotation of the output link and of its schedule.
 
-        The output link is to turn about an axis that is fixed in its reference link.
-        The table of the rotation has one row for each sampled angle. `orientation_error` is
-        the angle between the reached and the wanted orientation. `drift` is the angle
-        between the wanted axis and the axis about which the link momentarily turns. Each of
-        the two is 0 (up to rounding) if the mechanism can follow exactly.
-        `type_2` measures how well locked inputs prevent a motion of the output link. It
-        is 0 at a type II singularity, and at most 1.
+        The output link is to turn about an axis that is fixed in its reference link. The
+        table of the rotation has one row for each sampled angle. `orientation_error` is the
+        angle between the reached and the wanted orientation. `drift` is the angle between
+        the wanted axis and the axis about which the link momentarily turns.
+        `orientation_error` and `drift` are 0 (up to rounding) if the mechanism can follow
+        exactly. `type_2` measures how well locked inputs prevent a motion of the output
+        link. It is 0 at a type II singularity, and at most 1.
 
         The schedule is the rotation in time, within limits of speed and acceleration of the
-        inputs. Its table has one row for each time; it is empty if there is no schedule.
+        inputs. The table of the schedule has one row for each time.
         """
         result = self._result(batch)
         mechanism = batch.mechanism
@@ -300,13 +298,15 @@ class EquivalentRotation(AbstractAnalysis):
             "status": samples.status,
         }
         # In a mid-plane symmetric architecture the base and the output link are mirror
-        # images of each other about a plane. Two angles phi and gamma give its normal.
+        # images of each other about a plane. Two angles phi and gamma give the normal of
+        # the plane.
         if result.architecture is not None:
             normals = mid_planes(result.architecture, samples.orientation)
             phi, gamma, _omega = mirror_angles(normals)
             rotation_columns["phi"] = phi
             rotation_columns["gamma"] = gamma
-        # A part is a mapping of columns. The schedule has one part with all rows, or none.
+        # A part is a mapping of columns. Without a schedule there is no part, and the table
+        # of the schedule is empty.
         schedule_parts = []
         trajectory = result.trajectory
         if trajectory is not None:
@@ -411,9 +411,9 @@ class EquivalentRotation(AbstractAnalysis):
     def _schedule_record(self, schedule: TimeScaling) -> dict[str, Any]:
         """Return what the summary states about a schedule (the rotation in time).
 
-        This is a table with the duration and with the extremes: for each input, the largest
-        speed and the largest acceleration, each with the time t at which it occurs and the
-        angle theta that the rotation has reached at this time.
+        The record has the duration and the extremes: the largest speed and the largest
+        acceleration of each input. Each extreme has the time t at which it occurs, and the
+        angle theta that the rotation has then reached.
         """
         # The speeds and accelerations of the inputs are limited. The duration is as short
         # as these limits allow. The binding limit is the one that prevents a shorter
@@ -423,8 +423,7 @@ class EquivalentRotation(AbstractAnalysis):
             # The name of the law by which the angle grows in time.
             "shape": self.shape,
             "duration_s": schedule.duration,
-            # The controller of the inputs works in cycles of this time. The duration is a
-            # whole number of cycles. None if no cycle time is given.
+            # Cycle time of the controller of the inputs; None if no cycle time is given.
             "cycle_s": schedule.cycle,
             "set_by": f"{binding.quantity} of {binding.input} at {binding.t:.6g} s",
             "extremes": [
@@ -448,8 +447,8 @@ class EquivalentRotation(AbstractAnalysis):
         """Return the rotation and its schedule.
 
         Start and end are read from the parameters. A pose can have several configurations;
-        the rotation is followed from one configuration of the start. A schedule needs a
-        limit of speed or acceleration, and a mechanism that follows to the end.
+        the rotation is followed from one configuration of the start. There is a schedule
+        only if the user limits speed or acceleration and the mechanism follows to the end.
 
         Raises
         ------
@@ -524,7 +523,7 @@ class EquivalentRotation(AbstractAnalysis):
 def _describe_input_ranges(inputs: Floats, names: Sequence[str]) -> list[str]:
     """Return a sentence on the ranges that the inputs pass through during a rotation.
 
-    The sentence is in a list, which is empty if no row has a configuration.
+    The list is empty if no row has a configuration.
 
     Parameters
     ----------
@@ -560,10 +559,8 @@ def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator
     rotation = result.rotation
     samples = result.samples
     orientation_error = _largest_finite(samples.orientation_error)
-    # `rotation.end` is the status at the angle `rotation.reached`, beyond which the
-    # mechanism does not follow. It is OK if the whole rotation is reached. If the mechanism
-    # stops earlier, another orientation at the end may be reachable. So the warning
-    # suggests the other orientations.
+    # `rotation.end` is OK if the mechanism follows the whole rotation. Else it is the
+    # reason why the mechanism does not follow beyond the angle `rotation.reached`.
     if rotation.end != Status.OK:
         input_at_dead_centre = dead_centre(rotation)
         cause = ""
@@ -581,10 +578,9 @@ def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator
             f"{np.degrees(samples.theta[first]):.6g} deg: "
             f"{Status(samples.status[first]).name}"
         )
-    # If the mechanism cannot turn the output link exactly about the fixed axis, it is as
-    # near to this rotation as possible. Two angles then say how far the link is from it:
-    # - the orientation error, between the orientation of the link and the exact one;
-    # - the drift, between the instantaneous axis of the link and the fixed axis.
+    # The orientation error is the angle between the orientation of the link and the exact
+    # one. The drift is the angle between the instantaneous axis of the link and the fixed
+    # axis.
     if orientation_error >= FIXED_AXIS_TOLERANCE_RAD:
         worst = np.nanargmax(samples.orientation_error)
         worst_theta_deg = np.degrees(samples.theta[worst])
@@ -599,8 +595,7 @@ def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator
         (inputs,) = rotation.at([theta]).inputs
         for name, q in zip(rotation.inputs, inputs, strict=True):
             if np.isfinite(q):
-                # Adding zero turns a negative zero into zero, which is printed without a
-                # minus sign.
+                # Adding 0.0 changes -0.0 to 0.0, which is printed without a minus sign.
                 location += f", {name} = {np.degrees(q) + 0.0:.4f} deg"
         yield (
             f"The rotation meets a type II singularity at {location}, where the "

@@ -161,7 +161,7 @@ class RotationResult:
         trajectory
             The rotation at equally spaced times. Each time is a row of the page.
         text
-            The findings in Markdown. A sentence is added that states the time of each row.
+            The findings in Markdown. A sentence with the time of each row is added.
         """
         time_step = trajectory.t[-1] / (len(trajectory.t) - 1)
         accelerations = trajectory.accelerations
@@ -202,12 +202,13 @@ class RotationResult:
 
         In a mid-plane symmetric mechanism, the output link is the mirror image of its
         reference link about a plane, the mid-plane. Mid-planes are drawn as great circles.
-        One moves with the rows, and two fixed ones show the first and last position.
+        One great circle moves with the rows. Two fixed circles show the first and last
+        position.
         """
         mechanism = self.mechanism
         orientations = self.orient_links(samples.values)
         # The rotation of the output is described in axes of the reference link. These
-        # matrices convert from them to ground axes.
+        # matrices convert from axes of the reference link to ground axes.
         reference = orientations[:, mechanism.link_number[self.output.relative_to]]
         yield from link_bodies(mechanism, orientations)
         axis = reference @ self.rotation.axis
@@ -241,9 +242,9 @@ class RotationResult:
         If the output is a direction, its arc is drawn. If it is an orientation, the arcs of
         all pair axes of its link are drawn. Samples that the mechanism does not reach are
         left out. The marks ``start`` and ``end`` are at the first and the last sample that
-        it reaches.
+        is reached.
 
-        Singularities on the way are yielded last, as marks without a curve.
+        The last drawing has marks at the singularities on the way.
         """
         link = self.mechanism.link_number[self.output.link]
         # The directions in link axes, by name: pair axes, or the direction of the output.
@@ -305,20 +306,20 @@ def mid_planes(architecture: MidPlaneArchitecture, orientations: Floats) -> Floa
     Returns
     -------
     (n, 3) unit normals in mirror axes, NaN in failed rows. Formulas are simplest in mirror
-    axes. The matrix ``architecture.frame`` converts components from them to base axes.
+    axes. The matrix ``architecture.frame`` converts components from mirror axes to base
+    axes.
     """
     normals = np.full((len(orientations), 3), np.nan)
     has_orientation = np.isfinite(orientations[:, 0, 0])
-    # The second result, ignored here, is the deviation of an orientation from a mirror
-    # image.
+    # The second result, the deviation of an orientation from a mirror image, is not needed.
     normals[has_orientation], _ = architecture.normals(orientations[has_orientation])
     return normals
 
 
 def _great_circle_points(normal: Floats) -> Floats:
     """Return points (`POINTS_OF_ARC`, 3) of the great circle with a normal (3,)."""
-    # The right singular vectors are the normal (or its negative), then two orthonormal
-    # vectors at right angles to it.
+    # The right singular vectors are the normal (or its negative) and two orthonormal
+    # vectors in the plane of the circle.
     _, _, right_vectors = np.linalg.svd(normal[None])
     plane_basis = right_vectors[1:]
     angle = np.linspace(0.0, 2.0 * np.pi, POINTS_OF_ARC)

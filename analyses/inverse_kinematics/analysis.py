@@ -92,8 +92,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Check all parameters, and return what this analysis reads of a run: nothing.
 
-        The poses are stated by the parameters of the analysis. They do not depend on the
-        motion of the run.
+        The poses come from the parameters of the analysis, not from the motion of the run.
 
         Raises
         ------
@@ -176,7 +175,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
 
         The user lists either poses of the output or inputs. For poses, all configurations
         are computed (inverse kinematics). For inputs, the poses are computed (forward
-        kinematics). The motion in the batch is not used.
+        kinematics).
         """
 
         def solve() -> InverseSolutions | ForwardSolutions:
@@ -196,8 +195,8 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
                 modes=self.modes(solver),
                 # The pairs whose variables are columns of the table.
                 pairs=self.pair_numbers(mechanism),
-                # For poses out of reach, the nearest reachable pose takes a search. At most
-                # this number of them is computed.
+                # Largest number of poses out of reach for which the nearest reachable pose
+                # is searched.
                 max_nearest=self.nearest,
             )
 

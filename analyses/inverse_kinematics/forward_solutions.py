@@ -62,8 +62,7 @@ class ForwardSolutions:
         # The table has one row for each pose of each set of inputs. A set without a pose
         # has one row with the status OUT_OF_REACH.
         has_pose = self.columns["status"] != Status.OUT_OF_REACH
-        # The column "pose" has the number of the set of inputs. (In inverse kinematics it
-        # has the number of the pose in the user's list.)
+        # The column "pose" has the number of the set of inputs.
         input_set_of_row = self.columns["pose"]
         pose_counts = np.bincount(input_set_of_row[has_pose], minlength=input_count)
         summary = summarize_solver(self.solver) | {
@@ -89,9 +88,9 @@ class ForwardSolutions:
     def _describe_poses(self, has_pose: NDArray[np.bool_]) -> list[str]:
         """Return a sentence for each pose, with the modes in which it occurs.
 
-        If known, the mode is the working mode (how the legs are assembled). Otherwise it is
-        the assembly mode (how all links are assembled). `has_pose` (rows,) says which rows
-        of the table have a pose.
+        The mode is the working mode (how the legs are assembled) if that is known. Else the
+        sentence has the assembly mode (how all links are assembled). `has_pose` (rows,)
+        says which rows of the table have a pose.
         """
         columns = self.columns
         # Poses with the same sentence are listed together, with all their modes.
@@ -101,7 +100,7 @@ class ForwardSolutions:
             for name in POSE_ANGLES:
                 if name in columns and np.isfinite(columns[name][row]):
                     angles.append(self._describe_angle(name, row))
-            # The column "pose" has the number of the set of inputs here.
+            # The column "pose" has the number of the set of inputs.
             input_set = columns["pose"][row]
             sentence = f"Inputs {input_set}: {', '.join(angles)}"
             if columns["working_mode"][row]:
@@ -119,8 +118,8 @@ class ForwardSolutions:
     def _describe_angle(self, name: str, row: int) -> str:
         """Return a text with an angle of the pose in a row of the table.
 
-        `name` is the name of the angle. The derivatives of the angle with respect to
-        the inputs follow in brackets, if the table has them.
+        `name` is the name of the angle. Derivatives of the angle with respect to the inputs
+        follow in brackets, if the table has such columns.
         """
         text = f"{name} = {format_degrees(self.columns[name][row])} deg"
         derivatives = []
@@ -133,5 +132,5 @@ class ForwardSolutions:
         return text
 
     def scenes(self) -> tuple[Scene, ...]:
-        """Return no scenes, because the user gave inputs and asked for no poses."""
+        """Return no scenes: poses at given inputs are not drawn."""
         return ()

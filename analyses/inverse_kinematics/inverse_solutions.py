@@ -109,8 +109,8 @@ class InverseSolutions:
 
         A row of the solutions is one pose in one working mode (way to assemble the
         mechanism at this pose). Nearest poses are computed for the first `max_nearest` rows
-        out of reach. They are computed only for outputs in closed form, because only for
-        these the limits of the workspace are known as functions of the pose.
+        out of reach. The output must have a closed form, because the limits of its
+        workspace are then known functions of the pose.
 
         Parameters
         ----------
@@ -138,8 +138,8 @@ class InverseSolutions:
         self.solution_counts = np.bincount(
             solutions.pose[solutions.solved], minlength=len(poses)
         )
-        # (rows, 3 or 4) the direction or quaternion of each row. If the solver has
-        # `points`, poses are directions; otherwise they are rotations.
+        # (rows, 3 or 4) the direction or quaternion of each row. Poses are directions if
+        # the solver has `points`, else rotations.
         poses_as_vectors = poses if solver.points else quaternion(poses)
         pose_rows = poses_as_vectors[solutions.pose]
         self.nearest_poses = np.full_like(pose_rows, np.nan)
@@ -176,7 +176,7 @@ class InverseSolutions:
         A solution is a configuration in which the output has a requested pose. The columns
         are, in this order: the pose and the inputs, the rates of the inputs, the margin of
         the nearest limit, measures of singularities, the status, and the nearest reachable
-        pose. The last columns are NaN unless the nearest pose was computed.
+        pose. The columns of the nearest pose are NaN if that was not computed.
         """
         mechanism = self.mechanism
         solver = self.solver
@@ -236,8 +236,7 @@ class InverseSolutions:
         - Remarks say how many configurations there are, and which poses have none.
         - A table for the screen has the configurations, or the working modes.
         """
-        # 1. Summary. Only some poses, evenly chosen, are inserted into the closure
-        # equations.
+        # 1. Summary. The closure equations are tested at some evenly chosen poses only.
         solutions = self.solutions
         pose_count = len(self.poses)
         row_count = len(solutions)
@@ -263,7 +262,7 @@ class InverseSolutions:
             ),
         }
 
-        # 2. Sentences. The run itself warns of rows out of reach and of singular ones.
+        # 2. Sentences.
         out_of_reach = np.sum(~solutions.solved)
         most = np.max(self.solution_counts, initial=0)
         remark = (
@@ -275,8 +274,8 @@ class InverseSolutions:
         remarks = [f"{remark}.", *describe_omitted_solutions(self.solver)]
         without_solution = np.sum(self.solution_counts == 0)
         if without_solution:
-            # Only a closed form has named limits of its reach. A search without them does
-            # not always prove that a pose has no configuration.
+            # Without a closed form (named limits), a search does not always prove that a
+            # pose has no configuration.
             doubt = "" if solutions.limits else ", which not every search proves"
             verb = "has" if without_solution == 1 else "have"
             remarks.append(
@@ -363,7 +362,7 @@ class InverseSolutions:
 
         A row is a pose in one working mode (way to assemble the legs).
 
-        The sentence states the nearest reachable pose. Without such a pose there is no
+        The sentence states the nearest reachable pose. Rows without such a pose have no
         sentence. Modes with the same sentence are listed together.
         """
         solutions = self.solutions
@@ -400,7 +399,7 @@ class InverseSolutions:
 
         The first page shows the poses on the sphere, coloured by their number of solutions,
         and the mechanism in each solution. The second page shows the poses coloured by the
-        angle to a singularity. It is left out if no pose has a solution.
+        angle to a singularity. Without any solution there is only the first page.
         """
         solutions = self.solutions
         legend = self._legend()
@@ -411,13 +410,15 @@ class InverseSolutions:
         parts = (solution_map, *self._draw_solutions(drawn_rows), legend)
         solution_axis = Axis("solution", "", np.arange(float(len(drawn_rows))))
 
-        # Each row of the solutions (one pose in one working mode) has a measure of type I
-        # for each input, and one of type II. Each measure is the sine of the angle to a
-        # singularity. The smallest one counts.
+        # A row of the solutions is one pose in one working mode (way to assemble the legs).
+        # The row has a measure of type I for each input, and one of type II. At type I the
+        # output rests while an input moves. At type II the output can move while the inputs
+        # rest. A measure is the sine of the angle to such a singularity. The smallest one
+        # counts.
         type_1 = np.min(solutions.type_1, axis=1)
         # `fmin` ignores a measure that is NaN if the other is a number.
         row_measure = np.fmin(type_1, solutions.type_2)
-        # The measure NaN of a pose without a solution becomes 0.
+        # Rows without a solution have the measure NaN, which becomes 0.
         row_measure = np.nan_to_num(row_measure)
         # The measure of a pose is that of its best mode. The call changes `pose_measure` in
         # place.
@@ -470,7 +471,7 @@ class InverseSolutions:
                 "pose asked for",
                 # From axes of the reference link to ground axes.
                 np.matvec(reference, directions),
-                # True is for the axes of pairs, which are drawn thinner.
+                # Drawn thick. Primary arrows are axes of pairs and are drawn thin.
                 primary=False,
                 # Successive samples are separate solutions, not points of one motion.
                 path_shown=False,
@@ -509,8 +510,8 @@ def _least_or_none(values: Floats) -> float | None:
 def _grid_triangles(grid_shape: tuple[int, ...] | None) -> NDArray[np.int64]:
     """Return the triangles (t, 3) between neighbours of a grid over two directions.
 
-    `grid_shape` has the number of values along each axis. Grids that do not vary exactly
-    two numbers, and lists of poses without a grid (None), have no triangles.
+    `grid_shape` has the number of values along each axis, None if the poses are no grid.
+    Only grids that vary exactly two numbers have triangles.
     """
     counts = [count for count in grid_shape or () if count > 1]
     if len(counts) != 2:

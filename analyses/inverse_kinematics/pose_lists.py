@@ -97,7 +97,7 @@ def read_poses(
     unit: AngleUnit | None = None,
     parameter: str = "poses",
 ) -> PoseList:
-    """Return the poses of a list, of a file, or of a window, or inputs instead.
+    """Return the poses, or the inputs, in a list, a file or a window (grid).
 
     Exactly one of the three sources is given. If the names of the numbers are those of the
     driven pairs, the numbers are inputs, for which the poses are computed.
@@ -118,8 +118,8 @@ def read_poses(
     window
         Texts ``NAME:FROM:TO:COUNT`` of a grid.
     unit
-        Unit of angles, deg or rad, that have no unit. By default it is that of the
-        mechanism's file. A column of a file may state its own.
+        Unit of angles, deg or rad, that have no unit. By default it is the unit of the
+        mechanism's file. A column of a file may state another unit.
     parameter
         Name of the parameter with the list `poses`, for error messages.
 
@@ -158,12 +158,12 @@ def read_poses(
         _check_pose_count(len(table.rows), where)
     except AnalysisError:
         if not solver.labels:
-            # If the output cannot be solved for poses at all, this call raises an error
-            # with the reason. That error is more useful than the present one.
+            # The output cannot be solved for poses. This call raises an error with the
+            # reason, which is more useful than the present error.
             solver.inverse(np.zeros((0, 3, 3)), ())
         raise
     gives_inputs = table.terms == solver.mechanism.input_pairs
-    # Columns of angles are converted to rad. The unit of the file comes first.
+    # Columns of angles are converted to rad. A unit that the file states takes precedence.
     is_in_degrees = [
         is_angle(term, solver.mechanism.input_pairs)
         and (table.units.get(term) or angle_unit) == "deg"
@@ -182,8 +182,8 @@ def _read_list(
 ) -> NumberTable:
     """Return the numbers of poses from texts ``name=number``.
 
-    All poses must have the same names. These decide in which form poses are described, for
-    example by azimuth and tilt, or by the angles of all driven pairs.
+    All poses must have the same names. The names decide in which form poses are described,
+    for example by azimuth and tilt.
 
     Parameters
     ----------
@@ -212,8 +212,8 @@ def _read_list(
                 f"by {listing(first_pose)}; give all poses by the same quantities"
             )
     rows = [[pose[term] for term in form] for pose in given_numbers]
-    # `read_terms` has converted all angles to rad. Numbers that are no angles have no unit.
-    # The unit rad is stated for them too, but has no effect.
+    # `read_terms` has converted all angles to rad. For other numbers the unit has no
+    # effect.
     units = dict.fromkeys(form, "rad")
     return NumberTable(form, np.array(rows), units=units)
 
@@ -224,8 +224,8 @@ def _read_file(
     """Return the numbers of poses in a file.
 
     A form is one of the descriptions of a pose, given by the names (terms) of its numbers.
-    Examples are (azimuth, tilt) and (x, y, z). Inputs are a form too: their terms are the
-    names of the driven pairs.
+    Examples are (azimuth, tilt) and (x, y, z). The names of the driven pairs are the form
+    of inputs.
 
     Parameters
     ----------
@@ -261,9 +261,10 @@ def _read_file(
     if columns:
         forms_of_file = [_match_form(forms, columns, where)]
     else:
-        # Forms whose terms are all in the file. A form that is a part of another one is
-        # left out, such as azimuth, tilt if there is a torsion.
+        # Forms whose terms are all in the file.
         complete = [form for form in forms if set(form) <= set(column_of_term)]
+        # A form that is a part of another one is left out: (azimuth, tilt) if the file also
+        # has a torsion.
         forms_of_file = [
             form
             for form in complete
@@ -293,6 +294,9 @@ def _read_window(
 ) -> NumberTable:
     """Return the numbers of all poses of a regular grid.
 
+    A form is one of the descriptions of a pose, given by the names (terms) of its numbers.
+    An example is (azimuth, tilt).
+
     Parameters
     ----------
     solver
@@ -312,6 +316,8 @@ def _read_window(
         try:
             *ends, count_text = numbers
             count = float(count_text)
+            # The numbers are angles if the name is an angle of a pose, such as azimuth, or
+            # the name of an input pair.
             if is_angle(name, solver.mechanism.input_pairs):
                 # A text can state its own unit. All angles are returned in `angle_unit`.
                 low_and_high = [
@@ -354,10 +360,10 @@ def _convert_rows(
     solver
         The inverse kinematics of the output.
     form
-        Names of the numbers in the k columns. They decide how the numbers describe a pose:
-        as a direction, as an orientation, or by the mid-plane. The mid-plane is the plane
-        in which the base and the output link are mirror images of each other. Two angles
-        phi and gamma describe its inclination; some values of them fit no plane.
+        Names of the numbers in the k columns. The names decide how the numbers describe a
+        pose: as a direction, as an orientation, or by the mid-plane. In the mid-plane the
+        base and the output link are mirror images of each other. The angles phi and gamma
+        describe the inclination of the mid-plane.
     rows
         (n, k) numbers, angles in rad.
     locations, where
@@ -429,12 +435,12 @@ def _check_pose_count(count: int, where: str) -> None:
 def _forms_of_output(solver: OutputKinematics) -> list[tuple[str, ...]]:
     """Return the forms in which poses of an output can be described, the inputs last.
 
-    A form is a tuple of the names of its numbers, such as azimuth and tilt. If the solver
-    has no working modes (`labels`), inputs cannot be computed from poses. Then poses can
-    only be described by inputs.
+    A form is a tuple of the names of its numbers, such as azimuth and tilt. Without working
+    modes (`solver.labels`), inputs cannot be computed from poses, so poses can only be
+    described by inputs.
     """
     forms: list[tuple[str, ...]] = []
-    # If the solver has `points`, poses are directions; otherwise they are rotations.
+    # Poses are directions if the solver has `points`, else rotations.
     if solver.labels and solver.points:
         forms = [AZIMUTH_TILT_TERMS, DIRECTION_TERMS]
     elif solver.labels:

@@ -225,8 +225,8 @@ def forward_columns(
     input_rows = np.concatenate([solutions.row, inputs_without_pose])
     order = np.argsort(input_rows, kind="stable")
     input_number = input_rows[order]
-    # The number of the solution of each row of the table. Inputs without a pose have -1:
-    # the last row, which is NaN, is appended to the solutions.
+    # The number of the solution of each row of the table. Inputs without a pose have -1,
+    # the index of a last row with NaN.
     solution_number = np.where(order < len(solutions.row), order, -1)
 
     def fill_rows(values: Floats) -> Floats:
@@ -274,10 +274,10 @@ def _find_working_modes(
     """Return the working mode of each of n solutions, and one empty text at the end.
 
     A working mode is one of the ways to assemble the legs at a pose. Its name is a sign for
-    each leg, such as "+-+". If the inverse kinematics has a closed form, it gives one
-    configuration of the pose for each working mode. The working mode of a solution is the
-    one with the same configuration. Without such a mode the text is empty. The last text,
-    with index -1, is for rows of a table that have no solution.
+    each leg, such as "+-+". An inverse kinematics in closed form has one configuration of a
+    pose for each working mode. The working mode of a solution is the one with the same
+    configuration. Without such a mode the text is empty. The last text, with index -1, is
+    for rows of a table without a solution.
 
     Parameters
     ----------

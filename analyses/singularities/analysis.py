@@ -51,7 +51,7 @@ def _compare_positions(
         Whether the comparison applies to mechanisms with one input or with several.
     """
     # The time limit `seconds` is raised to 100 s, so that only the compared parameter
-    # limits the accuracy. `samples` is for one input only, where there is no time limit.
+    # limits the accuracy. Runs with one input, compared by `samples`, have no time limit.
     raises_time_limit = parameter not in ("samples", "seconds")
     return ParameterTrade(
         parameter,
@@ -162,8 +162,9 @@ class SingularityAnalysis(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Check all parameters, and return what this analysis reads of a run.
 
-        It reads the position analysis, which follows curves of configurations (`tracer`),
-        and the links of the outputs. Singularities are searched on the curves.
+        The analysis reads the links of the outputs and the position analysis (`tracer`).
+        The position analysis follows curves of configurations, on which singularities are
+        searched.
 
         Raises
         ------
@@ -190,9 +191,8 @@ class SingularityAnalysis(AbstractAnalysis):
             # This raises an error if the mechanism declares no output.
             output_of(mechanism)
             # `input_grid` is for the search of aspects: connected sets of configurations
-            # without singularities. A link has at most three degrees of freedom. More
-            # inputs can always move while the output rests, so every configuration is
-            # singular.
+            # without singularities. More than three inputs can always move while the output
+            # rests, so every configuration is singular.
             if self.input_grid and len(mechanism.inputs) > MAX_OUTPUT_FREEDOMS:
                 raise AnalysisError(
                     f"singularities: input_grid: {no_aspects(mechanism)}; leave it out, or "

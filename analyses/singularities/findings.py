@@ -147,7 +147,7 @@ def describe_output_ranges(sampled: SampledSingularities, names: list[str]) -> l
             curves_by_sentence.setdefault(sentence, []).append(number)
     sentences = []
     for sentence, curves in curves_by_sentence.items():
-        # The sentence does not apply to all curves, so it states to which.
+        # A sentence that does not apply to all curves names its curves.
         if len(curves) != curve_count:
             sentence += f" on {numbered('configuration curve', curves)}"
             # A curve can pass through several assembly modes, each of them in pieces.
@@ -160,9 +160,9 @@ def describe_output_ranges(sampled: SampledSingularities, names: list[str]) -> l
             if modes:
                 sentence += f" ({numbered('assembly mode', modes)})"
         sentences.append(sentence)
-    # The sentences are about whole curves. If the input is limited to a range below a full
-    # revolution, a remark says so. In a simulation (motion caused by loads), `range` is not
-    # a limit, but the part that the motion has passed. So there is no remark.
+    # A remark is needed if the range of the input ends before a whole revolution. In a
+    # simulation (motion caused by loads), `range` is not a limit, but the part that the
+    # motion has passed.
     low, high = sampled.range
     is_limited = high - low < 2.0 * np.pi - 1e-9
     if is_limited and not sampled.is_simulation:
@@ -177,7 +177,7 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
     """Return a description of an output's rotation on a configuration curve.
 
     The text is a verb phrase: the output rests, turns fully, turns in one sense, or swings.
-    It swings if it turns back, or if the curve ends before it has turned fully.
+    An output swings if it turns back, or if the curve ends before a full turn.
 
     Parameters
     ----------
@@ -198,14 +198,14 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
         if (point.curve, point.output) == (number, links)
     ]
     # The samples include all singularities of type I, where the output reaches its
-    # extremes. The last sample is just before the end, because the end of a closed curve is
-    # its start.
+    # extremes. The last sample is just before the end, which is the start of a closed
+    # curve.
     s = np.linspace(0.0, curve.length * (1.0 - 1e-12), OUTPUT_SAMPLES_PER_CURVE)
     s = np.unique(np.append(s, [point.s for point in points]))
     angle_on_curve = sampled.output_angle(number, output, s)
     angle = angle_on_curve
-    # With a pair between the two links the angle is its variable, otherwise it is the
-    # rotation about the pole axis since the start.
+    # Without a pair between the two links, the angle is the rotation about the pole axis
+    # since the start. With a pair, it is the variable of the pair.
     if variable is not None:
         crossing_angles = [values[variable] for _, values in sampled.crossing_ends(number)]
         angle = np.append(angle_on_curve, crossing_angles)
@@ -251,9 +251,7 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
 def describe_accuracy(points: Mapping[str, Any]) -> list[str]:
     """Return a sentence about the accuracy of the listed singularities.
 
-    The sentence is in a list, which is empty if no singularity has an error bound. For
-    example, if the output rests on a whole curve, the curve is listed as one singularity.
-    Such a row has no place, and so no error bound.
+    The list is empty if no singularity has an error bound.
 
     Parameters
     ----------
@@ -299,8 +297,7 @@ def describe_least_transmission(
         if nearest is None:
             continue
         angle, q, modes = nearest
-        # The word, "least", also begins the names of figures of merit for this angle, such
-        # as least_transmission_angle_43.
+        # The word is "least".
         beginning = NEAREST_TRANSMISSION_WORD.capitalize()
         sentences.append(
             f"{beginning} transmission angle of {name}: "
@@ -322,8 +319,8 @@ def warn_of_near_misses(
     """Return a warning for each output that comes near a singularity without reaching it.
 
     At type I the output rests while the input moves. At type II the output can move while
-    the input is locked. If an assembly mode (way to assemble the links) reaches a
-    singularity of the same type elsewhere in the range, it needs no warning.
+    the input is locked. Assembly modes (ways to assemble the links) that reach a
+    singularity of the same type elsewhere in the range need no warning.
 
     Parameters
     ----------

@@ -120,9 +120,9 @@ class OneInput:
         passes. A row is one configuration of the batch.
         """
         batch = self.batch
-        # Singularities are marked as inside or outside of the motion. Usually the motion
-        # covers the whole range of the input. A simulation passes only a part of the range.
-        # Its inputs (rad), one for each row, tell which part.
+        # Singularities are marked as inside or outside of the motion. A simulation passes
+        # only a part of the range of the input. The inputs (rad) of all rows tell which
+        # part.
         passed_inputs = None
         # Only simulations have a sense of motion (+1 or -1).
         if batch.motion.sense is not None:
@@ -155,10 +155,10 @@ class OneInput:
     def points(self) -> Columns:
         """The main table: one row for each singularity of each output.
 
-        The rows are in this order: singular points on configuration curves, crossings of
-        curves, and curves on which the input or an output is at rest everywhere. At a
-        singularity, the rate of the input or output is zero. The singularity is double if
-        this rate does not change its sign there. Other columns are:
+        Rows of points on configuration curves come first, then crossings of curves, then
+        curves on which the input or an output is at rest everywhere. At a singularity, the
+        rate of the input or output is zero. The singularity is double if this rate does not
+        change its sign there. Other columns are:
 
         - `inside`: whether the singularity is in the range of the input.
         - `certain`: whether its kind is certain despite rounding errors.
@@ -169,8 +169,8 @@ class OneInput:
         rows: list[Columns] = []
         for point in (*report.points, *report.crossings):
             rows += self._rows_of_point(point)
-        # A curve on which the input or an output is at rest gives one row. No point is
-        # computed on the curve, so the residual (error of a point) is 0.
+        # A curve on which the input or an output is at rest gives one row, without a point.
+        # The residual (error of a point) is therefore 0.
         for point in report.resting_curves:
             # A piece is a part of a curve in one assembly mode (way to assemble the links).
             pieces = sampled.configurations.curves[point.curve].pieces
@@ -192,11 +192,12 @@ class OneInput:
     def _rows_of_point(self, point: SingularPoint) -> list[Columns]:
         """Return the rows of a singularity in the main table.
 
-        There is a row for each input of the range at which it occurs. All rows agree except
-        for the input, the assembly modes and whether the input is inside the range. The
-        note names the geometric conditions of a point on a curve, such as parallel axes, or
-        the curves that cross. Conditions come from the relations c y' = d q' between the
-        rates y' of the output and q' of the input: c or d is zero at a singularity.
+        There is a row for each value of the input at which the singularity occurs. The rows
+        differ in the input, the assembly modes and whether the input is inside the range.
+        The note names the geometric conditions of a point on a curve, such as parallel
+        axes, or the curves that cross. Conditions come from the relations c y' = d q'
+        between the rates y' of the output and q' of the input: c or d is zero at a
+        singularity.
         """
         sampled = self.sampled
         # The part of the mechanism on which the outputs depend, if it is not the whole.
@@ -205,7 +206,7 @@ class OneInput:
             if sampled.position_analysis is self.batch.tracer
             else sampled.position_analysis
         )
-        # At type III curves cross.
+        # At type III configuration curves cross.
         is_crossing = point.type is Type.III
 
         # Conditions. A relation that disagrees with the rates has no conditions of this
@@ -228,8 +229,8 @@ class OneInput:
         else:
             notes = [point.note, *(relation.note for relation in point.relations)]
 
-        # Reversals: the links that turn back here. At type I only the output can reverse,
-        # at type II only the input.
+        # Reversals: whether input or output turn back here. At type I only the output can
+        # reverse, at type II only the input.
         reversals = []
         if point.input_turns and point.type is not Type.I:
             reversals.append("input")
@@ -308,8 +309,7 @@ class OneInput:
             )
             with np.errstate(divide="ignore", invalid="ignore"):
                 velocity_coefficient = output_rate / input_rate
-            # Group 1 has the singularities of the mechanism in which a single input moves,
-            # group 0 the regular rows. With one input there is no other group.
+            # Group 1 has the rows of types I, II and III, group 0 all other rows.
             group = np.isin(kinds, ("I", "II", "III")).astype(np.int64)
             tables.append(
                 {
@@ -370,8 +370,8 @@ class OneInput:
         # are sentences on inputs at which the curves disagree with the assembly modes.
         warnings = [*report.gaps, *configurations.mismatches]
         # `everywhere` is the number of degrees of freedom if it is more than one in every
-        # configuration, otherwise None. For it, singular values of the closure equations
-        # below a part in a million of the largest one count as zero.
+        # configuration, else None. Singular values of the closure equations below a part in
+        # a million of the largest one count as zero.
         if report.everywhere is not None:
             summary["freedoms_everywhere"] = report.everywhere
             warnings.append(
@@ -425,8 +425,7 @@ class OneInput:
         if counts_outside:
             counts += f", {_format_counts(counts_outside)} outside"
         curves = counted(len(sampled.curves), "configuration curve")
-        # If the outputs depend on a part of the mechanism only, just this part was
-        # searched.
+        # Only the part of the mechanism on which the outputs depend was searched.
         links_of_part = sampled.position_analysis.mechanism.links
         if len(links_of_part) < len(self.batch.mechanism.links):
             curves += f" of the links {listing(links_of_part)}"
@@ -451,8 +450,7 @@ class OneInput:
         """Return marks at the inputs of the singularities of an assembly mode.
 
         An assembly mode is one way to assemble the links. The marks are vertical lines in
-        plots over the input. If the samples are times, plots are over time and have no
-        marks.
+        plots over the input. Plots over time have no marks.
 
         Parameters
         ----------
@@ -490,15 +488,14 @@ class OneInput:
         lines: dict[tuple[int, int], Floats] = {}
         sampled = self.sampled
         for number, curve in enumerate(sampled.curves):
-            # At its end, a closed curve would begin again. The last point is just
-            # before the end.
+            # The last point is just before the end, where a closed curve would begin again.
             s = np.linspace(0.0, curve.length * (1.0 - 1e-12), POINTS_PER_CURVE)
             for output in range(len(self.names)):
                 angle = sampled.output_angle(number, output, s)
                 links = sampled.report.outputs[output]  # the two links of the output
                 # If a pair (joint) connects these links, the output angle is the angle of
-                # the pair, drawn in (-pi, pi]. Otherwise the output angle is counted from
-                # the start of the curve, and whole revolutions are drawn, too.
+                # the pair, drawn in (-pi, pi]. Without a pair, the output angle is counted
+                # from the start of the curve and includes whole revolutions.
                 if sampled.position_analysis.mechanism.angle_between(*links) is not None:
                     angle = wrap(angle)
                 q = sampled.input_at(number, s)
@@ -519,9 +516,9 @@ class OneInput:
         """Return a plot of an output angle against the input angle.
 
         It shows all configuration curves, marks at singularities, and a point that moves
-        along the rows of the batch. The moving point has the input of its row. Its
-        output angle is the one at the nearest drawn point of the curve. An exact angle
-        would take long: it is an integral of the output's rate along the curve.
+        along the rows of the batch. The moving point has the input of its row, and the
+        output angle of the nearest drawn point of the curve. An exact output angle would
+        take long to compute.
 
         Parameters
         ----------
@@ -570,12 +567,11 @@ class OneInput:
 
         A drawing has the links, six pole axes and two planes. A pole axis is the axis of
         the relative rotation of two links. The six axes are those of any two of four links:
-        the input link, the output link and their reference links. The three axes of any
-        three of these links are in one plane. The two planes that are drawn coincide at the
-        singularity.
+        the input link, its reference, the output link and a fourth link, such as the
+        reference of the output. The three axes of any three of these links are in one
+        plane. The two planes that are drawn coincide at the singularity.
 
-        If a whole curve is singular, there is no single configuration to draw, so it is
-        left out.
+        Curves that are singular as a whole are left out.
         """
         # A singular point has an arc length s on its curve. A whole curve has NaN.
         has_point = np.isfinite(self.points["s"])
@@ -607,13 +603,14 @@ class OneInput:
     def _poles_of_singularities(self, points: Mapping[str, Any]) -> SixPoles:
         """Return the six pole axes of input and output at n singularities.
 
-        A pole axis is the axis of the relative rotation of two links. In the relation
-        c y' = d q' between the rates of output and input, c and d are triple products of
-        these six axes. In form i of this relation, y' is the rate of the output link
-        relative to its own reference link. In form ii, y' is its rate relative to the
-        reference link of the input. The axes of form ii are drawn if this form exists,
-        otherwise those of form i. Form ii does not exist if the output link is one of the
-        two links of the input.
+        A pole axis is the axis of the relative rotation of two links. In the relation c y'
+        = d q' between the rates of output and input, c and d are triple products of six
+        pole axes. The six axes are those of any two of four links: the input link i, its
+        reference r, the output link o and a link s. The axis of links o and s is named
+        `os`, and so on. In form i of the relation, s is the reference of the output, and y'
+        is the rate of o relative to s. In form ii, y' is the rate of o relative to r. The
+        result has the axes of form ii if that form exists, else of form i. Form ii does not
+        exist if the output link is one of the two links of the input.
 
         Parameters
         ----------
@@ -658,10 +655,12 @@ def _pole_arrows(six_poles: SixPoles) -> list[Primitive]:
 def _coinciding_planes(six_poles: SixPoles, kinds: Any) -> list[Primitive]:
     """Return two great circles at each singularity, which show that two planes coincide.
 
-    Each plane contains three of the six pole axes (axes of relative rotations) of input and
-    output. A table of constants names them for each type: I (the output rests while the
-    input moves) or II (the input rests while the output moves). Singularities of all other
-    types have the planes of type II.
+    A pole axis is the axis of relative rotation of two links. Six pole axes are those of
+    any two of four links: the input link, its reference, the output link and a fourth link,
+    usually the reference of the output. Each plane contains the three pole axes of three of
+    these links. At type I (the output rests while the input moves) other planes coincide
+    than at type II (the input rests while the output moves). All types but I are drawn with
+    the planes of type II.
 
     Parameters
     ----------
@@ -675,7 +674,7 @@ def _coinciding_planes(six_poles: SixPoles, kinds: Any) -> list[Primitive]:
     for number, (label, axes_by_type) in enumerate(
         (("one triplet", AXES_OF_FIRST_PLANE), ("the other", AXES_OF_SECOND_PLANE))
     ):
-        # `plane` also returns a measure of accuracy, which is not needed here.
+        # The second result of `plane`, a measure of accuracy, is not needed.
         normals_at_type_1, _ = six_poles.plane(axes_by_type["I"])
         normals_at_type_2, _ = six_poles.plane(axes_by_type["II"])
         normals = np.where(is_type_1[:, None], normals_at_type_1, normals_at_type_2)
@@ -686,8 +685,8 @@ def _coinciding_planes(six_poles: SixPoles, kinds: Any) -> list[Primitive]:
 def _gallery_text(points: Mapping[str, Any]) -> str:
     """Return the text, in Markdown, of the page that draws singularities one by one.
 
-    It has a table of the singularities. A note on each then names the axes or planes that
-    coincide. Singularity k is called "sample" k.
+    The text has a table of the singularities, and a note on each that names the axes or
+    planes that coincide. Singularity k is called "sample" k.
 
     Parameters
     ----------

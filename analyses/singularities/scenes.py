@@ -149,8 +149,9 @@ def relation_plots(
         moving_input = relation["moving"][start]
         table_rows = slice(start + rows.start, start + rows.stop)
         for name, column in PLOTTED_COLUMNS.items():
-            # c and d have a plot for each moving input. The angles do not depend on it, so
-            # all inputs have the same path, and only one plot remains.
+            # c and d have a plot for each moving input. The angles do not depend on the
+            # moving input. Their plots have the same path for all inputs, so only one plot
+            # remains.
             by_input = ""
             if has_several_inputs and column.depends_on_input:
                 by_input = f" by {moving_input}"

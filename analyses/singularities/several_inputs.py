@@ -167,8 +167,8 @@ class SeveralInputs:
     slices
         Number of values at which each input is locked to search for singular curves and
         surfaces. With 0 nothing is searched. By default (None) slices are used for
-        mechanisms of dyads (groups of two links) with two inputs. Others are searched from
-        random starts, because their slices take long.
+        mechanisms of dyads (groups of two links) with two inputs. Other mechanisms are
+        searched from random starts.
     mesh
         Length (rad) of the edges of surfaces, 0 for no surfaces; None for the default.
     input_grid
@@ -207,10 +207,10 @@ class SeveralInputs:
         """Edge length (rad) of the first mesh of surfaces, and number of its halvings.
 
         With three inputs, the singular configurations are surfaces in the space of the pair
-        variables. Each is covered by a coarse mesh of triangles. Then all edges are halved
-        several times. The user can choose the length `mesh` after the last halving. Without
-        a choice (None) the first mesh is as coarse as is allowed, and is halved as often as
-        is allowed. With the length 0 no surfaces are computed.
+        variables. Each surface is covered by a coarse mesh of triangles. All edges of the
+        mesh are then halved several times. The user can choose the length `mesh` after the
+        last halving. Without a choice (None) the first mesh is as coarse as is allowed, and
+        is halved as often as is allowed. With the length 0 no surfaces are computed.
         """
         last_edge = self.mesh
         if last_edge == 0.0:
@@ -223,8 +223,8 @@ class SeveralInputs:
         longest = min(LONGEST_EDGE_RAD, min(widths) / EDGES_PER_RANGE)
         if last_edge is None:
             return longest, MAX_EDGE_HALVINGS
-        # The first edge is as long as possible, but at most `longest`. A chosen length that
-        # is longer than `longest` is used as it is, without halvings.
+        # The first edge is `last_edge`, doubled as often as the result is at most
+        # `longest`. A longer `last_edge` is not doubled.
         halvings = int(np.clip(np.log2(longest / last_edge), 0, MAX_EDGE_HALVINGS))
         first_edge = last_edge * 2**halvings
         return first_edge, halvings
@@ -235,9 +235,8 @@ class SeveralInputs:
 
         - If every configuration has a kind of singularity, this kind has a single row.
         - A surface has one row for each vertex of its mesh.
-        - A curve has one row for each of its points. A point of type III is of types I and
-          II at once. It is on a curve of type I and on one of type II, and has a further
-          row as type III.
+        - A curve has one row for each of its points. Points of type III, which are of types
+          I and II at once, have a further row as type III.
 
         The set of all singular points of one kind is called a locus. Its `claim` states how
         complete the search for it was, for example certified or only sampled. The column
@@ -248,16 +247,16 @@ class SeveralInputs:
         for output in self.batch.mechanism.outputs:
             name = name_output(self.batch.mechanism, output)
             curve_number = 0
-            # (k, variables) points of type III that have a row already. Two curves pass
-            # through such a point, but only the first curve adds the row.
+            # (k, variables) points of type III that have a row already. A curve of type I
+            # and one of type II pass through such a point; the first adds the row.
             listed_values = np.zeros((0, len(self.batch.mechanism.variable_names)))
             for locus in self.loci[output.name]:
                 if locus.everywhere:
                     tables.append(
                         {
                             "kind": locus.kind,
-                            # All configurations are singular, so also those with inputs in
-                            # their ranges.
+                            # Some of the singular configurations have inputs in their
+                            # ranges.
                             "inside": "yes",
                             "residual": 0.0,
                             "output": name,
@@ -291,8 +290,8 @@ class SeveralInputs:
     ) -> list[Columns]:
         """Return the rows of a singular curve, and of its points of type III.
 
-        Points of type III are of types I and II at once. Each is on a curve of type I and
-        on a curve of type II, but is listed only once.
+        Points of type III are of types I and II at once. Each point is on a curve of type I
+        and on a curve of type II, but is listed only once.
 
         Parameters
         ----------
@@ -385,8 +384,8 @@ class SeveralInputs:
         position_analysis = self.batch.tracer
         # The orientations of all links at these configurations.
         motion = position_analysis.given(points.values)
-        # The output, described by linear equations in the rates of all variables. They are
-        # satisfied if the output rests.
+        # Linear equations in the rates of all variables, which are satisfied if the output
+        # rests.
         output_equations = output_of(self.batch.mechanism, output.name)
         # `what_vanishes` tests which pole axes coincide or are in one plane.
         # `points.pointing` are the directions of the output, None if the output is an
@@ -438,8 +437,7 @@ class SeveralInputs:
             "assembly_mode": batch.assembly_mode,
             **input_columns(batch.mechanism, batch.inputs),
             "output": name_output(batch.mechanism, output),
-            # "i" states that w is relative to the reference link of the output. The tables
-            # of mechanisms with one input also have another form, "ii".
+            # "i" states that w is relative to the reference link of the output.
             "form": "i",
             # Angles that are 0 at singularities of type I, and of type II.
             "distance_I": angle_from_sine(rows.type_one),
@@ -459,8 +457,8 @@ class SeveralInputs:
             "c": rows.c[:, input_number],
             "d": rows.d[:, input_number],
             "velocity_coefficient": np.vecdot(angular_velocities, pole_axes),
-            # Speed of the output and rate of the input. They are scaled such that the rates
-            # of all pairs form a unit vector, and so are finite at singularities, too.
+            # Speed of the output and rate of the input. Both are scaled such that the rates
+            # of all pairs form a unit vector, so they are finite at singularities.
             "output_rate": rows.output_rate[:, input_number],
             "input_rate": rows.input_rate[:, input_number],
         }
@@ -557,7 +555,7 @@ class SeveralInputs:
             summary["aspects"] = found_aspects.sizes.tolist()
             summary["aspects_guarantee"] = found_aspects.guarantee
             summary["singular_on_lattice"] = found_aspects.singular
-            # If everything is singular, there is no aspect anyway.
+            # Aspects are expected unless every configuration is singular.
             has_none_unexpectedly = (
                 len(found_aspects.sizes) == 0 and not is_singular_everywhere
             )
@@ -574,7 +572,7 @@ class SeveralInputs:
                 if found_aspects.note:
                     remark += f"; {found_aspects.note}"
                 remarks.append(f"{remark}.")
-        # 4. Accuracy. The residual of a row of a whole mechanism is 0 or missing.
+        # 4. Accuracy.
         residuals = np.asarray(self.points["residual"], dtype=float)
         if np.any(residuals > 0.0):
             remarks.append(
@@ -589,7 +587,7 @@ class SeveralInputs:
 
         The cells are the kind, the number of curves or surfaces inside and outside of the
         ranges of the inputs, and the range of each input that they span. Surfaces are
-        computed only inside the ranges, so their number outside is not known ("-").
+        computed only inside the ranges, so their number outside is "-".
         """
         inputs = self.batch.moving_inputs
         kind = f"{name_kind(locus.kind)} ({EFFECTS[locus.kind]})"
@@ -614,7 +612,7 @@ class SeveralInputs:
     ) -> list[str]:
         """Return a warning if rows (configurations) come near a type of singularity.
 
-        The warning is in a list, which is empty if no row does.
+        The list is empty if no row comes near.
 
         Parameters
         ----------
@@ -624,7 +622,7 @@ class SeveralInputs:
             (n,) sine of the angle of each row to a singularity of this type.
         singular_modes
             Assembly modes (ways to assemble the links) that are singular of this type in
-            every row. They are left out.
+            every row. Their rows are left out.
         """
         batch = self.batch
         is_left_out = np.isin(batch.assembly_mode, singular_modes)
@@ -655,13 +653,13 @@ class SeveralInputs:
     def _search_result(self) -> SearchResult:
         """The results of all searches: types II and I, self-motions, and aspects.
 
-        In a self-motion links move while inputs and output rest. If all pairs take part in
-        the motion of an output, its singularities of type II include all self-motions,
-        which are not searched then. An aspect is a connected set of configurations without
-        singularities. Each search gets an equal share of the remaining time.
+        In a self-motion links move while inputs and output rest. Self-motions are not
+        searched if all pairs take part in the motion of the output, because type II then
+        includes them. An aspect is a connected set of configurations without singularities.
+        Each search gets an equal share of the remaining time.
 
         Singular configurations of one kind are curves if there are two inputs, surfaces if
-        there are three. With other numbers of inputs they are not searched.
+        there are three. With other numbers of inputs only aspects are searched.
         """
         # 1. The searches: kind of singularity and name of the output.
         mechanism = self.batch.mechanism
@@ -674,8 +672,7 @@ class SeveralInputs:
             aspect_samples = DEFAULT_ASPECT_SAMPLES if has_aspects else 0
 
         searches: list[tuple[LocusName, str]] = []
-        # Surfaces are covered with triangles. An edge of length 0 means that the user wants
-        # no surfaces.
+        # Surfaces are covered with triangles. An edge of length 0 stands for no surfaces.
         first_edge, _ = self.first_edge_and_halvings
         has_curves = input_count == CURVE_INPUT_COUNT
         has_surfaces = input_count == SURFACE_INPUT_COUNT and first_edge > 0.0
@@ -743,11 +740,10 @@ class SeveralInputs:
             Processor time to spend.
         """
         mechanism = self.batch.mechanism
-        # Below, `made=section` passes the slices on, and `slices_of_each=0` says that no
-        # other slices are computed.
+        # `slices_of_each=0` says that no other slices than `section` are computed.
         if len(mechanism.inputs) == SURFACE_INPUT_COUNT:
-            # A coarse mesh of triangles covers a surface. Then its edges are halved several
-            # times, which makes the mesh fine.
+            # A coarse mesh of triangles covers a surface. All edges are then halved several
+            # times.
             edge, halvings = self.first_edge_and_halvings
             return singular_surface(
                 mechanism,
@@ -853,7 +849,8 @@ class SeveralInputs:
         loci
             Its singular curves of each kind.
         rows
-            The rows of the batch at which the moving point is drawn.
+            The rows of the batch (configurations of the motion) at which the moving point
+            is drawn.
         """
         curves = []
         marks = []
@@ -873,8 +870,8 @@ class SeveralInputs:
             axes=(first, second),
             curves=curves,
             marks=marks,
-            # The drawing includes the inputs of all assembly modes (ways to assemble the
-            # links).
+            # Points that extend the axes of the drawing: the inputs in all rows of the
+            # batch.
             further_points=[self.batch.inputs],
         )
 
@@ -973,8 +970,8 @@ def _reach_text(parts: Sequence[Floats], inputs: Sequence[str]) -> str:
         lowest = np.degrees(np.min(points, axis=0))
         highest = np.degrees(np.max(points, axis=0))
         for pair, low, high in zip(inputs, lowest, highest, strict=True):
-            # Points are about a degree apart, so degrees are rounded. Adding 0.0 changes
-            # -0.0 to 0.0.
+            # Degrees are rounded, because points are about a degree apart. Adding 0.0
+            # changes -0.0 to 0.0.
             low_text, high_text = f"{low + 0.0:.0f}", f"{high + 0.0:.0f}"
             range_text = low_text if low_text == high_text else f"{low_text} to {high_text}"
             ranges.append(f"{pair} = {range_text}")
@@ -994,12 +991,12 @@ def _locus_table(rows: Sequence[tuple[str, ...]]) -> ScreenTable:
     ranges of the inputs, the column "outside" the number of the others. The last column
     lists the intervals of input angles over which they reach.
 
-    With one output, its name is in the title. With several, it is a column.
+    The name of a single output is in the title. Names of several outputs are a column.
 
     Parameters
     ----------
     rows
-        For each locus the name of the output, and then the cells of these columns.
+        For each locus the name of the output, and the cells of these columns.
     """
     columns = [
         ScreenColumn("kind"),
@@ -1018,8 +1015,8 @@ def _locus_table(rows: Sequence[tuple[str, ...]]) -> ScreenTable:
 def _describe_search(locus: Locus, output: str) -> list[str]:
     """Return sentences on how complete the search for a locus was, and what it left out.
 
-    A locus is the set of all singular configurations of one kind. At some of them, called
-    irregular, no curve or surface could be followed, for example where curves cross.
+    A locus is the set of all singular configurations of one kind. At irregular
+    configurations no curve or surface could be followed, for example where curves cross.
     """
     if isinstance(locus, SingularSurface):
         shape = "surface"

@@ -336,13 +336,13 @@ def configuration_columns(
     rotations = position_analysis.given(values).rotations
     orientation = np.swapaxes(rotations[:, reference_link], 1, 2) @ rotations[:, link]
     pose = quaternion(orientation) if pointing is None else pointing
-    # The table of singularities has no columns for the angles of mid-planes.
+    # Without an architecture there are no columns for angles of mid-planes.
     columns |= direction_or_quaternion_columns(pose, architecture=None)
 
     signs = group_signs(solver, values)
     columns["signs"] = _format_signs(batch, position_analysis, signs)
-    # `has_closed_form` states that every group is a dyad. Only then do the signs determine
-    # the assembly mode.
+    # `has_closed_form` states that every group is a dyad. The signs determine the assembly
+    # mode only in this case.
     if solver.assembly.has_closed_form and part is None:
         columns["assembly_mode"] = _format_modes(batch, signs)
     return columns
@@ -354,10 +354,11 @@ def _format_signs(
     """Return the signs of the groups of the whole mechanism as text, one for each row.
 
     A group is a set of links that are assembled together, such as a dyad (two links joined
-    by a pair). A dyad can be assembled in two ways. The sign of a dyad is the sign of a
-    determinant of its axes, which differs between the two ways. A text has one
-    character for each group: + or -, or 0 if the determinant is zero (singular). It is
-    * for a group outside of the part of the mechanism to which `signs` belong.
+    by a pair). The sign of a group is the sign of a determinant. For a dyad it is the
+    determinant of the axes, whose sign differs between the two ways to assemble the dyad.
+    For a larger group it is the determinant of the velocity equations. A text has one
+    character for each group: + or -, or 0 if the determinant is zero (singular). It is *
+    for a group outside of the part of the mechanism to which `signs` belong.
 
     Parameters
     ----------

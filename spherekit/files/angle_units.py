@@ -43,9 +43,9 @@ def to_radians(number: float, unit: AngleUnit) -> float:
     """Return an angle of a file in radians.
 
     Degrees with up to `MAX_PLAIN_DIGITS` digits are converted by `math.radians`, so that a
-    file and a program agree to the last bit. For about one angle in ten, no number of
-    degrees gives exactly this angle in `math.radians`. `to_text` writes such an angle with
-    more digits of degrees. Here they are converted with 60 digits and rounded once.
+    file and a program agree to the last bit. `math.radians` cannot reach about one angle in
+    ten. Such an angle is written with more digits of degrees. Degrees with more digits are
+    converted with 60 digits and rounded once.
     """
     if unit == "rad":
         return float(number)
@@ -59,8 +59,8 @@ def read_decimal_angle(text: str, angle_unit: AngleUnit) -> Decimal:
     """Return the angle in a text as an exact decimal number, in the unit of a file.
 
     Proofs need the decimal number itself, not the nearest float. A number without a unit is
-    in the unit of the file. The result is exact if the text has this unit too. Otherwise it
-    is rounded to `CONVERTED_DIGITS` digits, because pi is irrational.
+    in the unit of the file. A result that is converted from another unit is rounded to
+    `CONVERTED_DIGITS` digits, because pi is irrational.
 
     Parameters
     ----------
@@ -112,8 +112,7 @@ def to_text(angle: float, unit: AngleUnit) -> str:
     if unit == "rad" or not math.isfinite(angle) or angle == 0.0:
         return repr(float(angle))
     # Degrees are computed in decimal arithmetic with many digits. The loop finds the least
-    # number of digits that is enough. About 17 digits distinguish any two floats, so the
-    # loop ends long before its last number.
+    # number of digits that is enough, which is far below 40.
     degrees = _EXACT.divide(Decimal(angle), _DEGREE)
     for digits in range(1, 40):
         text = _decimal_text(Context(prec=digits).plus(degrees))
@@ -125,8 +124,8 @@ def to_text(angle: float, unit: AngleUnit) -> str:
 def unit_vector(xyz: Vector) -> Vector:
     """Scale a vector of a file, whose length is nearly 1, to the length 1.
 
-    A vector whose length is 1 up to rounding is returned unchanged. A mechanism that was
-    written to a file is therefore read back with exactly the same vectors.
+    A vector whose length is 1 up to rounding is returned unchanged, so that writing a file
+    and reading it back preserves vectors exactly.
 
     Raises
     ------
@@ -156,8 +155,7 @@ def direction(longitude: float, latitude: float) -> Vector:
     Raises
     ------
     ValueError
-        If the latitude is not within a quarter turn of zero. Most often the two angles have
-        been exchanged.
+        If the latitude is not within a quarter turn of zero.
     """
     if abs(latitude) > math.pi / 2:
         raise ValueError(

@@ -80,8 +80,7 @@ def mechanisms() -> MechanismNames:
     >>> "four_bar" in sk.mechanisms()
     True
     """
-    # A pack is the set of files that one installed package ships. When the names are
-    # printed, they are in groups by pack.
+    # A pack is the set of files that one installed package ships.
     packs = shipped()
     names = MechanismNames(sorted(name for pack in packs for name in pack.files))
     names.packs = packs
@@ -92,8 +91,7 @@ def find(name_or_path: AnyPath) -> Path:
     """Return the path of a mechanism or study file, given as a path or shipped name.
 
     A plain name, without folder and ending, is first looked up among the packs (files that
-    installed packages ship). A results folder with the same name as its mechanism therefore
-    does not hide the mechanism.
+    installed packages ship), and then as a path.
 
     Raises
     ------
@@ -151,17 +149,16 @@ def _pack(entry: EntryPoint) -> Pack:
     """Return the pack (shipped files) that an installed package declares.
 
     A pack is the set of mechanism and study files in the folder of an installed package.
-    The package declares itself by an entry point (name in its metadata). A pack has at
-    least one mechanism file. A pack that cannot be used has no files, but states the
-    reason.
+    The package declares itself by an entry point (name in its metadata). A pack that cannot
+    be used has no files, but states the reason.
     """
 
     def broken_pack(fault: str) -> Pack:
         """Return the pack without files, with the reason why it cannot be used."""
         return Pack(entry.name, fault=fault)
 
-    # The package itself is not imported. If it is inside another package, Python imports
-    # the outer one to find it. That runs code, which may raise any error.
+    # To find a package inside another one, Python imports the outer package. This runs
+    # code, which may raise any error.
     try:
         spec = find_spec(entry.value)
     except Exception as error:
@@ -169,7 +166,7 @@ def _pack(entry: EntryPoint) -> Pack:
     if spec is None:
         return broken_pack(f'no package is named "{entry.value}"')
     # Mechanism and study files by their names. A namespace package can have several
-    # folders. If two contain a file of one name, that of the first folder is used.
+    # folders. The first file of each name is used.
     files: dict[str, Path] = {}
     studies: dict[str, Path] = {}
     for folder in spec.submodule_search_locations or ():
@@ -197,8 +194,8 @@ def _pack(entry: EntryPoint) -> Pack:
 def _not_found_message(path: Path, packs: tuple[Pack, ...]) -> str:
     """Return the message about a path at which there is no file.
 
-    To help the user, it names the most similar existing name, the files in the folder, the
-    shipped mechanisms, and packs that cannot be used.
+    The message names the most similar existing name, the files in the folder, the shipped
+    mechanisms, and packs that cannot be used.
 
     Parameters
     ----------

@@ -111,7 +111,7 @@ def mechanism_of(mechanism: AnyMechanism) -> Mechanism:
 def angle_unit_of(name_or_path: AnyPath) -> AngleUnit:
     """Return the unit of the angles in a mechanism file.
 
-    It raises the same errors as `load`.
+    The errors are those of `load`.
     """
     unit: AngleUnit = checked_document(name_or_path).data["angle_unit"]
     return unit
@@ -120,7 +120,7 @@ def angle_unit_of(name_or_path: AnyPath) -> AngleUnit:
 def checked_document(name_or_path: AnyPath) -> Document:
     """Return the document of a mechanism file after a check of its format.
 
-    It raises the same errors as `load`.
+    The errors are those of `load`.
     """
     path = find(name_or_path)
     document = parse(read_text(path), str(path))
@@ -169,12 +169,12 @@ def mechanism_from_document(document: Document) -> Mechanism:
         If the values of the file contradict each other. The message has the line and the
         key.
     ModelError
-        The same, if the data come from a program and not from the text of a file.
+        In place of `FileError`, if the data come from a program without a text.
     """
     try:
         # Angles are converted to rad, directions to unit vectors.
         reader = _MechanismReader(document, convert_to_model(document, document.data))
-        # Angles are now in rad. Actions are masses, loads and joint limits.
+        # Actions are masses, loads and joint limits.
         return reader.add_actions(reader.mechanism())
     except ModelError as error:
         raise _locate(document, error, ()) from None
@@ -221,8 +221,8 @@ def _split_key_message(message: str) -> tuple[KeyPath, str]:
 def replace_actions(mechanism: Mechanism, document: Document) -> Mechanism:
     """Return a mechanism with the masses, loads and joint limits of a document.
 
-    This is faster than reading the whole document again. The document must have the same
-    links, pairs and sizes as the mechanism, which is not checked.
+    The document must have the same links, pairs and sizes as the mechanism, which is not
+    checked.
     """
     tables = {name: document.data[name] for name in _ACTION_TABLES if name in document.data}
     reader = _MechanismReader(document, convert_to_model(document, tables))
@@ -254,8 +254,6 @@ class _MechanismReader:
     ) -> Answer:
         """Call a function of the model, and add file, line and key to its errors.
 
-        Functions of the model do not know the file, so their `ModelError` has no location.
-
         Parameters
         ----------
         path
@@ -279,10 +277,7 @@ class _MechanismReader:
             raise _locate(self.document, error, path) from None
 
     def mechanism(self) -> Mechanism:
-        """Return the mechanism in the file, without masses, loads and joint limits.
-
-        `add_actions` adds these.
-        """
+        """Return the mechanism in the file, without masses, loads and joint limits."""
         data = self.data
         # Tables in the file become objects of the model. An input (driven pair) without a
         # range moves through a full revolution.
@@ -304,14 +299,12 @@ class _MechanismReader:
             # Free data of the user, in which numbers become ordinary floats.
             user=_plain(data.get("user", {})),
             description=data.get("description", ""),
-            # The unit of angles that users state later without a unit, such as parameters
-            # of analyses.
+            # The unit of angles in parameters of analyses that users write without a unit.
             angle_unit=self.document.data["angle_unit"],
         )
-        # A file can state the phase of wheels: angles of their shafts at which they mesh.
-        # The model needs the start of the contact instead: arc lengths on the two circles
-        # at which the wheels then touch. They follow from the phase and all other sizes, so
-        # they are computed last.
+        # A file can state the phase of wheels: angles of the shafts at which the wheels
+        # mesh. From the phase and all sizes follows the start of the contact: the arc
+        # lengths on the two circles at which the wheels touch.
         pairs = tuple(self.with_start(mechanism, pair) for pair in mechanism.pairs)
         return replace(mechanism, pairs=pairs) if pairs != mechanism.pairs else mechanism
 
@@ -337,8 +330,8 @@ class _MechanismReader:
                     ("mass", link),
                     f'no link is named "{link}"{choices(link, mechanism.links, "Links")}',
                 )
-        # A mass can be placed by the axes of pairs. This function computes the axes of all
-        # pairs in their links at its first call, and then keeps them.
+        # Masses can be placed by the axes of pairs in their links, which this function
+        # computes at its first call.
         axes_in_links = cache(partial(link_axes, mechanism))
         return replace(
             mechanism,
@@ -355,7 +348,7 @@ class _MechanismReader:
     def load(self, name: str, item: Table) -> Load:
         """Return a load from its table in the file.
 
-        Fields that the table lacks get the defaults of their kind.
+        Fields that the table lacks get defaults.
         """
         kind: Any = LOADS[item.get("kind", PairTorque.kind)]
         fields = {key: item[key] for key in kind.field_kinds if key in item}
@@ -379,8 +372,8 @@ class _MechanismReader:
             - "tensor", the inertia tensor (kg m2) about the centre of the sphere,
             - "tensor_at_centre", the inertia tensor (kg m2) about the centre of mass.
 
-            Tensors are in the axes of the link. With the key "frame", the names of two R
-            pairs, they are in a frame that the axes of these pairs define.
+            Tensors are in the axes of the link, or with the key "frame" (names of two R
+            pairs), in a frame that the axes of these pairs define.
         axes_in_links
             Function that returns the axes of pairs in their links.
 
@@ -399,8 +392,8 @@ class _MechanismReader:
         def from_two_axes(key: str, function: Callable[..., Answer], *args: Any) -> Answer:
             """Call a function with the axes of the two R pairs that a key names.
 
-            R pairs are revolute joints. The two axes, in the axes of the link, are the
-            first arguments, and `args` follow. Errors name the key.
+            The arguments are the two axes (vectors in the axes of the link) and `args`.
+            Errors name the key.
             """
             path = ("mass", link, key)
             axes = []
@@ -467,9 +460,8 @@ class _MechanismReader:
 
         A file has keys of one of these two forms. Sizes are the arcs and angles of links,
         and for each pair the ``zero`` from which its angle is counted. A pose is one
-        configuration, with the directions of all axes. A file with keys of both forms is
-        refused. If a file has neither but has R pairs (hinges), it is refused too, because
-        their axes are unknown.
+        configuration, with the directions of all axes. A file with R pairs (hinges) must
+        have exactly one of both forms.
         """
         pairs = self.data["pairs"]
         links = self.data["links"]
@@ -559,8 +551,8 @@ class _MechanismReader:
         """The unit vector along each R pair, in the coordinates of each of its two links.
 
         Other pairs, such as circles of gear wheels, are placed by these vectors. The
-        complete mechanism does not exist yet when they are read. The vectors are therefore
-        computed from a mechanism that has only the R pairs (hinges) of the file.
+        vectors are computed from a mechanism with only the R pairs (hinges) of the file,
+        because the other pairs are not read yet.
         """
         pairs = tuple(Pair(name, "R", links) for name, links in self.joined_links.items())
         mechanism = Mechanism(
@@ -581,9 +573,8 @@ class _MechanismReader:
             Name of the output.
         item
             The table of the output in the file. The observed direction on the link is the
-            axis of a pair ("axis"), a vector ("xyz") or two angles ("lonlat"). Without
-            these keys the output has no direction. The motion is relative to the ground,
-            unless "relative_to" names another link.
+            axis of a pair ("axis"), a vector ("xyz") or two angles ("lonlat"). The motion
+            is relative to the ground, or to the link that "relative_to" names.
         """
         path: KeyPath = ("outputs", name)
         direction_keys = [key for key in ("axis", "xyz", "lonlat") if key in item]
@@ -625,7 +616,7 @@ class _MechanismReader:
 
         R pairs (hinges) and P pairs (sliders) have an axis. P pairs become R pairs, because
         sliding along a great circle is turning about its pole. All other pairs are contacts
-        of two curves, one on each link.
+        of two curves.
         """
         item = self.data["pairs"][name]
         path = ("pairs", name)
@@ -637,8 +628,8 @@ class _MechanismReader:
             profiles = self.cones(path, item)
         else:
             profiles = self.profiles(path, item)
-        # The other fields of the contact are in its table: its type ("Cr" for rolling, "Cs"
-        # for sliding contact), its two links, and so on.
+        # The table of the contact has its other fields, such as the type ("Cr" for rolling,
+        # "Cs" for sliding contact) and the two links.
         return construct_element(Pair, item, {"name": name, "profiles": profiles})
 
     def cones(self, path: KeyPath, item: Table) -> tuple[Profile, ...]:
@@ -665,8 +656,8 @@ class _MechanismReader:
         def find_centres() -> tuple[list[Vector], float]:
             """Return the axes of both cones in their links, and the angle between them.
 
-            The cones roll on each other as bevel gears. The carrier is the link in which
-            both axes are fixed. The angle (rad) between the axes is the shaft angle.
+            The carrier is the link in which both axes are fixed. The angle (rad) between
+            the axes is the shaft angle.
             """
             carrier = find_gear_carrier(self.joined_links, self.axes_in_links, links, axes)
             centres = [
@@ -677,9 +668,8 @@ class _MechanismReader:
 
         # `call_model` adds file, line and key to the message of any error in a function.
         centres, shaft_angle = self.call_model((*path, "axes"), find_centres)
-        # The radius of a circle is the half angle of its cone. `check_half_angles` computes
-        # the second half angle if the file has only the first, or if the cones miss contact
-        # by a little.
+        # The radius of a circle is the half angle of its cone. `check_half_angles`
+        # completes or corrects the second half angle.
         contact = item.get("contact", "external")
         if "teeth" in item:
             radii = self.call_model(
@@ -702,7 +692,7 @@ class _MechanismReader:
         """Return the two curves of a contact, in the order of its links.
 
         A contact is between two curves, one on each link of the pair. The table
-        ``profiles`` has curves by link. In place of one of them, the table ``follower`` can
+        ``profiles`` has curves by link. In place of one curve, the table ``follower`` can
         describe a cam follower: a roller or a flat face.
 
         Parameters

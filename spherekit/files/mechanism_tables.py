@@ -178,8 +178,7 @@ def _input_tables(name: str, inputs: TablesOrNames | str) -> Tables:
 def _to_file_types(name: str, path: KeyPath, value: Any) -> Any:
     """Convert Python data to the types of a TOML file: dict, list, text and number.
 
-    Arrays of NumPy become lists, and other numbers become floats. The function calls itself
-    for the values in a mapping or a list.
+    Arrays of NumPy become lists, and other numbers become floats.
 
     Parameters
     ----------
@@ -194,7 +193,7 @@ def _to_file_types(name: str, path: KeyPath, value: Any) -> Any:
     ------
     ModelError
         If a key is not a text, or if a value cannot be converted. Values in the table
-        "user" are free data of the user and can have any type.
+        "user" can have any type.
     """
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()

@@ -61,17 +61,16 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
     try:
         read_back = loads(text, mechanism.name)
     except FileError as error:
-        # The text is not a file yet, so lines do not help: "small:17: inputs.a.to: ...".
+        # Lines are removed from the message, because the text is not a file yet.
         location = rf"^{re.escape(mechanism.name)}(:\d+)?: "
         message = re.sub(location, "", str(error), flags=re.MULTILINE)
         raise OutputError(f"{mechanism.name}: cannot be written: {message}") from None
-    # To prove that nothing is lost, the mechanism that was read back is written again. Both
-    # texts must be equal.
+    # Nothing is lost if the mechanism that was read back has the same text.
     lines = text.split("\n")
     lines_read_back = canonical_text(read_back, angle_unit).split("\n")
     for line, line_read_back in zip_longest(lines, lines_read_back):
         if line != line_read_back:
-            # If a key is lost, the line that was read back belongs to the next key.
+            # The line that was read back belongs to another key if this key is lost.
             key, _, value_read_back = (line_read_back or "").partition(" = ")
             has_same_key = bool(value_read_back) and (line or "").startswith(f"{key} = ")
             change = f"would become {value_read_back}" if has_same_key else "would be lost"
@@ -85,7 +84,7 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
 def canonical_text(mechanism: Mechanism, angle_unit: AngleUnit) -> str:
     """Return the text of a mechanism file, without checking that it can be read back.
 
-    Equal mechanisms have the same text, so `mechanism_hash` identifies a mechanism by it.
+    Equal mechanisms have the same text.
 
     Raises
     ------
@@ -163,8 +162,7 @@ def _pair_table(mechanism: Mechanism, pair: Pair) -> _Table:
     for link, profile in zip(pair.links, pair.profiles or (), strict=False):
         profile_table = table_of(profile)
         if profile.points:
-            # A curve through points can be closed or open, so the key is always written.
-            # Other curves are closed and do not have the key.
+            # Only curves through points can be closed or open.
             profile_table["closed"] = profile.closed
         table.setdefault("profiles", {})[link] = profile_table
     return table
@@ -173,7 +171,7 @@ def _pair_table(mechanism: Mechanism, pair: Pair) -> _Table:
 def _load_table(load: Load) -> _Table:
     """Return the table of a load in a mechanism file.
 
-    Keys without a value are left out, and "kind" for a torque at a pair (the default kind).
+    Keys without a value are left out, and so is the default kind, a torque at a pair.
 
     Raises
     ------

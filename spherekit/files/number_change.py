@@ -41,10 +41,10 @@ def document_of(
 ) -> Document:
     """Return the data of a mechanism file, with longitude and latitude for directions.
 
-    Callers change single numbers of these data, for example in a sweep of designs. A single
-    component of a unit vector cannot change, because the length would no longer be 1. A
-    longitude or latitude can. Therefore the axes of pairs, the directions of outputs and
-    the points of profiles (contact curves) are converted.
+    Callers change single numbers of these data, for example in a sweep of designs. A
+    longitude or latitude can change alone, but a single component of a unit vector cannot.
+    Therefore the axes of pairs, the directions of outputs and the points of profiles
+    (contact curves) are converted.
 
     Parameters
     ----------
@@ -68,14 +68,13 @@ def document_of(
 def _with_lonlat(document: Document) -> Document:
     """Return the data of a mechanism file, with angles in place of unit vectors.
 
-    Callers change single numbers. A longitude can change on its own, but a single component
-    of a unit vector cannot. The axes of pairs, the directions of outputs and the points of
-    profiles (contact curves) become a longitude and a latitude, in the unit of the file.
-    They are `LiteralNumber`: floats that keep their decimal digits as text, like the
-    numbers that are read from a file. Other vectors, such as the centre of a circle, stay.
-    The argument is not changed.
+    A longitude can change alone, but a single component of a unit vector cannot. The axes
+    of pairs, the directions of outputs and the points of profiles (contact curves) become a
+    longitude and a latitude, in the unit of the file. The angles are `LiteralNumber`:
+    floats that keep their decimal digits as text. Other vectors, such as the centre of a
+    circle, stay. The argument is not changed.
     """
-    # Only these tables have directions. They are copied, because they are changed below.
+    # The tables with directions are copied, because the copies are changed below.
     tables = {
         name: copy.deepcopy(document.data[name])
         for name in ("pairs", "outputs")
@@ -144,9 +143,8 @@ def number_path(document: Document, key: str) -> KeyPath:
 class ReachedTable:
     """The innermost table of a file to which the parts of a key lead.
 
-    The parts of the key ``links.2.arc``, for example, are "links", "2" and "arc". The user
-    may give a key that names no number. This object tells how far the key leads, for a
-    message.
+    The parts of the key ``links.2.arc``, for example, are "links", "2" and "arc". For a key
+    that names no number, this object tells how far the key leads.
 
     Attributes
     ----------
@@ -194,19 +192,18 @@ def _explain_missing_number(
     """
     reached = _follow_key(document.data, key)
     if reached.missing_part is None:
-        # All parts of the key exist, but it leads to something else than a number.
+        # The key leads to something else than a number.
         problem = _explain_other_value(key, path_by_key)
     else:
         problem = _explain_missing_part(reached, reached.missing_part)
-    # The user may mean a key that begins with `problem.prefix`, the right beginning of the
-    # key. Of the keys of one number, the message lists the shorter one first:
-    # "links.2.arc" before "links.2.arcs.0".
+    # The user may mean a key that begins with `problem.prefix`. Of the keys of one number,
+    # the message lists the shorter one first: "links.2.arc" before "links.2.arcs.0".
     shorter_first = reversed(list(path_by_key))
     similar_keys = [
         other_key for other_key in shorter_first if other_key.startswith(problem.prefix)
     ]
-    # If no key begins so, the message lists the names in the innermost table of the file to
-    # which the key leads.
+    # Without similar keys, the message lists the names in the innermost table to which the
+    # key leads.
     available = similar_keys or list(reached.entries)
     if not available:
         return problem.text
@@ -246,9 +243,8 @@ def _explain_other_value(key: str, path_by_key: Mapping[str, KeyPath]) -> KeyPro
     suggestion = nearest(key, path_by_key)  # "; did you mean ...?", or ""
     if not suggestion:
         return KeyProblem(f'the value of "{key}" is not a number.', prefix=key)
-    # A similar key may be the singular. For example, the list "links.2.arcs" with one
-    # number has the keys "links.2.arcs.0" and "links.2.arc". To list the two keys, the
-    # prefix is without the final s.
+    # The prefix has no final s, so that both keys of the number in a list "links.2.arcs"
+    # are proposed: "links.2.arcs.0" and "links.2.arc".
     prefix = key.removesuffix("s")
     return KeyProblem(f'the value of "{key}" is not a number{suggestion}', prefix)
 
@@ -289,8 +285,7 @@ def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPat
     # The location of each number. The key is stored without table and element, as the tuple
     # of its other parts: ("arcs", "32") for ``links.2.arcs.32``.
     path_by_parts: dict[KeyPath, KeyPath] = {}
-    # A file may leave out the angles ``zero`` and ``value`` of pairs, which are 0 then.
-    # Their keys exist all the same.
+    # The angles ``zero`` and ``value`` of pairs have keys even if the file leaves them out.
     if table == "pairs" and entry:
         for part in _OPTIONAL_PAIR_KEYS:
             single_part = (part,)
@@ -302,9 +297,8 @@ def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPat
         path = (table, name, *inner_path)
         path_by_parts.setdefault(inner_path, path)
         # Further keys. The elements of each array of two numbers get the keys longitude and
-        # latitude, because it may be a direction. (An array of two arcs gets them as well,
-        # which does no harm.) For a direction of a pair or output, the part "lonlat" may be
-        # left out: "pairs.41.longitude" stands for "pairs.41.lonlat.longitude".
+        # latitude, because the array may be a direction. The part "lonlat" may be left out:
+        # "pairs.41.longitude" stands for "pairs.41.lonlat.longitude".
         *outer, last = inner_path
         if isinstance(last, int) and len(reduce(getitem, outer, entry)) == 2:
             path_by_parts[*outer, _LONLAT_NAMES[last]] = path
@@ -339,7 +333,7 @@ def is_angle(document: Document, key: str) -> bool:
         The file and the key of the number, such as ``links.2.arc``; see `number_path`.
     """
     path = number_path(document, key)
-    # Angles of pairs that the file leaves out are 0, and have no key in the data.
+    # `angle_paths` lacks angles of pairs that the file leaves out.
     return path in angle_paths(document) or path[-1] in _OPTIONAL_PAIR_KEYS
 
 
@@ -361,7 +355,7 @@ def with_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> Docume
     """Return the data of a file in which some numbers are replaced.
 
     Only tables and lists that contain a new number are copied. The old and the new document
-    share all other tables and lists, which saves time in a sweep of designs.
+    share all other tables and lists.
 
     Parameters
     ----------
@@ -380,8 +374,8 @@ def with_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> Docume
                 container[key] = copy.copy(container[key])
                 copied_paths.add(path[:depth])
             container = container[key]
-        # As in a file that was read, the number keeps its decimal text. Units are converted
-        # from the text, without rounding errors.
+        # The number keeps its decimal text, from which units are converted without rounding
+        # errors.
         decimal_text = repr(float(number))
         container[path[-1]] = LiteralNumber(decimal_text)
     return replace(document, data=data)

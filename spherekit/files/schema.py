@@ -95,8 +95,8 @@ def check(document: Document, kind: Kind = "mechanism") -> None:
         the file.
     """
     _check_format_version(document)
-    # If there are infinite, NaN or huge numbers, only these are reported. The rules of the
-    # schema compare numbers, which makes no sense for these.
+    # Infinite, NaN or huge numbers are reported alone, because the rules of the schema
+    # cannot compare them.
     faults = list(_unusable_numbers(document.data))
     if not faults:
         errors = validator(kind).iter_errors(document.data)
@@ -109,9 +109,8 @@ def check(document: Document, kind: Kind = "mechanism") -> None:
 def check_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> None:
     """Raise `FileError` if numbers that were changed do not fit the format.
 
-    The document was valid before the change. Rules about keys and names are therefore still
-    met, and only rules about numbers can be broken. Only the parts with new numbers are
-    checked, such as one link, which is faster than a check of the whole document.
+    The document was valid before the change, so only rules about numbers can be broken. To
+    save time, only the parts with new numbers are checked, such as one link.
 
     Parameters
     ----------
@@ -127,8 +126,8 @@ def check_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> None:
         table, name, *_ = map(str, path)
         entries.setdefault(table, {})[name] = document.data[table][name]
     are_finite = all(math.isfinite(number) for number in numbers.values())
-    # Only errors at the changed numbers count. Other errors occur because `entries` lacks
-    # the rest of the document.
+    # Only errors at the changed numbers count, because `entries` lacks the rest of the
+    # document.
     errors = validator().iter_errors(entries)
     has_error = any(tuple(error.absolute_path) in numbers for error in errors)
     if not are_finite or has_error:
@@ -150,8 +149,7 @@ def shown(value: object) -> str:
         return "a huge integer"
     if isinstance(value, str):
         quoted_text = json.dumps(value, ensure_ascii=False)
-        # `ascii` returns the escape sequence of a character, such as "\x07", in quotes,
-        # which are removed.
+        # `ascii` returns the escape sequence of a character, such as "\x07", in quotes.
         text = "".join(
             character if character.isprintable() else ascii(character)[1:-1]
             for character in quoted_text
@@ -180,7 +178,7 @@ def validator(kind: Kind = "mechanism") -> Any:
     arrays of numbers. The rule is replaced here. Arrays of valid floats pass in one quick
     test. All other arrays go to the rule of the library.
     """
-    # The import takes longer than reading a mechanism file, so it comes only now.
+    # Imported here, because the import takes longer than reading a mechanism file.
     from jsonschema import Draft202012Validator
     from jsonschema.validators import extend
 
@@ -216,8 +214,7 @@ def validator(kind: Kind = "mechanism") -> Any:
             and rules.get("type") in ("number", ["number", "string"])
             and not has_other_rules
         )
-        # The quick check accepts floats only. In Python, True is an integer too, and the
-        # rule of jsonschema tells them apart.
+        # The quick check accepts floats only, because True counts as an integer in Python.
         if are_plain_numbers and all(
             isinstance(number, float) and low <= number <= high for number in array
         ):
@@ -274,8 +271,8 @@ class SchemaConversion:
 
     def convert(self, part: Any, value: Any, path: KeyPath) -> Any:
         """Return a value, converted by the part of the schema that declares it."""
-        # A part may refer to a named definition, such as "angle". Without a reference the
-        # name is empty, and no definition has it.
+        # A part may refer to a named definition, such as "angle". The name is empty without
+        # a reference.
         name = part.get("$ref", "").removeprefix(_DEFINITIONS)
         if name in self.converters:
             return self.converters[name](path, value)
@@ -296,7 +293,7 @@ class SchemaConversion:
         "kind". The schema then has a list of rules "if the table has this value, then ...".
         A rule can refer ("$ref") to a definition that declares the whole table. The first
         rule with such a reference and a true condition is used. Rules without a reference
-        only restrict keys and values, which were checked before.
+        only restrict keys and values.
         """
         for rule in part.get("allOf", ()):
             declares_table = "$ref" in rule.get("then", ())
@@ -336,7 +333,7 @@ class SchemaConversion:
             return value
         if part.get("type") == "number":
             return float(value)
-        # The data have been checked, so the value can only be an integer.
+        # The value can only be an integer, because the data have been checked.
         return int(value)
 
 
@@ -426,7 +423,7 @@ def _explain_error(error: Any, kind: Kind) -> Iterator[_Fault]:
         words = [shown(choice) if isinstance(choice, bool) else choice for choice in limits]
         yield path, f"found {shown(value)}, allowed: {listing(words)}{hint}"
     elif rule in ("not", "anyOf"):
-        # These rules combine others. The schema describes in words what is demanded.
+        # These rules combine others, and the schema describes in words what they demand.
         yield path, str(error.schema["description"])
     elif rule in ("pattern", "minLength", "maxLength") and "pattern" in error.schema:
         # A text with a pattern is a name.
@@ -472,9 +469,8 @@ def _meaning_of_key(key: str, part: Table, kind: Kind) -> str:
 def _meaning(part: Table) -> str:
     """Return the description of a part of the schema, as the last sentence of a message.
 
-    Descriptions are written for the documentation. There they also state that a value has
-    no unit, or that it is true or false. A message needs no such remark. It adds the
-    allowed words, if the schema lists some.
+    Remarks that a value has no unit, or is true or false, are left out. The allowed words
+    are added, if the schema lists some.
     """
     if "pattern" in part:  # a name
         return f"; {_NAME_RULE}"

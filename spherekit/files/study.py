@@ -69,7 +69,7 @@ class Start:
     def __post_init__(self) -> None:
         """Raise an error if a number is not finite, and convert lists to tuples.
 
-        Starts with the same numbers are then equal.
+        Tuples make starts with the same numbers equal.
         """
         for name in ("q", "dq"):
             value = getattr(self, name)
@@ -124,7 +124,7 @@ class Start:
     def each(self, inputs: Sequence[str]) -> tuple[Floats, Floats]:
         """Return the variables and the rates of each input at the start of a simulation.
 
-        They are the attributes `q` and `dq`, as arrays with one number for each input.
+        The results are the attributes `q` and `dq` as arrays.
 
         Parameters
         ----------
@@ -143,8 +143,8 @@ class Start:
         ModelError
             If there is not one number for each input.
         """
-        # `q` and `dq` are a single number or a tuple. The default of `dq` is the single
-        # number 0 (at rest), which fits any number of inputs. `q` has no default.
+        # `q` and `dq` are a single number or a tuple. The default rate, the single number 0
+        # (at rest), fits any number of inputs.
         is_default_rate = self.dq == 0.0
         rates = np.zeros(len(inputs)) if is_default_rate else self.dq
         state = []
@@ -193,8 +193,7 @@ def _read_numbers(
 ) -> float | Numbers:
     """Return one number, or several from a sequence or a text such as ``0.4+0.2``.
 
-    The sign + in a text separates numbers, for example those of two inputs. Nothing is
-    added.
+    The sign + in a text separates numbers, for example those of two inputs.
 
     Parameters
     ----------
@@ -212,14 +211,13 @@ def _read_numbers(
 
     def read_number(number: Any) -> float:
         """Return one number in rad or rad/s, from a number or a text."""
-        # An angle of very many turns is refused in a text, as a mistake of the user.
-        # Numbers of a program are not limited.
+        # An angle of very many turns is refused in a text only, as a mistake of the user.
         is_text = isinstance(number, str)
         source = number if is_text else float(number)
         return read_quantity(source, dimension, angle_unit, is_limited=is_text)
 
     if isinstance(value, str):
-        # An exponent such as 1e+5 also has a plus sign, which is not a separator.
+        # The plus sign of an exponent, as in 1e+5, is not a separator.
         parts = re.split(r"(?<![eE])\+", value.strip().removeprefix("+"))
         return tuple(map(read_number, parts)) if len(parts) > 1 else read_number(parts[0])
     return tuple(map(read_number, value)) if np.ndim(value) else read_number(value)
@@ -303,7 +301,7 @@ class Study:
 
     def __post_init__(self) -> None:
         """Convert the start and the path, and raise `AnalysisError` if a value is wrong."""
-        # A mechanism of another type is refused below.
+        # `check_fields` refuses a mechanism of another type.
         has_mechanism = isinstance(self.mechanism, Mechanism)
         if has_mechanism and isinstance(self.start, str | Mapping):
             object.__setattr__(self, "start", read_start(self.start, self.mechanism))

@@ -54,8 +54,8 @@ def load_study(name_or_path: AnyPath) -> Study:
     # The unit of angles in the study file, by default that of the mechanism file.
     angle_unit: AngleUnit = document.data.get("angle_unit", mechanism.angle_unit)
     data = convert_to_model(document, document.data, "study", angle_unit)
-    # Parameters of analyses are converted later, from the unit that the mechanism states.
-    # In a study they are in the unit of the study file.
+    # The unit of the mechanism applies to parameters of analyses. In a study these are in
+    # the unit of the study file.
     mechanism = replace(mechanism, angle_unit=angle_unit)
     return _StudyReader(document, data).construct_study(path, mechanism)
 
@@ -100,7 +100,7 @@ class _StudyReader:
     data: Table
 
     def construct_study(self, path: Path, mechanism: Mechanism) -> Study:
-        """Return the study that the file contains.
+        """Return the study that the file contains: a mechanism with the analyses to run.
 
         Parameters
         ----------
@@ -117,15 +117,17 @@ class _StudyReader:
         return Study(
             name=path.name.removesuffix(STUDY_SUFFIX),
             mechanism=mechanism,
+            # The number of samples of the inputs, evenly spaced over their ranges.
             samples=self.samples(mechanism),
-            # The path of the inputs: their values at every sample, in place of ranges.
+            # The values of the inputs at every sample, None if the file states ranges.
             path=self.input_values(mechanism),
-            # Parameters of analyses are unconverted, because only the classes of the
-            # analyses know their types.
+            # Parameters of analyses are unconverted, because only the analyses know the
+            # types.
             analyses=self.document.data.get("analyses", {}),
             # Where results are written: a folder of tables, and a recording of the motion.
             folder=self.output_path("folder"),
             recording=self.output_path("recording"),
+            # Whether tables of results have angles in degrees.
             degrees=data.get("output", {}).get("degrees", False),
             # Inputs as functions of time (laws), or the state at t = 0 from which the
             # motion is simulated (start), with the driving torque of this simulation.
@@ -149,10 +151,9 @@ class _StudyReader:
     def with_inputs(self, mechanism: Mechanism) -> Mechanism:
         """Return the mechanism with the inputs of the study and their ranges.
 
-        If the study names a pair that is not an input (driven pair) of the mechanism, the
-        pairs of the study become the only inputs. Otherwise the inputs of the mechanism
-        remain. The study can state one end of a range or both. The other ends are taken
-        from the mechanism.
+        The inputs (driven pairs) of the mechanism remain if they include all input pairs of
+        the study. Else the pairs of the study become the only inputs. Ends of ranges that
+        the study does not state are taken from the mechanism.
         """
         input_tables = self.data.get("inputs", {})
         for pair in input_tables:
@@ -229,7 +230,6 @@ class _StudyReader:
                         f'sample; leave out "{key}" or "values"',
                     )
             column = table["values"]
-            # All lists must be as long as the list of the first input.
             if columns and len(column) != len(columns[0]):
                 raise fault(
                     (*path, "values"),

@@ -105,7 +105,7 @@ class Cycloidal:
         rise = self.stop - self.start
         turn = 2 * math.pi
         # The angle 2 pi x. At the end 0 replaces 2 pi, because sin(2 pi) is not exactly 0
-        # in float64. Rate and acceleration are then exactly 0 there.
+        # in float64. Rate and acceleration must be exactly 0 there.
         angle = turn * np.where(x < 1.0, x, 0.0)
         q = self.start + rise * (x - np.sin(angle) / turn)
         dq = rise / self.duration * (1 - np.cos(angle))
@@ -155,7 +155,7 @@ class Tabulated:
     @cached_property
     def _splines(self) -> tuple[Any, Any, Any]:
         """The spline of the variable and its first and second derivatives."""
-        # SciPy takes longer to import than a study file takes to read.
+        # Imported here, because the import of SciPy takes longer than reading a study file.
         from scipy.interpolate import make_interp_spline
 
         rest = [(1, 0.0), (2, 0.0)]  # order and value of derivatives at an end

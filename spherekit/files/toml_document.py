@@ -89,8 +89,7 @@ class Document:
     name
         Name of the file in messages.
     text
-        Text of the file. None for data that a program has made. Messages about such data
-        have no line.
+        Text of the file. None for data that a program has made.
     data
         The tables of the file. Floats are `LiteralNumber`, which keep their decimals.
     """
@@ -131,8 +130,7 @@ class Document:
             Key path (keys that lead to the value) and message of each fault. Equal faults
             are listed once.
         """
-        # Sorted by the line of the key path. The keys of a dictionary are unique, so equal
-        # faults vanish.
+        # Sorted by the line of the key path. The dictionary removes repeated faults.
         unique_faults = dict.fromkeys(sorted(faults, key=lambda item: self.line(item[0])))
         sentences = [self.sentence(path, message) for path, message in unique_faults]
         unlisted = len(sentences) - MAX_REPORTED_FAULTS
@@ -170,8 +168,8 @@ _pipe_contents: dict[int, bytes] = {}
 def read_pipe(path: Path, max_bytes: int = -1) -> bytes | None:
     """Return the content of a pipe that the shell has opened; None for other files.
 
-    Examples are ``/dev/stdin`` and ``/dev/fd/63``. A pipe can be read only once. The first
-    call stores the content, and later calls return the stored content.
+    Examples are ``/dev/stdin`` and ``/dev/fd/63``. A pipe can be read only once, so later
+    calls return the content that the first call has stored.
 
     Parameters
     ----------
@@ -190,10 +188,10 @@ def read_pipe(path: Path, max_bytes: int = -1) -> bytes | None:
     if not stat.S_ISFIFO(status.st_mode) or not is_shell_path:
         return None
     with path.open("rb") as stream:
-        # At a second call the pipe is empty, and no bytes are read.
+        # At a second call the pipe is empty.
         content = stream.read(max_bytes)
-    # The inode number identifies the pipe. `setdefault` prefers stored content to the
-    # content that was read now.
+    # The inode number identifies the pipe. `setdefault` returns stored content, if there is
+    # some.
     return _pipe_contents.setdefault(status.st_ino, content)
 
 
@@ -204,19 +202,18 @@ def read_text(path: Path) -> str:
     ------
     FileError
         If the file cannot be opened, is neither a regular file nor a pipe of the shell, is
-        larger than `MAX_BYTES`, or is not UTF-8. The size of a pipe is checked later, by
-        the function that parses the text.
+        larger than `MAX_BYTES`, or is not UTF-8. The size of a pipe is not checked here.
     """
     try:
         if path.is_dir():
             raise FileError(f"{path}: this is a folder; give a file in it")
-        # The shell opens pipes such as ``/dev/stdin``. For any other file, None is
-        # returned. One byte more than allowed is read, so that the excess is noticed.
+        # A pipe of the shell, such as ``/dev/stdin``; None for any other file. One byte
+        # more than allowed is read, so that the excess is noticed.
         data = read_pipe(path, MAX_BYTES + 1)
         if data is not None:
             return _decode(data, str(path))
-        # The path can also be a named pipe, a file made by ``mkfifo``. Without O_NONBLOCK,
-        # opening it would wait for a writer. Below, it is refused.
+        # Without O_NONBLOCK, opening a named pipe (made by ``mkfifo``) would wait for a
+        # writer.
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
@@ -302,15 +299,14 @@ def parse(text: str, name: str) -> Document:
         ) from None
 
     # The nesting of tables and arrays is limited. A path has one part for each key and for
-    # each index in an array. Numbers and texts in an array have an index, but are not a
-    # further level of nesting.
+    # each index in an array. Numbers and texts in an array are not a further level of
+    # nesting.
     document = Document(name, text, data)
     for path, value in values_in(data):
         has_key = isinstance(path[-1], str)
         is_table_or_array = isinstance(value, dict | list)
         is_level = has_key or is_table_or_array
         if len(path) > MAX_NESTING and is_level:
-            # The message names only the beginning of the long path.
             raise document.fault(
                 path[:3],
                 "the tables and arrays are nested too deeply; at most "
@@ -357,8 +353,8 @@ def _syntax_message(text: str, name: str, parser_message: str) -> str:
     parser_message
         The message of `tomllib`, which ends with the position of the fault.
     """
-    # Divide the message into the problem, the line and the column. Without a position the
-    # fault is at the end of the text.
+    # Divide the message into the problem, the line and the column. Faults at the end of the
+    # text have no position.
     lines = text.split("\n")
     match = _PARSER_MESSAGE.fullmatch(parser_message)
     problem = match[1] if match else parser_message

@@ -110,9 +110,8 @@ class _KeyScanner:
             self.brackets.append((token, inner_path))
             self.is_value = False
         elif token in ("]", "}") and self.brackets:
-            # An array or an inline table ends, and so does a value. `is_value` remains true
-            # because no key can follow at once: the next one comes after a comma or on the
-            # next line.
+            # An array or an inline table ends. `is_value` remains true up to a comma or the
+            # end of the line, before which no key can follow.
             self.brackets.pop()
             self.is_value = True
         elif token == "," and self.brackets:
@@ -153,19 +152,17 @@ class _KeyScanner:
     def _enter_table(self) -> None:
         """Record the line of a table header, and make its table the present one.
 
-        TOML parsers report no lines, so this scanner records the line of each key for
-        messages. It calls the method after reading a header, such as ``[pairs.41]``. The
-        parts ``pairs`` and ``41`` are in `key_parts`. The keys that follow belong to the
-        present table.
+        A header such as ``[pairs.41]`` has been read; the parts ``pairs`` and ``41`` are in
+        `key_parts`. The keys that follow belong to the present table.
         """
         outer_path = self._enter_outer_tables(self.key_parts[:-1])
         path = (*outer_path, self.key_parts[-1])
         # A header with two brackets, ``[[name]]``, begins a table of an array.
         if self.header_depth > 1:
             path = self._begin_array_table(path)
-        # The own header of a table counts more than a line recorded earlier. For example,
-        # the header ``[pairs.41]`` also records its line for ``pairs``, and a header
-        # ``[pairs]`` can follow.
+        # The own header of a table replaces a line recorded earlier. For example,
+        # ``[pairs.41]`` records its line for ``pairs``, and the header ``[pairs]`` can
+        # follow.
         self.lines[path] = self.line
         self.table = path
 
@@ -193,7 +190,7 @@ class _KeyScanner:
         path: KeyPath = ()
         for key in keys:
             path = (*path, key)
-            # This counter has 0 for a path that is no array of tables.
+            # The size is 0 if the path is no array of tables.
             array_size = self.array_table_sizes[path]
             if array_size:
                 path = (*path, array_size - 1)

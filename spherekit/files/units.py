@@ -92,7 +92,7 @@ def construct_element(
     other_fields
         Values of further fields, by field name. They must not be in the table.
     """
-    # A key of the file and its field of the class can have different names.
+    # `field_by_key` has the field of the class for each key of the file.
     field_by_key = KEYS[cls]  # type: ignore[index]
     table_fields = {
         field_by_key[key]: value for key, value in table.items() if key in field_by_key
@@ -108,8 +108,8 @@ def table_of(element: Any) -> dict[str, Any]:
     """
     default_by_field = {item.name: item.default for item in fields(element)}
     table: dict[str, Any] = {}
-    # Some fields can be stated by two keys, such as "centre_xyz" and "centre_lonlat". A
-    # field is written with its first key, which states the stored value as it is.
+    # Some fields can be stated by two keys, such as "centre_xyz" and "centre_lonlat". The
+    # first key states the stored value as it is.
     handled_fields = set()
     for key, field_name in KEYS[type(element)].items():
         value = getattr(element, field_name)
@@ -233,8 +233,8 @@ def convert_to_file(data: Table, unit: AngleUnit) -> Any:
     Returns
     -------
     The same tables with converted numbers. Each number is a `LiteralNumber`: a float that
-    keeps the decimal digits with which it is written. These digits are read back as the
-    same angle.
+    keeps the decimal digits with which it is written. The digits are read back as the same
+    angle.
     """
 
     def convert_angle(path: KeyPath, angle: float) -> LiteralNumber:
@@ -247,9 +247,9 @@ def convert_to_file(data: Table, unit: AngleUnit) -> Any:
 def angle_paths(document: Document) -> set[KeyPath]:
     """Return the locations of all angles in a mechanism file.
 
-    They are all numbers that the schema of the file declares as angles, including
-    longitudes and latitudes. A location is a path of keys. Each number of an array has its
-    own path, which ends with its index.
+    The schema of the file declares which numbers are angles; longitudes and latitudes are
+    included. A location is a path of keys, which ends with an index for a number in an
+    array.
     """
     paths: set[KeyPath] = set()
 
