@@ -312,11 +312,13 @@ class DesignEvaluator:
     @property
     def has_gradients(self) -> bool:
         """Whether the figures can be differentiated with respect to the variables."""
+        if self.kernel is not None:
+            return True
+        # Without a kernel, contact profiles that are not circles have derivatives, if only
+        # numbers of profiles and angles of links, pairs and outputs vary.
         varies_profiles = self.varied_mechanism.has_shaped_profiles and all(
             v.is_angle or "profiles" in v.path for v in self.variables
         )
-        if self.kernel is not None:
-            return True
         return varies_profiles and not self._masses_follow_sizes
 
     @property
@@ -1033,8 +1035,8 @@ class DesignEvaluator:
     def _evaluate_mechanism(self, mechanism: Mechanism) -> DesignTable:
         """Return the figures of the mechanism of one design, by functions of its own.
 
-        The links are placed in closed form if possible. Otherwise a search finds the
-        assembly modes, and the kernel computes quantities from their configurations.
+        The links are placed in closed form if possible. If not, a search finds the assembly
+        modes, and a kernel computes quantities from their configurations.
 
         A kernel is a function that computes quantities at many samples at once.
 

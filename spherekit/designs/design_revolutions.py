@@ -223,11 +223,12 @@ def unwrap_along_one_input(
     growth_per_lap = np.zeros_like(unwrapped[:, 0])
     if repeats:
         lap_growth = np.round((unwrapped[:, -1] - unwrapped[:, 0]) / TURN) * TURN
-        # If a mode ends within the revolution, the piece that reaches the end of the lap
-        # continues into the next lap, where the anchor is. Angles of this piece are counted
-        # from that anchor.
+        # (stations - 1, n) whether angles can be followed from a station to the end of the
+        # lap, which is the anchor of the next lap.
         reaches_end = np.isfinite(np.cumsum(growth[0, ::-1], axis=0))[::-1]
         closes_all_round = reaches_end[0]
+        # If a mode ends within the lap, angles of the piece that reaches the end of the lap
+        # are counted from the anchor of the next lap.
         unwrapped[:, :-1] -= np.where(
             reaches_end & ~closes_all_round, lap_growth[:, None], 0.0
         )

@@ -468,8 +468,7 @@ class DesignRuns:
 
         - working modes (ways to assemble the mechanism at a fixed pose of the output) have
           no signs of dyads;
-        - the kernel may have no signs, or other signs, because it computes with links that
-          replace contacts.
+        - the kernel may have no signs, or signs of links that replace contacts.
 
         Parameters
         ----------

@@ -301,7 +301,7 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
 
     The result has the sizes by their keys, such as ``links.2.arc``. The result is empty if
     the file has sizes, or if there are contacts (pairs in which two links touch along
-    curves), for which no sizes are derived.
+    curves).
     """
     has_reference_pose = isinstance(mechanism.geometry, PoseGeometry)
     if not has_reference_pose or mechanism.has_contacts:

@@ -128,7 +128,8 @@ class FigureGradients:
             weights = sample_weights(
                 merit.reduction, sample_values, figures[k], is_closed_path
             )
-            # The input at which a value is smallest has no derivative here.
+            # Reductions such as "argmin" return an input. Their derivatives are not
+            # computed.
             if weights is None:
                 continue
             weighted = np.flatnonzero(weights)

@@ -520,7 +520,7 @@ class KernelFigures:
 
         A figure of merit (number that rates a design) such as "at(theta_41, 0.5)" states
         its input, the point. Its expression may contain rates and the time, which are not
-        stated. By convention each input has the rate 1 or -1 rad/s, with the sign of its
+        stated. By convention the rate of each input (rad/s) is the sign (1, -1 or 0) of its
         rate at the first sample. The time is 0 at the first sample.
 
         Returns

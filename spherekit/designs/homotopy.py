@@ -687,7 +687,8 @@ def find_start_solutions(kernel: PathKernel, sizes: Floats) -> StartSolutions | 
         return None
 
     # Choose real inputs for the elimination, and complex inputs of the result. Special
-    # inputs, such as zero, may be singular. The seed makes the result repeatable.
+    # inputs, such as zero, may be singular. The seed makes the result repeatable. For the
+    # elimination, pairs that follow the inputs by gear ratios count as inputs, too.
     moving = mechanism.with_inputs(*mechanism.names_of(structure.assembly.inputs))
     solver = PositionSolver(moving, structure.assembly)
     inputs = mechanism.with_inputs(*mechanism.names_of(structure.input_pairs)).inputs

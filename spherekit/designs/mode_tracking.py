@@ -384,9 +384,9 @@ class _SolutionTracker:
         """Return the solution at the next sample to which each real solution leads.
 
         A solution solves the closure equations at the inputs of a sample. A real solution
-        is a configuration, which is tracked along a path of real configurations, in steps
-        that do not jump to another assembly mode. A mode ends if its path does not arrive.
-        A design is marked in `is_lost` if a path arrives at none of the known real
+        is a configuration. Real solutions are tracked along paths of real configurations,
+        in steps that do not jump to another assembly mode. A mode ends if its path does not
+        arrive. A design is marked in `is_lost` if a path arrives at none of the known real
         solutions, or if two paths arrive at the same one.
 
         Parameters

@@ -120,7 +120,7 @@ class DesignProfiles:
         A profile is the curve along which a link touches another link. In a tolerance
         analysis, each draw is one set of random deviations from this design. A
         configuration of this design is followed to each draw along a path of designs, by
-        Newton's method, which needs the profiles of the designs on the path.
+        Newton's method. The method needs the profiles of the designs on the path.
 
         Parameters
         ----------

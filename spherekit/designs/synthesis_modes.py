@@ -82,10 +82,10 @@ class ModeOrigin:
 class SynthesisMode:
     """An assembly mode (way to assemble the links) that is followed from design to design.
 
-    If all groups of links are dyads (two links with three R pairs), the signs of the dyads
-    identify a mode in every design. With other groups, the configurations of a new design
-    are tracked: from a known design, the origin, the sizes change step by step to the new
-    design.
+    A dyad is a group of two links with three R pairs. If all groups are dyads and all
+    contact profiles are circles, the signs of the dyads identify a mode. If not, the
+    configurations of a new design are tracked: from a known design, the origin, the sizes
+    change step by step to the new design.
 
     Tracking always starts at the origin. The result therefore does not depend on designs
     that were tried in between.
@@ -106,11 +106,11 @@ class SynthesisMode:
     def position_arguments(self, design: DesignPoint, count: int) -> Floats:
         """Return the numbers from which the positions of links follow in this mode.
 
-        The numbers are arguments of kernels (functions of many configurations). If all
-        groups of links are dyads (two links and three revolute pairs), the numbers are
-        signs: a dyad can be assembled in two ways. For other groups, the numbers are the
-        variables of all pairs (joints), tracked from `origin`, which has the known
-        configurations of one design.
+        The numbers are arguments of kernels (functions of many configurations). Without an
+        `origin`, the numbers are signs of dyads: a dyad (two links and three revolute
+        pairs) can be assembled in two ways. An `origin` has the known configurations of one
+        design. The numbers are then the variables of all pairs (joints), tracked from this
+        design.
 
         Parameters
         ----------
@@ -173,10 +173,11 @@ def find_labelled_modes(
 ) -> list[SynthesisMode | None]:
     """Return the assembly mode of each design that has the label of a table row.
 
-    An assembly mode is one way to assemble the mechanism. If all groups of links are dyads
-    (two links and three revolute pairs), the label is a sign for each dyad, such as
-    ``"+-"``. Such a label describes the mode completely, and nothing is searched. For other
-    labels, all modes of each design are searched at the samples of the evaluator.
+    An assembly mode is one way to assemble the mechanism. A dyad is a group of two links
+    with three revolute pairs. If all groups are dyads and all contact profiles are circles,
+    the label is a sign for each dyad, such as ``"+-"``. Such a label describes the mode
+    completely, and nothing is searched. If not, all modes of each design are searched at
+    the samples of the evaluator.
 
     Parameters
     ----------

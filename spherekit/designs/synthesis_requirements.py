@@ -299,9 +299,9 @@ class PopulationScorer:
     def score(self, points: Floats) -> PopulationScores:
         """Return the objectives and violated conditions of designs.
 
-        A design gets large values if it cannot be assembled in the assembly mode (way to
-        assemble the mechanism), or if its objectives are not finite. So all other designs
-        are preferred.
+        An assembly mode is one way to assemble the mechanism. Designs that cannot be
+        assembled in the mode get large values, and so do designs with objectives that are
+        not finite. So all other designs are preferred.
 
         Parameters
         ----------
