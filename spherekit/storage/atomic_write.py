@@ -230,7 +230,7 @@ def open_for_writing(path: AnyPath) -> Iterator[BinaryIO]:
 def output_error(path: object, what: str, error: OSError | ValueError) -> OutputError:
     """Return the error to raise if a file or folder cannot be created, written or locked.
 
-    The caller raises it, so that users see a plain message instead of a traceback.
+    Users see a plain message if the caller raises this error.
 
     Parameters
     ----------

@@ -69,9 +69,9 @@ def array_function(
         *program.work_names,
     ]
     row_of_name = {name: row for row, name in enumerate(names)}
-    # All values are rows of arrays, in the order of `names`. An operation consists of a
-    # NumPy function, the row of its first and (or None) of its second argument, and the row
-    # of its result.
+    # All values are rows of arrays, in the order of `names`. An operation has a NumPy
+    # function, the rows of its first and second argument (None without a second), and the
+    # row of its result.
     operations: list[tuple[Callable[..., Any], int, int | None, int]] = []
     for step in program.steps:
         name = _NUMPY_NAMES.get(step.operation, step.operation)
@@ -108,8 +108,7 @@ def array_function(
             for start in range(0, sample_count, BLOCK_SAMPLES):
                 block = slice(start, start + BLOCK_SAMPLES)
                 work_block = work[:, : sample_count - start]
-                # Each of the `operations` (the program of all expressions) names the rows
-                # that it reads and writes by their number in this list: constants, inputs,
+                # The `operations` have the numbers of rows in this list: constants, inputs,
                 # outputs, intermediate values. Inputs, outputs and intermediate values are
                 # views of one block of samples.
                 rows = [
@@ -225,8 +224,8 @@ class _Program:
     input_names, output_names
         Names of the inputs (x0, x1, ...) and of the outputs (y0, y1, ...).
     work_names
-        Names of intermediate values (z0, z1, ...). They are fewer than the steps, since a
-        name is used again after the last step that reads its value.
+        Names of intermediate values (z0, z1, ...). A name is used again after the last step
+        that reads its value.
     """
 
     steps: Sequence[_ProgramStep]

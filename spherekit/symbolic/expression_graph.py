@@ -293,7 +293,7 @@ def rewrite(
     convert_number
         Returns the converted form of a number.
     convert_node
-        Returns the converted form of a node. It is called with the node and its converted
+        Returns the converted form of a node. The function gets the node and its converted
         arguments; a variable has none.
     """
     converted: dict[ExpressionNode, Any] = {}
@@ -325,7 +325,7 @@ def substitute(
     replacements
         For each node to replace, the expression that takes its place.
     """
-    # These functions simplify, for example if a replacement is zero.
+    # Functions that simplify, for example if a replacement is zero.
     operators = {"+": add, "-": subtract, "*": multiply, "/": divide}
 
     def convert_node(node: ExpressionNode, arguments: list[Any]) -> Expr:

@@ -175,8 +175,8 @@ def _rotate_by_size_changes(
     link, pair
         Names of the link and of one of its pairs.
     frame
-        (3, 3) frame of the pair in the reference pose. This is the pose for which the file
-        states the axes of all pairs.
+        (3, 3) frame of the pair in the reference pose. For this pose the file states the
+        axes of all pairs.
     """
     # The arc and the angle of this pair in the reference pose, by kind. The first axis of
     # the link has no sizes.

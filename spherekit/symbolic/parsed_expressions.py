@@ -52,8 +52,8 @@ def convert_to_graph(
     expression
         The parsed expression.
     nodes_by_name
-        Full and reduced value of each name in the expression. Both are the same for names
-        that are no angles.
+        Full and reduced value of each name in the expression. The two values are the same
+        for names that are no angles.
     sign
         Function that returns the sign of an expression, by default `sign_of`. An integrator
         gives a function whose sign changes only at switches (events of the integration).

@@ -203,8 +203,9 @@ class Integrator:
             """Note the event, set its sign, and return whether to continue.
 
             The equations of motion have the sign of the event function as a parameter, such
-            as the sense of dry friction. Its index is `event.switch`. `adaptive` is
-            heyoka's integrator. `sign` is the sign of the event function after its zero.
+            as the sense of dry friction. `event.switch` is the index of the parameter.
+            `adaptive` is heyoka's integrator. `sign` is the sign of the event function
+            after its zero.
             """
             time = float(adaptive.time)
             self.seen_events.append((index, time))
@@ -271,8 +272,8 @@ class Integrator:
         if code in self._step_end_of_outcome:
             return self._step_end_of_outcome[code], length
         # Other codes stand for an event. heyoka numbers the events that can end a step: 0,
-        # 1, and so on. The code is this number if the integration can continue. Otherwise
-        # the code is -1 for event 0, -2 for event 1, and so on.
+        # 1, and so on. The code is this number if the integration can continue. If not, the
+        # code is -1 for event 0, -2 for event 1, and so on.
         if code >= 0:
             return "switch", length
         heyoka_number = -code - 1

@@ -189,7 +189,7 @@ class Table:
         parts
             The rows, part by part in order. A part has values by name of the column: an
             array (n,), or one value for all rows of the part. A part without an array is
-            one row. Columns of numbers and texts can be left out and are then blank (NaN or
+            one row. Columns of numbers and texts that are left out become blank (NaN or
             empty). Every part has all columns of whole numbers and of statuses.
 
         Returns

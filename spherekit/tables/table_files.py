@@ -97,7 +97,7 @@ def make_frame(
     columns
         Arrays (n,) by the name of the column.
     notes
-        Facts about the table by name, such as units. They become the `attrs` of the frame.
+        Facts about the table by name, such as units, which become the `attrs` of the frame.
     copy
         Whether the frame copies the arrays. Otherwise it may share them.
     """
@@ -145,8 +145,8 @@ def _number_distinct_texts(texts: Array) -> Array:
     """Return a number for each text, with equal numbers for equal texts.
 
     Distinct texts are numbered 0, 1, ... in the order in which they first occur. The texts
-    are a NumPy array of fixed width. Their letters are compared as integers, which is
-    faster than making Python strings.
+    are a NumPy array of fixed width. The letters of the texts are compared as integers,
+    which is faster than making Python strings.
     """
     import pandas as pd
 
@@ -286,8 +286,8 @@ def _needs_quotes(rows: "pa.Table", separator: str) -> bool:
 def read_chunks(groups: Iterable[tuple[Path, int]]) -> Iterator[Mapping[str, Any]]:
     """Yield the rows of several Parquet files in pieces of `CHUNK_ROWS` rows.
 
-    This way a large table is never in memory as a whole. The rows of a Parquet file are
-    divided into row groups, which can be read in any order.
+    A large table is never in memory as a whole. The rows of a Parquet file are divided into
+    row groups, which can be read in any order.
 
     Parameters
     ----------
@@ -431,7 +431,7 @@ def _open_parquet_file(path: Path) -> Iterator[Any]:
             file = pq.ParquetFile(stream, page_checksum_verification=True, pre_buffer=False)
             _check_headings(file)
             yield file
-    # Errors of the ``with`` block are handled here, too.
+    # Errors of the caller's ``with`` block arrive here.
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         reason = (
             f"is not a Parquet file, or is damaged: {' '.join(str(error).split())}; remove "

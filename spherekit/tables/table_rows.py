@@ -219,9 +219,9 @@ def _find_modes_in_order(block: TableData) -> list[tuple[int, slice]] | None:
     An assembly mode is one of the ways to assemble the mechanism. The rows are in order if
     all rows of a mode follow each other, with samples that never decrease.
 
-    Each sample in a mode can have several rows, one for each of k subjects, such as poles.
-    Then k successive rows have the same mode and sample. `remove_repetitions` returns
-    columns with only one of these rows, which take less time to compare.
+    Each sample in a mode can have several rows, one for each subject, such as a pole. With
+    k subjects, k successive rows have the same mode and sample. `remove_repetitions`
+    returns columns with only one of these rows, which take less time to compare.
     """
     modes, repeats = remove_repetitions(block[ASSEMBLY_MODE.name])
     samples, sample_repeats = remove_repetitions(block[SAMPLE.name])

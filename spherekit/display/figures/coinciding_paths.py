@@ -57,8 +57,7 @@ class DashPosition(NamedTuple):
 def dash_positions(leaders: Sequence[int]) -> list[DashPosition]:
     """Return for each curve its position among the curves that coincide with it.
 
-    Curves that coincide are drawn with dashes side by side, for which the number of
-    coinciding curves and the position of each curve must be known.
+    Curves that coincide are drawn with dashes side by side.
 
     Parameters
     ----------
@@ -95,7 +94,7 @@ def find_coinciding_paths(paths: Sequence[Floats], size: float) -> list[DashPosi
         for earlier_number in range(number):
             is_leader = leaders[earlier_number] == earlier_number
             earlier_path = paths[earlier_number]
-            # It is enough to compare with leaders.
+            # Paths are compared with leaders only.
             if is_leader and (
                 _lies_on(path, earlier_path, size) or _lies_on(earlier_path, path, size)
             ):

@@ -45,8 +45,8 @@ class Collector:
     """A recorder that keeps the drawings of a run in memory.
 
     The recorder first receives a head, with the titles of the assembly modes and the scenes
-    (drawings) that do not move. Then it receives blocks, each with the scene of some
-    successive samples.
+    (drawings) that do not move. After the head the recorder receives blocks, each with the
+    scene of some successive samples.
 
     Attributes
     ----------
@@ -118,9 +118,9 @@ def _join_scenes(parts: Sequence[Scene]) -> Scene:
     """Join the scenes of successive blocks of samples to one scene.
 
     A scene has primitives: objects that are drawn, such as arrows and plots. The same
-    primitive in several blocks is recognised by its class and its address (`path`). Its
-    values, one row for each sample, are joined. The values of the axes `scene.over`
-    (quantities over which the scene is plotted) are joined in the same way.
+    primitive in several blocks is recognised by its class and its address (`path`). The
+    values of the primitive, one row for each sample, are joined. The values of the axes
+    `scene.over` (quantities over which the scene is plotted) are joined in the same way.
     """
     primitive_parts: dict[tuple[type, str], list[Primitive]] = {}
     for scene in parts:

@@ -150,8 +150,7 @@ def _subject_columns(table: Table, frame: "pd.DataFrame") -> list[str]:
     """
     names = []
     for column in table.columns:
-        # This column has the user's name of the assembly mode, which is no subject. The
-        # number of the mode is in another column.
+        # The user's name of the assembly mode is no subject.
         is_mode_name = column == MODE_NAME
         if column.kind != "text" or is_mode_name:
             continue

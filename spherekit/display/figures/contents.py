@@ -95,7 +95,7 @@ class Figures(Mapping[str, Figure]):
         if not names:
             names = [key for key in self if key.startswith(f"{name}/")]
         if not names:
-            # There are no figures if no analysis of the run returned something to draw.
+            # Names for the message. The list is empty if no analysis drew anything.
             all_names = (
                 listing(self, len(self))
                 or "none, because no analysis of this run draws a figure"
@@ -137,8 +137,8 @@ def plan_figures(
 ) -> Figures:
     """Return the figures of a run, which are drawn when they are first read.
 
-    A scene has the objects that are drawn on one page. The page shows one assembly mode
-    (way to assemble the mechanism), or other results, and then has a title.
+    A scene has the objects that are drawn on one page. A page shows one assembly mode (way
+    to assemble the mechanism), or has a title and shows other results.
 
     Parameters
     ----------

@@ -49,9 +49,9 @@ def draw_curves(
 ) -> Figure:
     """Return a figure of curves of one unit, in a panel for each label.
 
-    A series has a number for each sample, and is drawn as a curve. Its label names the
-    quantity. A page shows one assembly mode (way to assemble the mechanism), or one
-    analysis.
+    A series has a number for each sample, and is drawn as a curve. The label of a series
+    names the quantity. A page shows one assembly mode (way to assemble the mechanism), or
+    one analysis.
 
     - With several pages, each label has a panel. Each page has a colour and dashes of its
       own, and the legend names the pages.
@@ -144,8 +144,8 @@ def _draw_panel(
         if dash.linestyle is not None:
             dashed_look = look | {"linestyle": dash.linestyle}
         _draw_curve(panel, curve, value_range, dashed_look)
-    # If curves differ from a constant by rounding errors only, they look like horizontal
-    # lines. A note then states by how much their values differ.
+    # Curves that differ from a constant by rounding errors only look like horizontal lines.
+    # A note states by how much their values differ.
     _note_spread_of_rounding(panel, all_values, rounding=resolution * scale, unit=unit)
 
     start, end = axis.extent

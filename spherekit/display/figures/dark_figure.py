@@ -52,7 +52,7 @@ def dark_copy(figure: Figure) -> Figure:
         # Panels and figure have no colours of their own, but their background patches have.
         if not isinstance(artist, Axes | Figure):
             _darken(artist)
-    # Texts can share a halo (outline). It must be changed only once.
+    # Texts can share a halo (outline), which must be changed only once.
     effects = {
         id(effect): effect
         for artist in artists

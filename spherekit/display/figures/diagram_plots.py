@@ -26,9 +26,9 @@ gaps.
 def draw_diagrams(items: Sequence[tuple[Scene, Diagram]], sheet: Sheet) -> Figure:
     """Return a figure of the paths of points in a plane, each named at its start.
 
-    An example is a gnomonic chart. Its points are the places where axes through the centre
-    of a sphere meet a tangent plane. The point of an axis that becomes parallel to the
-    plane passes through infinity.
+    An example is a gnomonic chart, with the points where axes through the centre of a
+    sphere meet a tangent plane. The point of an axis that becomes parallel to the plane
+    passes through infinity.
 
     Parameters
     ----------

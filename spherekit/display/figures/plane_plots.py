@@ -69,8 +69,8 @@ def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
         for mark in portrait.marks:
             mark_by_place[mark.label, mark.place.tobytes()] = mark
     marks = list(mark_by_place.values())
-    # With few kinds of marks the legend names the kinds. Otherwise each mark has its name
-    # beside it.
+    # With few kinds of marks the legend names the kinds. With many kinds each mark has its
+    # name beside it.
     is_named_in_legend = len({mark.label for mark in marks}) <= MAX_LEGEND_KINDS
     paths = [item for item in items if is_path(item)]
     with style.look():

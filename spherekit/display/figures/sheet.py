@@ -164,8 +164,7 @@ class Sheet:
         column_count = self._count_panel_columns(panel_count, longest_title)
         row_count = -(-panel_count // column_count)  # rounded up
         # `self.columns` is how many text columns of a journal page the figure spans. A
-        # single panel over two text columns would be too high, so its height is reduced to
-        # about the height of a panel of half the width.
+        # single panel over two text columns would be too high, so its height is reduced.
         is_wide = column_count == 1 and self.columns == 2
         height_factor = 0.55 if is_wide else 1.0
         panel_height = self.width / column_count * ratio * height_factor
@@ -270,7 +269,7 @@ def _points_on_lines(panel: Axes, distance: float) -> Floats:
     """Return points (m, 2) on the lines in a panel, in pixels.
 
     Names are later placed where they cover few of these points, and so few lines. Points
-    are rounded to a square grid, and points that are then equal occur once.
+    are rounded to a square grid, and equal points occur once.
 
     Parameters
     ----------

@@ -85,8 +85,7 @@ def draw_sphere(
 
     The equal-area and the stereographic projection are drawn side by side. The maps are
     centred on the axis of the ground that is nearest to the directions shown, and contain
-    all these directions. If a map would become too large, the two hemispheres are drawn
-    instead.
+    all these directions. If a map would become too large, the two hemispheres are drawn.
 
     Parameters
     ----------
@@ -188,8 +187,9 @@ def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
 def _choose_hemisphere(arrows: Sequence[Arrow]) -> SphereView:
     """Return the view, along an axis of the ground, that shows the given axes best.
 
-    The axes (directions at all samples) are drawn on a hemisphere. Its middle is the ground
-    axis x, y or z along which they have the largest components.
+    The axes (directions at all samples) are drawn on a hemisphere. The middle of the
+    hemisphere is the ground axis x, y or z along which the directions have the largest
+    components.
     """
     directions = np.concatenate([arrow.directions for arrow in arrows])
     squared_components = np.nansum(directions**2, axis=0)

@@ -164,7 +164,7 @@ def directions_to_show(maps: Sequence[SphereMap], curves: Sequence[SphereCurves]
             parts.append(sphere_map.vertices)
     for sphere_curves in curves:
         parts += [mark.place[None] for mark in sphere_curves.marks]
-    # There are neither areas nor marks.
+    # `parts` has only the empty array if there are neither areas nor marks.
     if len(parts) == 1:
         for sphere_curves in curves:
             parts += [np.asarray(curve) for curve in sphere_curves.curves]

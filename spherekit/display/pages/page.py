@@ -164,8 +164,7 @@ class PageMaker:
             If the user requested a slider for a number that changes no result.
         """
         row_formulas = self._make_row_formulas()
-        # `step` has one step of Newton's method. It is empty if positions have a closed
-        # form.
+        # `step`, a step of Newton's method, is empty if positions have a closed form.
         has_closed_form = not row_formulas.step
         # Names of quantities, which may contain wildcards such as "*".
         shown_patterns = self._requested_quantities
@@ -224,9 +223,8 @@ class PageMaker:
         Raises
         ------
         EngineError
-            If loads depend on arguments that the page does not have, such as the time
-            (`_check_arguments`). Also if a curve of configurations has to pass a crossing
-            with another curve, and the page cannot do this (`_check_smooth_curves`).
+            If loads depend on arguments that the page does not have, such as the time, or
+            if modes cannot pass a crossing of curves of configurations.
         """
         page_formulas = formulas(
             self._stated_mechanism,  # an object, a name or a path
@@ -237,10 +235,9 @@ class PageMaker:
         )
         self._check_smooth_curves(page_formulas)
         self._check_arguments(page_formulas)
-        # `mode_table` lists the assembly modes (ways to assemble the mechanism). Its field
-        # `smooth` says at which inputs their curves cross, for the sizes of the file. If a
-        # slider changes a size, these inputs change. So the field is removed, and the page
-        # computes the crossings itself.
+        # `mode_table` lists the assembly modes (ways to assemble the mechanism). The field
+        # `smooth` has the inputs at which curves of modes cross with the sizes of the file.
+        # A slider changes these inputs, so the page computes the crossings itself.
         return replace(
             page_formulas, mode_table=page_formulas.mode_table._replace(smooth=None)
         )
@@ -248,7 +245,7 @@ class PageMaker:
     def _check_arguments(self, page_formulas: Formulas) -> None:
         """Raise an error if formulas have arguments that the page does not have.
 
-        The page has the inputs, their rates and accelerations. It also counts whole
+        The page has the inputs, their rates and accelerations. The page counts whole
         revolutions of passive (not driven) pairs on which loads depend, such as a wound
         spring.
 
@@ -282,14 +279,14 @@ class PageMaker:
         Parameters
         ----------
         page_formulas
-            Formulas of the page. Their table of modes has the crossings.
+            Formulas of the page. The table of modes in them has the crossings.
 
         Raises
         ------
         EngineError
             If positions have no closed form, and curves of modes cross.
         """
-        # `step` has the step of Newton's method. It is empty in closed form.
+        # `step`, a step of Newton's method, is empty in closed form.
         has_closed_form = not page_formulas.step
         # None: modes end at crossings.
         smooth_modes = page_formulas.mode_table.smooth
@@ -625,11 +622,11 @@ def _read_part(name: str) -> str:
 def _write_kernels(formulas_by_kernel: Mapping[str, Formulas]) -> str:
     """Return JavaScript code that defines the functions of several sets of formulas.
 
-    The functions of a set are called a kernel. The exported code of a kernel defines names
-    such as ``four_bar_about`` (a description of the formulas), ``four_bar`` (computes their
-    results) and ``four_bar_step`` (a step of Newton's method, if positions have no closed
-    form). The result is an object in which they are called `about`, `at` and `step`. Each
-    kernel has a scope of its own, since all kernels define the same names.
+    The functions of a set are called a kernel. The exported code of a kernel defines
+    ``NAME_about`` (a description of the formulas) and ``NAME`` (computes the results). If
+    positions have no closed form, ``NAME_step`` is a step of Newton's method. The result is
+    an object in which these are called `about`, `at` and `step`. Each kernel has a scope of
+    its own, since all kernels define the same names.
 
     Parameters
     ----------

@@ -137,8 +137,8 @@ def quantity_facts(mechanism: Mechanism, name: str, unit: str) -> Facts:
 def natural_scale(mechanism: Mechanism, unit: str) -> float:
     """Return the typical size of quantities with a unit, in that unit; 0.0 if unknown.
 
-    The interactive page (HTML) with the results draws a curve as a horizontal line if its
-    changes are far smaller than this size, because such changes are only rounding errors.
+    The interactive page (HTML) draws a curve as a horizontal line if its changes are far
+    smaller than this size (rounding errors).
     """
     if unit in ("", "rad", "1/rad"):
         return 1.0

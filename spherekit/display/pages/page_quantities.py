@@ -126,8 +126,8 @@ class PageQuantities:
     def output_paths(self) -> list[OutputPath]:
         """The paths on the sphere that the page draws for the outputs.
 
-        An output is the motion of a link relative to a reference link. It may declare a
-        direction, which is a unit vector fixed on the link.
+        An output is the motion of a link relative to a reference link. An output may
+        declare a direction, which is a unit vector fixed on the link.
 
         - If the output declares a direction and the reference is the ground, the path of
           the direction is drawn. With another reference, the page does not have the ground
@@ -280,8 +280,8 @@ class PageQuantities:
         Parameters
         ----------
         pole_plans
-            For each input: the construction of the poles while only this input moves. It
-            says which links form a body.
+            For each input: the construction of the poles while only this input moves, with
+            the links of each body.
         """
         mechanism = self._mechanism
         links = mechanism.links

@@ -139,9 +139,9 @@ def _find_typed_limits(
         degrees_to_file_unit = _degrees_to_file_unit(document)
         least = max(least, limits_deg[0] * degrees_to_file_unit)
         most = min(most, limits_deg[1] * degrees_to_file_unit)
-    # Other parts of the file may exclude some numbers. So in each direction the file is
-    # read with the end of the slider range (`near`), then with the end of the typed range
-    # (`far`). If one of them is refused, bisection finds the last accepted number.
+    # Other parts of the file may exclude some numbers. In each direction the file is read
+    # with the ends of the slider range (`near`) and of the typed range (`far`). If one of
+    # them is refused, bisection finds the last accepted number.
     slider_start = max(value - half_range, least)
     slider_end = min(value + half_range, most)
     return (

@@ -59,7 +59,7 @@ def split_at_numbers(document: Document, paths: Sequence[KeyPath]) -> list[str |
         text = _mark_number(document, text, path, mark)
     if text is None:
         text = _write_with_marks(document, paths, marks)
-    # The pattern (?!) never matches. It is used if there are no numbers.
+    # The pattern (?!), for a list without numbers, never matches.
     pattern = "|".join(map(re.escape, marks)) or "(?!)"
     parts = re.split(f"({pattern})", text)
     return [marks.index(part) if part in marks else part for part in parts if part]

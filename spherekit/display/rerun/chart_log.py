@@ -155,9 +155,9 @@ class Charts:
         """Draw the curves and maps of all charts, and the comparisons of assembly modes.
 
         A comparison is a chart with the curves of all assembly modes (ways to assemble the
-        mechanism). It is left out if it would have more than `MAX_COMPARED_CURVES` curves.
-        Curves do not move, so they are logged as static data, valid at all times of the
-        recording.
+        mechanism). A comparison is left out if it would have more than
+        `MAX_COMPARED_CURVES` curves. Curves do not move, so they are logged as static data,
+        valid at all times of the recording.
 
         Parameters
         ----------

@@ -117,8 +117,8 @@ class Chart:
         """The width of the frame, which leaves space for the legend.
 
         The first call fixes the number of columns of the legend. Curves that are added
-        later do not change the width, because the cursor (a line at the present sample) was
-        already drawn at a position that depends on the width.
+        later do not change the width. The cursor (a line at the present sample) already has
+        a position that depends on the width.
         """
         if self.is_map:
             return PORTRAIT_WIDTH
@@ -182,9 +182,9 @@ class Chart:
     def legend(self, paths: Collection[str]) -> tuple[Floats, list[colours.Colour]]:
         """Return the positions and colours of names in the legend of the chart.
 
-        The legend is to the right of the frame. It has a line for each series of the chart,
-        also for series that are not requested. A map (one series over two axes, drawn in
-        colours) has a single name.
+        The legend is to the right of the frame. The legend has a line for each series of
+        the chart, requested or not. A map (one series over two axes, drawn in colours) has
+        a single name.
 
         Parameters
         ----------
@@ -290,7 +290,7 @@ class Chart:
     def _draw_map(self) -> Stills:
         """Yield a map with its frame, its scale of colours, and words.
 
-        A map shows one quantity over two inputs by colours. It is an image. The scale of
+        A map shows one quantity over two inputs by colours, as an image. The scale of
         colours is in the same image, to the right.
         """
         (path,) = self.curves  # a map has one series

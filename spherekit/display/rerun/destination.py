@@ -122,7 +122,7 @@ class FileOutput:
 
         A thread of this object reads the pipe at one end. rerun opens the writing end once
         more, under a file number of its own. Therefore the first file number of the writing
-        end is closed here. The pipe then ends when rerun closes its own file number.
+        end is closed here. The pipe ends when rerun closes its own file number.
         """
         self._read, write_end = os.pipe()
         try:
@@ -133,9 +133,9 @@ class FileOutput:
     def _copy(self) -> None:
         """Copy the recording from the pipe to the part file, until the stream ends.
 
-        This runs in a thread. The library rerun writes the recording to the pipe. After an
-        error the rest of the pipe is read and dropped, because rerun would wait for ever at
-        a full pipe.
+        The method runs in a thread, while the library rerun writes the recording to the
+        pipe. After an error the rest of the pipe is read and dropped, because rerun would
+        wait for ever at a full pipe.
         """
         with os.fdopen(self._read, "rb", buffering=0) as pipe, self._file as file:
             while piece := pipe.read(PIECE_BYTES):
@@ -184,7 +184,7 @@ class FileOutput:
         Parameters
         ----------
         keep
-            Whether the part file stays. Otherwise it is deleted.
+            Whether the part file stays. If not, the part file is deleted.
 
         Returns
         -------
@@ -212,7 +212,7 @@ class FileOutput:
     def _raise_copy_error(self) -> None:
         """Raise `OutputError` if the copying thread could not write to the disk.
 
-        The incomplete file ``NAME.rrd.part`` is then removed.
+        After such an error the incomplete file ``NAME.rrd.part`` is removed.
         """
         if self._error is not None:
             self._finish_copy()

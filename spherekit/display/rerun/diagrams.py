@@ -43,10 +43,10 @@ Moving = tuple[str, Columns]
 def draw_static(diagram: Diagram) -> Stills:
     """Yield the frame of a diagram, and the appearance of its parts that move.
 
-    A diagram shows points and straight lines in a plane, which move from row to row (one
-    row for each sample of a motion, or each step of a construction). Frame, colours and
-    line widths are the same in all rows. They are logged once, without the positions and
-    texts, which `moving_columns` logs for all rows.
+    A diagram shows points and straight lines in a plane, which move from row to row. A row
+    is a sample of a motion, or a step of a construction. Frame, colours and line widths are
+    the same in all rows, and are logged once. The positions and texts of all rows are
+    logged by `moving_columns`.
 
     Each part is an entity (a name in the tree of the viewer rerun). The parts that move are
     ``points``, their ``names``, straight ``lines``, ``leaders`` (thin lines from a point to
@@ -233,10 +233,10 @@ def clip_lines(diagram: Diagram) -> tuple[Floats, np.ndarray]:
     """Return the part of each straight line of a diagram that is within the frame.
 
     A line (a, b, c) consists of the points with a x + b y + c = 0. Let f be the point of
-    the line nearest to the origin, and d the unit vector along the line. Then all points of
-    the line are f + t d with a number t. One interval of t is within the x limits of the
-    frame, another interval within the y limits. The visible part is the intersection of the
-    two intervals.
+    the line nearest to the origin, and d the unit vector along the line. All points of the
+    line are f + t d with a number t. One interval of t is within the x limits of the frame,
+    another interval within the y limits. The visible part is the intersection of the two
+    intervals.
 
     Returns
     -------
@@ -271,9 +271,10 @@ def _line_interval(
 ) -> tuple[Floats, Floats]:
     """Return the interval of t in which one coordinate of a line is within limits.
 
-    The points of a straight line are foot + t direction. One call treats one coordinate,
-    x or y. If the coordinate does not change along a line, t is infinite: from -inf to inf
-    if the coordinate is within the limits, otherwise twice the same infinity.
+    The points of a straight line are foot + t direction. One call treats one coordinate, x
+    or y. If the coordinate does not change along a line, t is infinite. The interval is
+    from -inf to inf if the coordinate is within the limits. If not, both ends are the same
+    infinity.
 
     Parameters
     ----------

@@ -214,15 +214,15 @@ def moving_columns(
             yield from diagrams.moving_columns(primitive)
         case Body(quaternions=quaternions) if quaternions is not None:
             yield ENTITY_ITSELF, _rotation_columns(quaternions)
-            # `draw_static` logged the labels of the link. They are hidden in rows without a
-            # configuration.
+            # `draw_static` logged the labels of the link. The labels are hidden in rows
+            # without a configuration.
             has_configuration = all_finite(quaternions, axis=1)
             yield "labels", rr.Points3D.columns(show_labels=has_configuration)
         case Arrow():
             yield from _arrow_columns(primitive, labels)
         case GreatCircle(normals=normals):
-            # `draw_static` logged the unit circle about z. It is rotated so that z becomes
-            # the normal of the plane.
+            # `draw_static` logged the unit circle about z. The rotation turns z to the
+            # normal of the plane.
             rotations = frame_from(normals, perpendicular(normals))
             yield ENTITY_ITSELF, _rotation_columns(quaternion(rotations))
         case Portrait():
@@ -317,10 +317,10 @@ def check_rows(primitive: Primitive, count: int) -> None:
 def rows_for_path(primitive: Primitive) -> Floats | None:
     """Return the positions at all samples through which a curve is drawn, or None.
 
-    The curve shows how a drawn object has moved. It is drawn after the last sample of a
-    recording (`draw_path`). The positions are directions (rows, 3), or points (rows, 2) of
-    a plot (portrait) as fractions of its width and height. The result is None if the object
-    gets no curve.
+    The curve shows how a drawn object has moved. The curve is drawn after the last sample
+    of a recording (`draw_path`). The positions are directions (rows, 3), or points (rows,
+    2) of a plot (portrait) as fractions of its width and height. The result is None if the
+    object gets no curve.
     """
     match primitive:
         case Trace(directions=rows) | Arrow(directions=rows, path_shown=True):

@@ -305,8 +305,8 @@ class Names:
                 texts.append(label)
         requests = []
         for text, axis in zip(texts, axes, strict=True):
-            # Possible places (k, 3) in the axes of the link, and the middle of the name in
-            # each picture for each of these places (pictures, k, 2).
+            # Possible places (k, 3) in the axes of the link, and the middles (pictures, k,
+            # 2) of the name.
             places = PAIR_NAME_RADIUS * _places_around(axis, body.joints)
             centres = self._centres(rotations, places)
             requests.append(
@@ -334,8 +334,8 @@ class Names:
         longest_arc = np.asarray(max(body.curves, key=_curve_length))  # (points, 3)
         last = len(longest_arc) - 1
         point_numbers = np.round(LINK_NAME_FRACTIONS * last).astype(int)
-        # Possible places (k, 3) in the axes of the link, and the middle of the name in each
-        # picture for each of these places (pictures, k, 2).
+        # Possible places (k, 3) in the axes of the link, and the middles (pictures, k, 2)
+        # of the name.
         places = LINK_NAME_RADIUS * longest_arc[point_numbers]
         centres = self._centres(rotations, places)
         return [

@@ -165,8 +165,7 @@ class RerunRecorder:
         self._names: dict[Page, Names] = {}
         """Chooses the positions of the names of links and pairs, for each page (view of one
         assembly mode or analysis). The key None has the names that all pages show."""
-        # Samples of a grid of several inputs form rows, in which neighbours succeed each
-        # other. This is the number of samples of a row.
+        # Number of samples in one row of a grid of several inputs, None without a grid.
         self._grid_row_length: int | None = None
         self._path_rows: dict[str, tuple[Primitive, list[Floats]]] = {}
         """Primitives whose moving point leaves a curve that is drawn at the end: the
@@ -233,13 +232,12 @@ class RerunRecorder:
         layout, timeline_note = self._make_layout(head, sight)
         # Each assembly mode has a page of the window, with a number and a title.
         layout.pages.update(head.assembly_modes.items())
-        # The property "logged" exists if not all samples are recorded. It is a text such as
-        # "one of 5 successive samples".
+        # The property "logged" exists if not all samples are recorded, such as "one of 5
+        # successive samples".
         if "logged" in head.properties:
             timeline_note += f" This recording has {head.properties['logged']}."
         self._charts = Charts(layout, self._outputs)
-        # The samples of several inputs form a grid. This is the number of samples in one
-        # line of the grid; None without a grid.
+        # Number of samples in one row of a grid of several inputs, None without a grid.
         self._grid_row_length = head.row
         # `Names` places names so that they do not cover each other as seen from `sight`.
         # The key None stands for names that all pages show.
@@ -278,8 +276,8 @@ class RerunRecorder:
         Parameters
         ----------
         head
-            Properties of the recording, with its times (s) or inputs (rad). It has inputs
-            only if the mechanism has a single input.
+            Properties of the recording, with its times (s) or inputs (rad). Inputs are
+            given only if the mechanism has a single input.
         sight
             Eye, target and upward direction of the view of the sphere.
 
@@ -467,8 +465,7 @@ class RerunRecorder:
         """Return the positions of a block of rows on all timelines of the recording.
 
         A row is one sample of the motion. Every recording has a timeline of sample numbers.
-        It can have a second timeline: of times (s), or of inputs in ticks (fixed parts of a
-        degree).
+        A second timeline can have times (s), or inputs in ticks (fixed parts of a degree).
 
         Parameters
         ----------
@@ -604,15 +601,15 @@ class RerunRecorder:
     ) -> bool:
         """Write the static data of a primitive to the recording if they are not there yet.
 
-        A new primitive is also added to the layout. The layout arranges the viewer's
-        window, and gives each primitive its path (name in the recording).
+        A new primitive is added to the layout. The layout arranges the viewer's window, and
+        gives each primitive its path (name in the recording).
 
         Parameters
         ----------
         page
             The page (tab of the window) that shows the primitive; None for all pages.
         primitive
-            An object to draw. It is identified by its page and its own path.
+            An object to draw. Page and path identify the object.
         has_findings
             Whether the primitive shows results of an analysis, and not only the motion.
             Plots with such results come first on a page.
@@ -635,9 +632,8 @@ class RerunRecorder:
         """Add a new drawn object (primitive) to the views of the window that show it.
 
         Objects on the sphere share the view of the sphere. Charts, diagrams and surfaces
-        get a view of their own among the plots, and graphs and texts among the panels.
-        Views are created when the layout is sent to the viewer. Until then the functions
-        that create them are stored.
+        get a view of their own among the plots, and graphs and texts among the panels. The
+        layout stores functions that create the views when the layout is sent to the viewer.
 
         Parameters
         ----------

@@ -176,8 +176,8 @@ def _maximise_3d_view(client: ViewerClient, recording: Path) -> str:
 
     Returns the id of the view.
 
-    The layout of the window (rerun calls it a blueprint) is a nested mapping. It is read
-    from the viewer, changed and sent back.
+    The layout of the window (blueprint of rerun) is a nested mapping that is read from the
+    viewer, changed and sent back.
 
     Parameters
     ----------
@@ -249,8 +249,8 @@ def _activate_tabs(client: ViewerClient, recording: Path, titles: Sequence[str])
     OutputError
         If there is no tab with one of the titles.
     """
-    # The viewer calls the layout of its window a blueprint. It is a nested dictionary:
-    # blueprint[path of a part][type of its data][name of a setting].
+    # The layout of the window is a nested dictionary: blueprint[path of a part][type of its
+    # data][name of a setting].
     blueprint = client.get_blueprint().blueprint
     # Find the title of every part of the layout, and the containers that show tabs.
     paths_of_title: dict[str, list[str]] = {}
@@ -286,9 +286,9 @@ def _activate_tabs(client: ViewerClient, recording: Path, titles: Sequence[str])
 def _take_stable_picture(client: ViewerClient, view_id: str | None) -> bytes:
     """Return a PNG of the viewer once two successive pictures are equal.
 
-    Plots appear some time after the recording is loaded. After the start the viewer also
-    shows a notice over the picture, which can't be switched off. The function waits until
-    the notice disappears, at most `NOTICE_TIMEOUT_S`. After that the function takes at most
+    Plots appear some time after the recording is loaded. After the start the viewer shows a
+    notice over the picture, which can't be switched off. The function waits until the
+    notice disappears, at most `NOTICE_TIMEOUT_S`. After that the function takes at most
     `MAX_FRAMES` further pictures. If pictures still change, the last one is returned.
 
     Parameters

@@ -34,8 +34,8 @@ class InputTimeline:
     Attributes
     ----------
     name
-        ``input_deg`` if a tick is one degree. Otherwise the number of ticks per degree is
-        appended, as in ``input_deg_x10``.
+        ``input_deg`` if a tick is one degree. Smaller ticks have the number of ticks per
+        degree at the end, as in ``input_deg_x10``.
     ticks_per_degree
         Number of ticks in a degree: 1, 10, 100 or 1000.
     is_exact
