@@ -222,9 +222,9 @@ def find_largest_torques(batch: Batch, torques: Floats, key: str) -> dict[str, A
 
     Returns
     -------
-    By the name of each input, a record (entry of the summary) with the torque (N m), and
-    with the sample, assembly mode and inputs (rad) at which it occurs, and ``place``, these
-    in words. Inputs without a known torque are left out.
+    By the name of each input, a record (entry of the summary) with the torque (N m). The
+    record has the sample, assembly mode and inputs (rad) at which the torque occurs.
+    ``place`` has these in words. Inputs without a known torque are left out.
     """
     records: dict[str, Any] = {}
     for number, name in enumerate(batch.moving_inputs):
@@ -309,9 +309,9 @@ def direction_or_quaternion_columns(
     """Return the columns of poses: directions or quaternions, and angles of mid-planes.
 
     In some mechanisms, base and output are mirror images of each other about a plane, the
-    mid-plane. A direction of the output then determines the mid-plane. Chen et al. 2021
-    describe its unit normal (x, y, z) by the angles phi = -2 arcsin(x) and gamma = 2
-    arcsin(y) (rad).
+    mid-plane. In such a mechanism, a direction of the output determines the mid-plane. Chen
+    et al. 2021 describe its unit normal (x, y, z) by the angles phi = -2 arcsin(x) and
+    gamma = 2 arcsin(y) (rad).
 
     Parameters
     ----------

@@ -165,7 +165,7 @@ class Dynamics(AbstractAnalysis):
         return Needs(
             # The time, and the rates and accelerations of the inputs.
             time=True,
-            # Variables on which loads such as springs depend. They count whole revolutions.
+            # Variables, with whole revolutions, on which loads such as springs depend.
             continued_values=used_pairs(mechanism),
             # The position analysis of the run, from which the inertia matrix is computed,
             # and the links that have mass or loads.

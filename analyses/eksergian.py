@@ -382,11 +382,11 @@ class Eksergian(AbstractAnalysis):
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return a page with plots for each assembly mode (way to assemble the links).
 
-        The plots show the equivalent inertia (that of all links, reduced to the input) with
-        the part of each link, the derivative of the inertia with respect to the input,
-        and the driving torque with the parts due to inertia and to each load. If the
-        samples are times, the page also has the phase portrait: the rate of the input
-        against the input.
+        The plots show the equivalent inertia (that of all links, reduced to the input),
+        with the part of each link, and the derivative of the inertia with respect to the
+        input. A further plot shows the driving torque, with the parts due to inertia and to
+        each load. If the samples are times, there is a phase portrait: the rate of the
+        input against the input.
         """
         solution = self._inverse_solution(batch)
         scenes = plots_by_mode(

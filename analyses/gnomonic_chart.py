@@ -75,8 +75,8 @@ def _choose_positive_directions(directions: Floats) -> Floats:
 def circle_coordinates(normals: Floats) -> tuple[Floats, Floats]:
     """Return the slope epsilon and the distance angle theta (n,) of great circles, rad.
 
-    The gnomonic chart projects the sphere from its centre onto a plane x = 1, with the
-    horizontal axis y and the vertical axis z. In the chart a great circle is a straight
+    The gnomonic chart projects the sphere from its centre onto a plane x = 1. The axis y of
+    the chart is horizontal, the axis z vertical. In the chart a great circle is a straight
     line with two coordinates:
 
     - Its slope: the angle epsilon from the horizontal axis to the line, above -pi/2 and at
@@ -95,8 +95,8 @@ def circle_coordinates(normals: Floats) -> tuple[Floats, Floats]:
     # Of both normals of a plane, the one with c > 0 is used, or with b < 0 if c is 0. The
     # slope of this normal is above -pi/2 and at most pi/2.
     a, b, c = _orient_normals(normals)
-    # The circle has the equation a x + b y + c z = 0. In the chart x is 1, so its line has
-    # the equation b y + c z = -a, and the direction (y, z) = (c, -b).
+    # The circle has the equation a x + b y + c z = 0. In the chart x is 1. The line has the
+    # equation b y + c z = -a and the direction (y, z) = (c, -b).
     length = np.hypot(b, c)
     epsilon = np.where(length > 0.0, np.arctan2(-b, c), np.nan)
     # The distance is -a / length. For example, the line z = 1 above the origin has a = -1,

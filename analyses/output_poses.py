@@ -208,7 +208,7 @@ def read_terms(
     parts
         The texts. A name that occurs again begins the next pose.
     inputs
-        Names of the driven pairs (joints). Their numbers are angles.
+        Names of the driven pairs (joints), whose numbers are angles.
     where
         Name of the parameter that has the texts, for error messages.
     angle_unit

@@ -107,9 +107,9 @@ def draw_chart(
 def draw_axodes(batch: Batch, pole: Pole, rows: slice) -> Iterator[Trace]:
     """Yield drawings of the fixed and the moving axode of a pole.
 
-    A pole is the axis about which two links turn relative to each other. Its path in the
-    axes of the first link is the fixed axode. Its path in the axes of the second link is
-    the moving axode. Both axodes are cones that roll on each other.
+    A pole is the axis about which two links turn relative to each other. The path of the
+    pole in the axes of the first link is the fixed axode. The path in the axes of the
+    second link is the moving axode. Both axodes are cones that roll on each other.
 
     Parameters
     ----------
@@ -150,8 +150,8 @@ class ConstructionStep:
     poles
         The poles that become known in this step.
     uses_circles
-        Whether the step has one pole, found as the intersection of two great circles.
-        These are then drawn.
+        Whether the step has one pole, found as the intersection of two great circles that
+        are drawn.
     """
 
     text: str
@@ -248,9 +248,9 @@ def draw_construction(batch: Batch, row: int, chart: ChartAxis = "yes") -> Scene
     row
         The row of the batch that has the configuration.
     chart
-        The page also has a gnomonic chart: a projection of the sphere onto a plane. The
-        plane touches the sphere at the ground axis "x", "y" or "z". With "yes" the ground
-        axis is used that is nearest to the pair axes of the ground.
+        The page has a gnomonic chart: a projection of the sphere onto a plane. The plane
+        touches the sphere at the ground axis "x", "y" or "z". With "yes" the ground axis is
+        used that is nearest to the pair axes of the ground.
     """
     mechanism = batch.mechanism
     steps = _list_construction_steps(batch)
@@ -271,7 +271,7 @@ def draw_construction(batch: Batch, row: int, chart: ChartAxis = "yes") -> Scene
     rotations = np.broadcast_to(rotations, (len(steps), *rotations.shape))
     texts = [step.text for step in steps]
     parts: list[Primitive] = [*link_bodies(mechanism, rotations)]
-    # The first step has the axes of all pairs. Their arrows are thin ("primary").
+    # The first step has the axes of all pairs, whose arrows are thin ("primary").
     pair_poles = steps[0].poles
     for number, pole in enumerate(poles):
         name = f"P{short_name(mechanism, pole)}"

@@ -293,10 +293,9 @@ class Poles(AbstractAnalysis):
         - `directions`: poles whose direction is computed.
         - `rates`: poles whose velocity coefficient is computed. It is the relative angular
           velocity per unit rate of the input.
-        - `derivatives`: yes, the velocity coefficients are also differentiated with
-          respect to the input.
-        - `turns`: poles whose direction is also differentiated with respect to the
-          input.
+        - `derivatives`: yes, the velocity coefficients are differentiated with respect to
+          the input.
+        - `turns`: poles whose direction is differentiated with respect to the input.
         - `planes`: poles for which two great circles through the pole are computed. Figures
           show the circles of one selected pole. A drawing of the construction needs the
           circles of all poles that are not axes of pairs (joints). Coordinates in a chart
@@ -413,9 +412,9 @@ class Poles(AbstractAnalysis):
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return a page for each assembly mode, and one for the construction of the poles.
 
-        An assembly mode is one way to assemble the mechanism. Its page has arrows along the
-        poles, the two great circles that intersect in a selected pole, and plots of the
-        velocity coefficients (rates of rotation per unit rate of the input).
+        An assembly mode is one way to assemble the mechanism. The page of a mode has arrows
+        along the poles, and the two great circles that intersect in a selected pole. Plots
+        show the velocity coefficients (rates of rotation per unit rate of the input).
 
         The last page shows, at one configuration, how the pole axes follow step by step
         from the axes of the pairs (joints) by intersections of great circles. Only the
@@ -446,8 +445,8 @@ class Poles(AbstractAnalysis):
         """Yield the drawing of one assembly mode while one input moves, the others locked.
 
         A pole is the axis about which two links turn relative to each other. The drawing
-        has an arrow along each pole and plots of its coefficients; axodes, which are the
-        paths of poles; and the chart and the two great circles that construct one pole.
+        has an arrow along each pole, with plots of the coefficients, and axodes, which are
+        paths of poles. The chart and two great circles show the construction of one pole.
 
         Parameters
         ----------
@@ -524,7 +523,7 @@ class Poles(AbstractAnalysis):
             The indices of the two links.
         """
         mechanism = batch.mechanism
-        # Whether a pair joins the two links. The pole is then the axis of this pair.
+        # Whether the pole is the axis of a pair that joins the two links.
         is_pair_axis = pole in mechanism.pole_pairs
         if input_number > 0 and is_pair_axis:
             return
@@ -533,9 +532,9 @@ class Poles(AbstractAnalysis):
         second_name = mechanism.links[second_link]
         moving_input = batch.moving_inputs[input_number]
         has_several_inputs = len(batch.moving_inputs) > 1
-        # If there are many arrows, three sorts are visible when a drawing is opened:
-        # axes of pairs, motions relative to the ground (link 0), and the pole with
-        # drawn great circles. The last two sorts are visible for the first input only.
+        # Of many arrows, three sorts are visible when a drawing is opened: axes of pairs,
+        # poles relative to the ground (link 0), and the pole with drawn great circles. The
+        # last two sorts are visible for the first input only.
         has_few_poles = len(self.poles(mechanism)) <= MAX_POLES_SHOWN_FIRST
         if has_few_poles or is_pair_axis:
             is_visible = True
@@ -561,10 +560,10 @@ class Poles(AbstractAnalysis):
     ) -> Iterator[Series]:
         """Yield plots of the velocity and acceleration coefficients of a pole.
 
-        The velocity coefficient is the angular velocity of the two links relative to each
-        other per unit rate of the moving input; the acceleration coefficient is the
-        derivative of the velocity coefficient with respect to this input. Nothing is
-        yielded for the input itself, and for links that the locked inputs join.
+        The velocity coefficient is the relative angular velocity of the two links per unit
+        rate of the moving input. The acceleration coefficient is the derivative of the
+        velocity coefficient with respect to this input. Nothing is yielded for the input
+        itself, and for links that the locked inputs join.
 
         Parameters
         ----------

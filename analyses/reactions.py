@@ -445,7 +445,7 @@ def _bearing_loads(mechanism: Mechanism, result: Reactions) -> list[BearingLoad]
         #
         # (n, bearings) size of the force (N) on each bearing due to the moment alone.
         couple_forces = result.couples[load.name]
-        # (n, bearings, 3) force (N) due to both. Its z component is along the pair axis.
+        # (n, bearings, 3) force (N) due to both. The z component is along the pair axis.
         forces = result.on_bearings[load.name]
         for number, position in enumerate(load.positions):
             x, y, z = forces[:, number].T
@@ -516,7 +516,7 @@ def _find_maxima(batch: Batch, columns: Mapping[str, Floats]) -> dict[str, Any]:
     batch
         n rows, each one sample in one assembly mode (way to assemble the links).
     columns
-        (n,) values by name. They are not negative, or NaN if unknown.
+        (n,) values by name, not negative, or NaN if unknown.
 
     Returns
     -------

@@ -351,9 +351,9 @@ class SensitivityAnalysis(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return derivatives and tolerances of the rows of a batch.
 
-        The table `sensitivity` has a row for each row of the batch, quantity and size. It
-        lists the derivatives of the quantity with respect to the size. A size is named
-        by its key in the mechanism file.
+        The table `sensitivity` has a row for each row of the batch, quantity and size, with
+        the derivative of the quantity with respect to the size. A size is named by its key
+        in the mechanism file.
 
         The table `tolerances` has a row for each row of the batch and quantity. It lists
         how much the quantity deviates if the sizes deviate:
@@ -461,8 +461,8 @@ class SensitivityAnalysis(AbstractAnalysis):
 
         Returns
         -------
-        (sizes, quantities, rows) parts, from 0 to 1. NaN if no size changes the quantity;
-        its standard deviation is then a rounding error.
+        (sizes, quantities, rows) parts, from 0 to 1. NaN if no size changes the quantity,
+        apart from rounding errors.
         """
         is_dependent = np.sqrt(variance) > self._zero_spread
         return np.where(is_dependent, size_variances / variance, np.nan)

@@ -183,7 +183,7 @@ class Statics(AbstractAnalysis):
         """Return the tables of torques and of the outputs.
 
         The first table has a row for each row of the batch. The table of outputs has, for
-        each row of the batch, a row for each output. Its columns are the mechanical
+        each row of the batch, a row for each output. The columns are the mechanical
         advantage of each input, and the stiffness of the output if the drives are elastic.
         The stiffness is a symmetric matrix: torque on the output per rotation. The columns
         have the three principal values of the matrix and their axes.

@@ -263,10 +263,10 @@ class WorkspaceModes:
     def _size_columns(self, workspace: Workspace) -> Columns:
         """Return the sizes of a workspace and of its parts as columns of a table.
 
-        The first row is the whole workspace. For directions, its connected parts follow,
-        then the outside and the holes. Each part has a sample: the pose that is farthest
-        from the border of the part. The margin of a sample is the angle (rad) to the
-        nearest limit. The margin is negative in the outside and in holes.
+        The first row is the whole workspace. For directions, the connected parts of the
+        workspace follow, then the outside and the holes. Each part has a sample: the pose
+        that is farthest from the border of the part. The margin of a sample is the angle
+        (rad) to the nearest limit. The margin is negative in the outside and in holes.
 
         The whole set of directions has no sample (NaN). A set of orientations is not
         divided into parts, so its only row has the sample.
@@ -520,8 +520,8 @@ class WorkspaceModes:
             The name of the mode, which is added to the titles of the pages.
         """
         region = workspace.region
-        # A mesh with vertices (P, 3) and triangles (F, 3). It covers the set of directions
-        # exactly up to its border.
+        # A mesh with vertices (P, 3) and triangles (F, 3), which covers the set of
+        # directions exactly up to the border.
         directions = region.surface_points
         triangles = region.surface_triangles
         border = (*self._draw_border(region), self._legend(workspace))

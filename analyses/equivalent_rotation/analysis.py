@@ -412,8 +412,8 @@ class EquivalentRotation(AbstractAnalysis):
         """Return what the summary states about a schedule (the rotation in time).
 
         The record has the duration and the extremes: the largest speed and the largest
-        acceleration of each input. Each extreme has the time t at which it occurs, and the
-        angle theta that the rotation has then reached.
+        acceleration of each input. Each extreme has its time t, and the angle theta of the
+        rotation at this time.
         """
         # The speeds and accelerations of the inputs are limited. The duration is as short
         # as these limits allow. The binding limit is the one that prevents a shorter
@@ -545,9 +545,9 @@ def _describe_input_ranges(inputs: Floats, names: Sequence[str]) -> list[str]:
 def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator[str]:
     """Yield warnings about a rotation.
 
-    There is a warning if the rotation ends early or rows failed, if the axis is not fixed,
-    for each singularity of type II, and if the user asked for a schedule (the rotation in
-    time, within limits of the inputs) but there is none.
+    There are warnings if the rotation ends early, if rows failed, and if the axis is not
+    fixed. Each singularity of type II has a warning, and so has a missing schedule for
+    which the user asked. A schedule is the rotation in time, within limits of the inputs.
 
     Parameters
     ----------

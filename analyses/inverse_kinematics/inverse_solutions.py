@@ -174,9 +174,9 @@ class InverseSolutions:
         """Return the table of configurations: one row for each row of the solutions.
 
         A solution is a configuration in which the output has a requested pose. The columns
-        are, in this order: the pose and the inputs, the rates of the inputs, the margin of
-        the nearest limit, measures of singularities, the status, and the nearest reachable
-        pose. The columns of the nearest pose are NaN if that was not computed.
+        have the pose and the inputs, the rates of the inputs, the margin of the nearest
+        limit, measures of singularities, the status, and the nearest reachable pose. The
+        columns of the nearest pose are NaN if that was not computed.
         """
         mechanism = self.mechanism
         solver = self.solver
@@ -194,7 +194,7 @@ class InverseSolutions:
             rates = solutions.rates[:, :, component]
             columns |= input_columns(mechanism, rates, f"rate_{axis}")
         # `form` describes a mechanism in which base and output link are always mirror
-        # images of each other about a plane. It is None for other mechanisms.
+        # images of each other about a plane. `form` is None for other mechanisms.
         if solver.form is not None and directions is not None:
             # (rows, 3, inputs) angular velocity of the output per unit rate of each input.
             angular_velocities = turns_of(solutions.rates, directions)
@@ -309,9 +309,9 @@ class InverseSolutions:
 
         A row of `solutions` is a pose in one working mode (way to assemble the legs).
 
-        For a few poses, the table has a row for each configuration. For many poses, it has
-        a row for each working mode: the number of poses that the mode reaches, the ranges
-        of the inputs, and the smallest measures of singularities.
+        For a few poses, the table has a row for each configuration. For many poses, the
+        table has a row for each working mode. This row has the number of poses that the
+        mode reaches, the ranges of the inputs, and the smallest measures of singularities.
         """
         solutions = self.solutions
         if not np.any(solutions.solved):
@@ -482,10 +482,10 @@ class InverseSolutions:
     def _legend(self) -> Text:
         """Return a text in Markdown: how many poses have how many solutions.
 
-        The text also explains two terms. A working mode (way to assemble the legs at a
-        pose) is a sign for each leg, in the order of `solver.legs`. The measure of a pose
-        in a mode is the smaller of its angles to the two types of singularity. The best
-        mode has the largest measure.
+        The text explains two terms. A working mode (way to assemble the legs at a pose) is
+        a sign for each leg, in the order of `solver.legs`. The measure of a pose in a mode
+        is the smaller of its angles to the two types of singularity. The best mode has the
+        largest measure.
         """
         table_rows = [
             f"| {solutions} | {poses} |\n"

@@ -111,8 +111,8 @@ def read_poses(
     poses
         Texts ``name=number``. A name that occurs again begins the next pose.
     columns
-        Names of the columns of the file that are read. They must be given only if the
-        file has the columns of several descriptions of a pose.
+        Names of the columns of the file that are read. The names are needed if the file has
+        the columns of several descriptions of a pose.
     file
         Path of a CSV or Parquet file.
     window
@@ -188,7 +188,7 @@ def _read_list(
     Parameters
     ----------
     solver
-        The inverse kinematics of the output. It decides in which forms a pose can be
+        The inverse kinematics of the output, which decides in which forms a pose can be
         given.
     where
         Name of the parameter with the list, for error messages.
@@ -247,7 +247,7 @@ def _read_file(
     # Columns of the file by name without unit.
     header = columns_of(path)
     forms = _forms_of_output(solver)
-    # Tables of spherekit have the inputs in columns q_PAIR. Their term is PAIR.
+    # Tables of spherekit have the input PAIR in the column q_PAIR.
     pair_of_column = {f"q_{pair}": pair for pair in solver.mechanism.input_pairs}
     column_of_term = {
         pair_of_column.get(name, name): column for name, column in header.items()
@@ -300,8 +300,8 @@ def _read_window(
     Parameters
     ----------
     solver
-        The inverse kinematics of the output. It decides by which numbers a pose is
-        described.
+        The inverse kinematics of the output, which decides in which forms a pose can be
+        given.
     where
         Name of the parameter, for error messages.
     window
@@ -415,8 +415,8 @@ def _find_directions_at_mid_planes(solver: OutputKinematics, normals: Floats) ->
 
     The mechanism has legs between the base and the output link. Base and output link are
     mirror images of each other in the mid-plane. The normals have components along the
-    mirror axes, which are fixed in the base. The result is in the axes of the base. It is
-    NaN for a normal that is NaN.
+    mirror axes, which are fixed in the base. The result is in the axes of the base. A
+    normal that is NaN gives NaN.
     """
     architecture = solver.form
     assert architecture is not None and solver.output.direction is not None

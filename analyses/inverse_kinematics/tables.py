@@ -273,11 +273,11 @@ def _find_working_modes(
 ) -> NDArray[np.str_]:
     """Return the working mode of each of n solutions, and one empty text at the end.
 
-    A working mode is one of the ways to assemble the legs at a pose. Its name is a sign for
-    each leg, such as "+-+". An inverse kinematics in closed form has one configuration of a
-    pose for each working mode. The working mode of a solution is the one with the same
-    configuration. Without such a mode the text is empty. The last text, with index -1, is
-    for rows of a table without a solution.
+    A working mode is one of the ways to assemble the legs at a pose. The name of a working
+    mode has a sign for each leg, such as "+-+". An inverse kinematics in closed form has
+    one configuration of a pose for each working mode. The working mode of a solution is the
+    one with the same configuration. Without such a mode the text is empty. The last text,
+    with index -1, is for rows of a table without a solution.
 
     Parameters
     ----------
@@ -306,7 +306,7 @@ def all_pose_columns(solver: OutputKinematics, poses: Floats) -> Columns:
 
     A direction has x, y, z, azimuth and tilt. A rotation has a quaternion, azimuth, tilt
     and torsion (the angle about the tilted axis). If base and output mirror each other in a
-    plane (mid-plane), directions also have the angles phi and gamma of this plane.
+    plane (mid-plane), directions have the angles phi and gamma of this plane.
 
     Parameters
     ----------

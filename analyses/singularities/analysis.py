@@ -147,7 +147,8 @@ class SingularityAnalysis(AbstractAnalysis):
 
         A dyad is two links joined by a pair, each an arc on the sphere. The figure is the
         smallest transmission angle at all samples: the acute angle between the planes of
-        both arcs. It is 0 at type II, where the output can move while the inputs rest.
+        both arcs. The angle is 0 at type II, where the output can move while the inputs
+        rest.
         """
         return tuple(
             FigureOfMerit(

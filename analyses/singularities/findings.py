@@ -48,7 +48,7 @@ def describe_inputs_of_kinds(
     Parameters
     ----------
     points
-        The table of singularities, by column; ``q`` is the input (rad). It is NaN if the
+        The table of singularities, by column; ``q`` is the input (rad), NaN if the
         singularity occurs on a whole curve.
     output
         The name of the output in this table.

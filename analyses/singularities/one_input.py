@@ -196,8 +196,8 @@ class OneInput:
         differ in the input, the assembly modes and whether the input is inside the range.
         The note names the geometric conditions of a point on a curve, such as parallel
         axes, or the curves that cross. Conditions come from the relations c y' = d q'
-        between the rates y' of the output and q' of the input: c or d is zero at a
-        singularity.
+        between the rates y' of the output and q' of the input. At a singularity c or d is
+        zero.
         """
         sampled = self.sampled
         # The part of the mechanism on which the outputs depend, if it is not the whole.
@@ -270,11 +270,11 @@ class OneInput:
 
         y' is the rate of an output, q' the rate of the input. Both are derivatives with
         respect to the arc length of the configuration curve. The coefficients c and d
-        follow from the pole axes, about which links turn relative to each other: c = 0
-        at type II, d = 0 at type I. There are up to two forms, which use different pole
-        axes. In form i, y' is the rate of the output link relative to its own reference
-        s, in form ii relative to the reference r of the input. The table has every row
-        of the batch once for each output and form.
+        follow from the pole axes, about which links turn relative to each other. c is 0 at
+        type II, d is 0 at type I. There are up to two forms, which use different pole axes.
+        In form i, y' is the rate of the output link relative to its own reference s. In
+        form ii it is the rate relative to the reference r of the input. The table has every
+        row of the batch once for each output and form.
 
         A row has type I if the rate of the output is zero, and type II if the rate of
         the input is zero. If both rates are zero, other links move (a self-motion).
@@ -366,7 +366,7 @@ class OneInput:
             "near_misses": [_near_miss_record(miss, names) for miss in misses],
         }
 
-        # `gaps` are sentences on curves that were not followed to their ends, `mismatches`
+        # `gaps` are sentences on curves that were not followed to their ends. `mismatches`
         # are sentences on inputs at which the curves disagree with the assembly modes.
         warnings = [*report.gaps, *configurations.mismatches]
         # `everywhere` is the number of degrees of freedom if it is more than one in every
@@ -515,10 +515,10 @@ class OneInput:
     def _input_output_plot(self, output: int, rows: slice) -> Portrait:
         """Return a plot of an output angle against the input angle.
 
-        It shows all configuration curves, marks at singularities, and a point that moves
-        along the rows of the batch. The moving point has the input of its row, and the
-        output angle of the nearest drawn point of the curve. An exact output angle would
-        take long to compute.
+        The plot shows all configuration curves, marks at singularities, and a point that
+        moves along the rows of the batch. The moving point has the input of its row, and
+        the output angle of the nearest drawn point of the curve. An exact output angle
+        would take long to compute.
 
         Parameters
         ----------
@@ -532,7 +532,7 @@ class OneInput:
         name = self.names[output]
         curve_numbers = range(len(sampled.curves))
         # (rows, 2) input and output. Rows that could not be assigned to a curve have the
-        # curve number -1. They remain NaN and are not drawn.
+        # curve number -1. Their points remain NaN and are not drawn.
         row_points = np.full((len(batch), 2), np.nan)
         for number in curve_numbers:
             is_on_curve = sampled.curve == number

@@ -64,9 +64,9 @@ PLOTTED_COLUMNS = {
 def break_at_jumps(line: Floats) -> Floats:
     """Return points (n, 2) of a line of angles (rad), broken where an angle jumps.
 
-    A jump by more than half a revolution is no motion: the angle left its range at one end
-    and came back at the other. A row of NaN is inserted between the two points, so that
-    they are not connected in the drawing.
+    At a jump by more than half a revolution, the angle has left its range at one end and
+    come back at the other. A row of NaN is inserted between the two points, so that they
+    are not connected in the drawing.
     """
     jumps = np.max(np.abs(np.diff(line, axis=0)), axis=1) > np.pi
     return np.insert(line, np.flatnonzero(jumps) + 1, np.nan, axis=0)
@@ -133,8 +133,8 @@ def relation_plots(
     Parameters
     ----------
     relation
-        The table of relations of the batch, by column. It repeats the rows of the batch for
-        every output, form of the relation and moving input.
+        The table of relations of the batch, by column. The rows of the batch are repeated
+        for every output, form of the relation and moving input.
     rows_of_batch
         Number of rows of the batch.
     rows

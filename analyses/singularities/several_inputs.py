@@ -238,10 +238,11 @@ class SeveralInputs:
         - A curve has one row for each of its points. Points of type III, which are of types
           I and II at once, have a further row as type III.
 
-        The set of all singular points of one kind is called a locus. Its `claim` states how
-        complete the search for it was, for example certified or only sampled. The column
-        `inside` states whether all inputs are within their declared ranges. The column
-        `curve` has a number for each curve of an output, or for each connected surface.
+        The set of all singular points of one kind is called a locus. The `claim` of a locus
+        states how complete the search was, for example certified or only sampled. The
+        column `inside` states whether all inputs are within their declared ranges. The
+        column `curve` has a number for each curve of an output, or for each connected
+        surface.
         """
         tables: list[Columns] = []
         for output in self.batch.mechanism.outputs:
@@ -404,7 +405,7 @@ class SeveralInputs:
         q_i' is the rate of input i, which moves while the others are locked. w_i is the
         angular velocity of the output about its pole axis.
 
-        It has every row of the batch once for each output and input.
+        The table has every row of the batch once for each output and input.
         """
         batch = self.batch
         tables: list[Columns] = []
@@ -469,9 +470,9 @@ class SeveralInputs:
 
         An aspect is a connected set of configurations without singularities. Each row of
         the table is a configuration with the number of its aspect. The other columns
-        describe the whole aspect: the sign of a determinant that is 0 at singularities of
-        type II, the sign of one that is 0 at type I, and the number of assembly modes
-        (configurations at the same inputs) that the aspect contains.
+        describe the whole aspect. `sign_II` is the sign of a determinant that is 0 at
+        singularities of type II, `sign_I` that of one that is 0 at type I. `assembly_modes`
+        is the number of configurations at the same inputs in the aspect.
         """
         # None if the user does not want aspects.
         found_aspects = self._search_result.aspects
@@ -497,9 +498,8 @@ class SeveralInputs:
         two inputs, surfaces if there are three. An aspect is a connected set of
         configurations without singularities.
 
-        - The summary has for each output the kinds that occur in every configuration,
-          how many curves or vertices of surfaces were found, and the guarantee of each
-          search.
+        - The summary of each output has the kinds that occur in every configuration, the
+          number of curves or of vertices of surfaces, and the guarantee of each search.
         - The table for the screen has the number of curves or surfaces of each kind, and
           the inputs that they reach over.
         - Warnings concern rows near a singularity.
@@ -987,9 +987,9 @@ def _reach_text(parts: Sequence[Floats], inputs: Sequence[str]) -> str:
 def _locus_table(rows: Sequence[tuple[str, ...]]) -> ScreenTable:
     """Return a table for the screen about the loci (singularities of one kind each).
 
-    The column "in the ranges" has the number of curves or surfaces of a locus in the
-    ranges of the inputs, the column "outside" the number of the others. The last column
-    lists the intervals of input angles over which they reach.
+    The column "in the ranges" has the number of curves or surfaces of a locus in the ranges
+    of the inputs. The column "outside" has the number of the others. The last column lists
+    the intervals of input angles over which they reach.
 
     The name of a single output is in the title. Names of several outputs are a column.
 

@@ -357,8 +357,8 @@ def _format_signs(
     by a pair). The sign of a group is the sign of a determinant. For a dyad it is the
     determinant of the axes, whose sign differs between the two ways to assemble the dyad.
     For a larger group it is the determinant of the velocity equations. A text has one
-    character for each group: + or -, or 0 if the determinant is zero (singular). It is *
-    for a group outside of the part of the mechanism to which `signs` belong.
+    character for each group: + or -, or 0 if the determinant is zero (singular). Groups
+    outside of the part of the mechanism to which `signs` belong have the character *.
 
     Parameters
     ----------
@@ -399,7 +399,7 @@ def _format_signs(
 def _format_modes(batch: Batch, signs: NDArray[np.int8]) -> list[str]:
     """Return, for each row, the numbers of the modes with the signs of the row, as ``0+2``.
 
-    An assembly mode is one way to assemble the links. It is described by a sign for each
+    An assembly mode is one way to assemble the links. An assembly mode has a sign for each
     group of links. At a singularity a sign is 0, and modes with either sign meet.
 
     Parameters

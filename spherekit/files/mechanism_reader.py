@@ -372,8 +372,8 @@ class _MechanismReader:
             - "tensor", the inertia tensor (kg m2) about the centre of the sphere,
             - "tensor_at_centre", the inertia tensor (kg m2) about the centre of mass.
 
-            Tensors are in the axes of the link, or with the key "frame" (names of two R
-            pairs), in a frame that the axes of these pairs define.
+            Tensors are in the axes of the link. With the key "frame" (names of two R
+            pairs), tensors are in a frame that the axes of these pairs define.
         axes_in_links
             Function that returns the axes of pairs in their links.
 
@@ -425,8 +425,8 @@ class _MechanismReader:
                 centre = None if centre is None else frame @ centre
         if centre is not None:
             centre = as_vector(centre)
-        # The products above round entries (i, j) and (j, i) differently. Their mean makes
-        # the tensor exactly symmetric.
+        # The products above round entries (i, j) and (j, i) differently. The mean of both
+        # entries makes the tensor exactly symmetric.
         symmetric_tensor = as_tensor((tensor + tensor.T) / 2)
         return Mass(link, symmetric_tensor, mass, centre)
 
@@ -529,8 +529,8 @@ class _MechanismReader:
         """Return the axis (unit vector) of a pair in the reference pose, or None.
 
         The table of an R pair (revolute joint) states the axis itself. A P pair slides
-        along a great circle, and its table has two points of this circle. Its axis is the
-        pole of the circle.
+        along a great circle, and its table has two points of this circle. The axis of a P
+        pair is the pole of the circle.
         """
         for key in _ARC_PAIR_KEYS:
             if key in item:
@@ -596,7 +596,7 @@ class _MechanismReader:
         path
             Keys that lead to the key ``axis``, for messages.
         item
-            The table. It has the key ``link``. The direction is ``axis`` (the name of an R
+            The table, with the key ``link``. The direction is ``axis`` (the name of an R
             pair, a hinge) or a vector.
         prefix
             Beginning of the keys of a vector, such as "centre_" for ``centre_xyz``.

@@ -113,8 +113,8 @@ def number_path(document: Document, key: str) -> KeyPath:
         A mechanism file with directions as angles, see `document_of`.
     key
         The name of a number in the words of users: its location, with dots between the
-        parts, such as ``pairs.41.zero``. An arc of a link also has the name of the pair
-        (joint) to which it leads, ``links.3.arcs.43``. If the link has only one arc,
+        parts, such as ``pairs.41.zero``. An arc of a link can be named by the pair (joint)
+        to which the arc leads, ``links.3.arcs.43``. If the link has only one arc,
         ``links.3.arc`` is enough. The axis of a pair has a ``longitude`` and a
         ``latitude``.
 

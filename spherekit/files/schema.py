@@ -290,10 +290,10 @@ class SchemaConversion:
         that lead to the table in the file.
 
         The keys of a table can depend on its values, for example on the value of the key
-        "kind". The schema then has a list of rules "if the table has this value, then ...".
-        A rule can refer ("$ref") to a definition that declares the whole table. The first
-        rule with such a reference and a true condition is used. Rules without a reference
-        only restrict keys and values.
+        "kind". For such a table the schema has a list of rules "if the table has this
+        value, then ...". A rule can refer ("$ref") to a definition that declares the whole
+        table. The first rule with such a reference and a true condition is used. Rules
+        without a reference only restrict keys and values.
         """
         for rule in part.get("allOf", ()):
             declares_table = "$ref" in rule.get("then", ())
@@ -320,8 +320,8 @@ class SchemaConversion:
         """Return a converted number, text or truth value.
 
         `part` is the part of the schema that declares the value. In a file, a single value
-        may stand for an array of quantities, such as q = 40 for one input. The value is
-        then converted like an item of the array, and returned without an array around it.
+        may stand for an array of quantities, such as q = 40 for one input. Such a value is
+        converted like an item of the array, and returned without an array.
         """
         # If the schema declares an array, `item_part` declares its items. Quantities with a
         # unit, such as "40deg", refer ("$ref") to a definition, such as "angle".

@@ -129,8 +129,8 @@ class _StudyReader:
             recording=self.output_path("recording"),
             # Whether tables of results have angles in degrees.
             degrees=data.get("output", {}).get("degrees", False),
-            # Inputs as functions of time (laws), or the state at t = 0 from which the
-            # motion is simulated (start), with the driving torque of this simulation.
+            # Inputs as functions of time (laws), or the state at t = 0 of a simulation
+            # (start), with the driving torque of this simulation.
             laws=self.time_laws(),
             start=self.start(),
             torque=data.get("start", {}).get("torque"),

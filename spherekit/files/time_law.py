@@ -183,8 +183,8 @@ def make_field_readers(
 
     A time law says how an input of a mechanism moves in time. Users write its fields as
     text, with or without units, such as ``speed=30rpm`` or ``times=0s+2s+4s``. Each
-    function returns the number in rad, rad/s or s, or a tuple if the field is a list. It
-    raises `QuantityError` if the text or its unit is wrong.
+    function returns the number in rad, rad/s or s, or a tuple if the field is a list. The
+    function raises `QuantityError` if the text or its unit is wrong.
 
     Parameters
     ----------

@@ -96,9 +96,9 @@ class _KeyScanner:
             self.key_path = path
             self.lines.setdefault(path, self.line)
 
-        # The order of the cases matters. Brackets, commas and ends of lines are treated
-        # first, also within values. All other tokens of values are then skipped, so that
-        # the last cases deal with keys and headers only.
+        # The order of the cases matters. Brackets, commas and ends of lines come first,
+        # even within values. All other tokens of values are skipped next, so that the last
+        # cases deal with keys and headers only.
         if token == "\n" and not self.brackets:
             # The end of a line ends a value or a header.
             self.is_value = False

@@ -90,7 +90,7 @@ def construct_element(
         Values by key of the file, with angles in rad and directions as unit vectors. Keys
         that belong to other objects are ignored.
     other_fields
-        Values of further fields, by field name. They must not be in the table.
+        Values of further fields, by field name, that are not in the table.
     """
     # `field_by_key` has the field of the class for each key of the file.
     field_by_key = KEYS[cls]  # type: ignore[index]
