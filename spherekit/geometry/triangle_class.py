@@ -167,12 +167,10 @@ def classify_triangles(
       in the triangle. The width of the cone leaves room for corners of `MIN_CORNER_RAD`.
     - Any other triangle is open: a part of the region, or a hole in it, may be hidden
       there.
-    - Margins may be NaN at some samples. The sign of such a margin is certain if its other
-      samples have one sign and vary little (see `STEADY_RATIO`). A margin that is NaN at
-      all samples counts as positive. A sample counts as outside if some margins are NaN
-      there and no margin is negative. A triangle with such samples is outside if all
-      samples are of this kind, and broken if no margin is negative at any sample. Any other
-      triangle with such samples is open.
+    - Margins may be NaN at some samples. For their signs see `_bound_undefined_margins`. A
+      sample counts as outside if some margins are NaN there and no margin is negative. A
+      triangle with such samples is outside if all samples are of this kind, and broken if
+      no margin is negative at any sample. Any other triangle with such samples is open.
 
     Parameters
     ----------
@@ -192,17 +190,14 @@ def classify_triangles(
     has_several_uncertain
         (n,) whether more than one margin is uncertain.
     """
-    # Bounds of each margin in each triangle (n, k).
     is_missing = np.isnan(samples)
     filled = np.where(is_missing, 0.0, samples)
-    bounds = _bound_margins(triangles, filled)
     is_defined = np.all(~is_missing, axis=0)
-    smallest = np.fmin.reduce(samples, axis=0)
-    largest = np.fmax.reduce(samples, axis=0)
-    variation = STEADY_RATIO * (largest - smallest)
-    # Comparisons with NaN are false, so a margin without any sample counts as positive.
-    low = np.where(is_defined, bounds.low, np.where(smallest <= variation, -1.0, 1.0))
-    high = np.where(is_defined, bounds.high, np.where(-largest > variation, -1.0, 1.0))
+    # (n, k) bounds of each margin in each triangle.
+    bounds = _bound_margins(triangles, filled)
+    low_with_gaps, high_with_gaps = _bound_undefined_margins(samples)
+    low = np.where(is_defined, bounds.low, low_with_gaps)
+    high = np.where(is_defined, bounds.high, high_with_gaps)
     is_negative = high < 0.0
     is_uncertain = (low < 0.0) & (high >= 0.0)
 
@@ -234,6 +229,35 @@ def classify_triangles(
     classes[is_negative.any(axis=1)] = TriangleClass.OUTSIDE
     has_several_uncertain = np.count_nonzero(is_uncertain, axis=1) > 1
     return classes, has_several_uncertain
+
+
+def _bound_undefined_margins(samples: Floats) -> tuple[Floats, Floats]:
+    """Return bounds of margins that are NaN at some samples of a triangle.
+
+    Margins are functions that are at least 0 inside a region. Only the signs of the bounds
+    matter, so each bound is 1 or -1. The sign of a margin is certain if its other samples
+    have one sign and vary little (see `STEADY_RATIO`). A margin that is NaN at all samples
+    counts as positive.
+
+    Parameters
+    ----------
+    samples
+        (10, n, k) margins at ten points of each triangle.
+
+    Returns
+    -------
+    low, high
+        (n, k) lower and upper bounds. The bounds have different signs if the sign of the
+        margin is not certain.
+    """
+    # `fmin` and `fmax` ignore NaN.
+    smallest = np.fmin.reduce(samples, axis=0)
+    largest = np.fmax.reduce(samples, axis=0)
+    variation = STEADY_RATIO * (largest - smallest)
+    # Comparisons with NaN are false, so a margin without any sample counts as positive.
+    low = np.where(smallest <= variation, -1.0, 1.0)
+    high = np.where(-largest > variation, -1.0, 1.0)
+    return low, high
 
 
 def _bound_margins(triangles: Indices, samples: Floats) -> MarginBounds:

@@ -381,9 +381,9 @@ def find_near_real_angles(equations: Numbers, incidence: Bools) -> tuple[Complex
     Parameters
     ----------
     equations
-        (t, 3, ..., 3) coefficients of one system of two or three equations. Each axis of
-        length 3 belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, the
-        cosine and the sine.
+        (t, 3, ..., 3) coefficients of one system of t = 2 or 3 equations in t angles. Each
+        of the last t axes belongs to an angle: indices 0, 1 and 2 are the coefficients of
+        1, the cosine and the sine.
     incidence
         (t, t) whether an equation (row) contains an angle (column). It must be possible to
         eliminate all angles but the first (`eliminant_degree` is not 0).
@@ -453,8 +453,9 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations in t angles. Each of the
+        last t axes belongs to an angle: indices 0, 1 and 2 are the coefficients of 1,
+        cosine and sine.
     incidence
         (t, t) whether an equation (row) contains an angle (column). The angles must be
         eliminable in their order: `eliminant_degree` must not be 0.
@@ -514,9 +515,9 @@ def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, B
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) real coefficients of n systems of two or three equations. Each
-        axis of length 3 belongs to an angle: indices 0, 1 and 2 are the coefficients of 1,
-        the cosine and the sine.
+        (n, t, 3, ..., 3) real coefficients of n systems of t = 2 or 3 equations in t
+        angles. Each of the last t axes belongs to an angle: indices 0, 1 and 2 are the
+        coefficients of 1, the cosine and the sine.
     incidence
         (t, t) whether an equation (row) contains an angle (column). It must be possible to
         eliminate all angles but the first (`eliminant_degree` is not 0).
@@ -582,8 +583,9 @@ def _eliminate(equations: Numbers, incidence: Bools, starts_per_root: int) -> Ro
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations in t angles. Each of the
+        last t axes belongs to an angle: indices 0, 1 and 2 are the coefficients of 1,
+        cosine and sine.
     incidence
         (t, t) whether an equation (row) contains an angle (column).
     starts_per_root
@@ -627,8 +629,9 @@ def _solve_at_roots(
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations in t angles. Each of the
+        last t axes belongs to an angle: indices 0, 1 and 2 are the coefficients of 1,
+        cosine and sine.
     roots
         (n, k) values of e^(ix), x the first angle.
     starts_per_root
@@ -754,8 +757,9 @@ def _insert_first_angle(equations: Numbers, first_angles: Numbers) -> Complexes:
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations in t angles. Each of the
+        last t axes belongs to an angle: indices 0, 1 and 2 are the coefficients of 1,
+        cosine and sine.
     first_angles
         (n, r) values of the first angle (rad).
 
@@ -847,9 +851,9 @@ def _sample_eliminants(
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) coefficients of n systems of t = 2 or 3 equations. Each axis of
-        length 3 belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine
-        and sine.
+        (n, t, 3, ..., 3) coefficients of n systems of t = 2 or 3 equations in t angles.
+        Each of the last t axes belongs to an angle: indices 0, 1 and 2 are the coefficients
+        of 1, cosine and sine.
     incidence
         (t, t) whether an equation (row) contains an angle (column).
     first_angles
@@ -1002,8 +1006,9 @@ def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoot
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations in t angles. Each of the
+        last t axes belongs to an angle: indices 0, 1 and 2 are the coefficients of 1,
+        cosine and sine.
     incidence
         (t, t) whether an equation (row) contains an angle (column).
     """
@@ -1122,8 +1127,9 @@ def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations in t angles. Each of the
+        last t axes belongs to an angle: indices 0, 1 and 2 are the coefficients of 1,
+        cosine and sine.
     first_angles
         (n, r) first angles (rad) of solutions.
 
@@ -1235,8 +1241,9 @@ def _best_starts(
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations in t angles. Each of the
+        last t axes belongs to an angle: indices 0, 1 and 2 are the coefficients of 1,
+        cosine and sine.
     starts
         (n, root_count * s, t) angles (rad), the s starts of a root one after another.
     root_count
@@ -1304,8 +1311,9 @@ def _relative_residual(equations: Numbers, angles: Complexes) -> Floats:
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations in t angles. Each of the
+        last t axes belongs to an angle: indices 0, 1 and 2 are the coefficients of 1,
+        cosine and sine.
     angles
         (n, m, t) angles (rad), real or complex.
 
@@ -1335,8 +1343,9 @@ def jacobian_determinants(equations: Numbers, angles: Complexes) -> Complexes:
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations in t angles. Each of the
+        last t axes belongs to an angle: indices 0, 1 and 2 are the coefficients of 1,
+        cosine and sine.
     angles
         (n, m, t) angles (rad), m for each system.
 
@@ -1359,8 +1368,9 @@ def _evaluate(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complex
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations in t angles. Each of the
+        last t axes belongs to an angle: indices 0, 1 and 2 are the coefficients of 1,
+        cosine and sine.
     angles
         (n, m, t) angles (rad), m for each system.
 
@@ -1396,8 +1406,8 @@ def _insert_factors(equations: Numbers, factors: Numbers) -> Complexes:
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations in t angles. Each of the
+        last t axes belongs to an angle.
     factors
         (n, m, t, 3) factors (1, cosine and sine, or their derivatives) of the t angles of m
         solutions of each system.
