@@ -477,8 +477,8 @@ def test_a_sweep_has_words_and_says_where_figures_depend_on_samples(capsys):
     the four-bar, and many modes exist at a part of the samples only, because they end at
     dead centres. Figures of such modes depend on which samples exist. So the printed table
     leaves out these modes, as long as other modes exist at all samples. At 30 and 50 deg
-    (designs 2 and 4) the four-bar can fold flat: it is a change-point four-bar, of which
-    the sweep warns too.
+    (designs 2 and 4) the four-bar can fold flat: it is a change-point four-bar, which the
+    table leaves out for the same reason.
     """
     words = ["--vary", "links.2.arc=10:60:6", "-a", "singularities", "-a", "poles"]
     assert main(["sweep", "four_bar", *words, "--samples", "91"]) == 0
@@ -490,7 +490,7 @@ def test_a_sweep_has_words_and_says_where_figures_depend_on_samples(capsys):
     )
     assert "exists at" not in printed
     assert "leaves out modes that exist at a part of the samples only. As a rule" in printed
-    assert "Warning: Designs 2, 4 are change-point four-bars and have a" in printed
+    assert "This table leaves out designs 2, 4, change-point four-bars." in printed
     # Both warnings vanish with modes that close at all samples, of the first two designs.
     whole = ["--where", "closes > 0.999", "--where", "links_2_arc < 25"]
     assert main(["sweep", "four_bar", *words, "--samples", "91", *whole]) == 0

@@ -109,7 +109,7 @@ def output_table(summary: Any) -> ScreenTable | None:
     at_pair = f" at pair {min(pairs)}" if len(pairs) == 1 else ""
     # If the least value occurs at several places, the overview has the first of them.
     where = f"first at {place_text.heading}"
-    if place_text.kind == "sample":
+    if place_text.kind != "time" and len(inputs) > 1:
         where = f"first at inputs {', '.join(inputs)} (deg)"
     if has_transmission:
         columns.append(ScreenColumn(f"least transmission angle{at_pair} (deg)", "right"))
@@ -296,15 +296,14 @@ def _transmission_cells(
 
     The transmission angle of a dyad (two links joined by a pair) is 0 at a dead centre. The
     cells are the angle (deg), the pair (joint) at which it is measured, and the place of
-    the sample with this angle. `place_text` writes a place, such as an input or a time, as
-    text. All cells are "-" for an output without a transmission angle.
+    the sample with this angle. `place_text` says whether a place is an input or a time. All
+    cells are "-" for an output without a transmission angle.
     """
     if transmission is None:
         return ["-"] * (3 if has_pair_column else 2)
     cells = [transmission_text(transmission["angle_rad"])]
     if has_pair_column:
         cells.append(transmission["pair"])
-    # If samples have only numbers, the cell has the inputs in `transmission` instead.
     cells.append(_place_cell(transmission["place"], transmission, place_text))
     return cells
 
@@ -328,8 +327,8 @@ def _measure_cells(motion: Any, place_text: PlaceText) -> Lines:
 
 
 def _place_cell(place: float, entry: Any, place_text: PlaceText) -> str:
-    """Return a place as text: the first input, the time, or all inputs of a sample."""
-    if place_text.kind == "sample":
+    """Return a place as text: the time, or all inputs of the sample."""
+    if place_text.kind != "time":
         return ", ".join(angle_text(angle) for angle in entry["inputs_rad"])
     return place_text.value(place)
 

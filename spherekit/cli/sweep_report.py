@@ -59,14 +59,21 @@ def sweep_report(result: "SweepResult") -> ScreenReport:
         report.results.append(_count_rows(frame, is_valid, sweep.where))
         ranked = _ranked_rows(frame[is_valid])
         report.results += _best_designs(result, ranked)
-        if len(ranked) < np.count_nonzero(is_valid):
+        ranks_whole_modes = np.all(ranked["closes"] >= 1.0)
+        if ranks_whole_modes and np.any(frame[is_valid]["closes"] < 1.0):
             report.results.append(
                 "This table leaves out modes that exist at a part of the samples only. As "
                 "a rule they end at dead centres (type II singularities), near which "
                 "velocity ratios and torques grow without bound."
             )
+        change_points = _change_point_rows(frame[is_valid])
+        ranks_change_points = not _change_point_rows(ranked).empty
+        if not change_points.empty and not ranks_change_points:
+            report.results.append(
+                f"This table leaves out {_describe_change_points(change_points)}"
+            )
         report.results += _count_texts(result, frame[is_valid])
-        if np.any(ranked["closes"] < 1.0):
+        if not ranks_whole_modes:
             report.warnings.append(
                 "No mode exists at all samples. As a rule they end at dead centres (type "
                 "II singularities). There a transmission angle is 0, and velocity ratios "
@@ -74,7 +81,11 @@ def sweep_report(result: "SweepResult") -> ScreenReport:
                 "on how near the samples fall to the dead centres, so do not rank designs "
                 "by them."
             )
-        report.warnings += _warn_of_change_points(frame[is_valid])
+        if ranks_change_points:
+            text = _describe_change_points(change_points)
+            report.warnings.append(
+                f"The table contains {text} Do not rank designs by these figures."
+            )
         report.warnings += _describe_reasons(frame[~is_valid])
     report.accuracy = "; ".join(
         [
@@ -148,7 +159,8 @@ def _ranked_rows(frame: Any) -> Any:
 
     A row is an assembly mode of a design. The modes that exist at all samples are ranked,
     or all modes if there are no such modes. Figures of a mode that ends depend on how near
-    the last sample is to the end.
+    the last sample is to the end. Four-bars with a change point are left out for a like
+    reason, unless all others are left out already.
 
     Parameters
     ----------
@@ -156,7 +168,9 @@ def _ranked_rows(frame: Any) -> Any:
         The rows with figures of merit.
     """
     exists_at_all_samples = frame["closes"] >= 1.0
-    return frame[exists_at_all_samples] if exists_at_all_samples.any() else frame
+    ranked = frame[exists_at_all_samples] if exists_at_all_samples.any() else frame
+    others = ranked.drop(_change_point_rows(ranked).index)
+    return ranked if others.empty else others
 
 
 def _count_rows(frame: Any, is_valid: Any, where: tuple[str, ...]) -> str:
@@ -315,32 +329,40 @@ def _heading(text: str, unit: str | None) -> str:
     return f"{text} ({unit})" if unit else text
 
 
-def _warn_of_change_points(frame: Any) -> Lines:
-    """Return a warning about four-bars that can pass a change point.
+def _change_point_rows(frame: Any) -> Any:
+    """Return the rows of a sweep whose designs are change-point four-bars.
 
-    At a change point all four axes are in one plane, and assembly modes meet. Near it
-    figures of merit (numbers that rate a design) are extreme. A design may then seem the
-    best or the worst because of a single sample.
+    Such a four-bar has a change point, a configuration in which all four axes are in one
+    plane and assembly modes meet. Only sweeps of four-bars have a column ``grashof``.
+    """
+    if "grashof" not in frame.columns:
+        return frame.iloc[:0]
+    return frame[frame["grashof"].astype(str) == "change-point"]
+
+
+def _describe_change_points(rows: Any) -> str:
+    """Return which designs are change-point four-bars, and why not to rank them.
+
+    An example is ``design 4, a change-point four-bar: ...``.
 
     Parameters
     ----------
-    frame
-        The rows of the sweep that have figures of merit.
+    rows
+        The rows of these designs, at least one.
     """
-    if "grashof" not in frame.columns:
-        return []
-    rows = frame[frame["grashof"].astype(str) == "change-point"]
-    if rows.empty:
-        return []
     designs = sorted(set(rows["design"]))
-    are, have = ("is a", "has") if len(designs) == 1 else ("are", "have")
-    name = "change-point four-bar" if len(designs) == 1 else "change-point four-bars"
-    text = numbered("design", designs)
-    return [
-        f"{text[0].upper()}{text[1:]} {are} {name} and {have} a configuration in which all "
-        "axes lie in one plane and the assembly modes meet. The figures depend on how near "
-        "a sample is to this configuration, so do not rank by them."
-    ]
+    names = numbered("design", designs)
+    if len(designs) == 1:
+        return (
+            f"{names}, a change-point four-bar. It has a configuration in which all axes "
+            "lie in one plane and the assembly modes meet. Its figures depend on how near "
+            "a sample is to this configuration."
+        )
+    return (
+        f"{names}, change-point four-bars. Such a four-bar has a configuration in which "
+        "all axes lie in one plane and the assembly modes meet. Its figures depend on how "
+        "near a sample is to this configuration."
+    )
 
 
 def _numbers_of_texts(column: Any) -> str:
