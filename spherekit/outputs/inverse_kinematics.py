@@ -708,7 +708,7 @@ class InverseKinematics:
             return np.empty((count, 0))
         if near is None:
             raise self._error(
-                "`near`: is missing, but Newton's method needs orientations from which to "
+                "`near` is missing, but Newton's method needs orientations from which to "
                 "find the turn of the output about its direction; give orientations close "
                 "to the solution, from `solutions` or from previous poses"
             )

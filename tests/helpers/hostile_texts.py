@@ -82,6 +82,9 @@ def find_text_fields(kind="mechanism"):
             Names of the definitions that contain this part. A definition may refer to
             itself, and is then not visited again.
         """
+        # `false` stands for a key that is not allowed here.
+        if node is False:
+            return
         if "$ref" in node:
             name = node["$ref"].removeprefix("#/$defs/")
             if name == "name":
