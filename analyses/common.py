@@ -36,28 +36,26 @@ DIRECTION_COLUMNS = tuple(
         name,
         "",
         f"{name} component of the output direction or, if the output is an orientation, "
-        "of its unit quaternion (x, y, z, w); both are in the axes of the reference link "
-        "of the output",
+        "of its unit quaternion (x, y, z, w), in the axes of the reference link of the "
+        "output",
         turns="otherwise",
     )
     for name in "xyz"
 )
 """The columns of a direction, or of the first three components of a unit quaternion."""
 
+MID_PLANE_FORMULAS = {"phi": "-2 arcsin(n_x)", "gamma": "2 arcsin(n_y)"}
+"""Formulas of the angles of the mid-plane with the unit normal n."""
+
+MID_PLANE_NORMAL = (
+    "n is the unit normal of the mid-plane (the plane of symmetry of base and output "
+    "link); empty if there is no such plane"
+)
+"""Explanation of the normal n for meanings of columns."""
+
 MID_PLANE_COLUMNS = tuple(
-    Column(
-        name,
-        "rad",
-        f"{meaning} (the plane of symmetry of base and output link); "
-        "empty if there is no such plane",
-    )
-    for name, meaning in (
-        ("phi", "angle phi = -2 arcsin(n_x), where n is the unit normal of the mid-plane"),
-        (
-            "gamma",
-            "angle gamma = 2 arcsin(n_y), where n is the unit normal of the mid-plane",
-        ),
-    )
+    Column(name, "rad", f"angle {name} = {formula}, where {MID_PLANE_NORMAL}")
+    for name, formula in MID_PLANE_FORMULAS.items()
 )
 """The columns of the angles of the mid-plane of a direction."""
 
@@ -79,13 +77,13 @@ TILT_TORSION_COLUMNS = tuple(
     for name, meaning in (
         (
             "azimuth",
-            "azimuth, measured about the z axis, of the output direction or of the z "
-            "axis of the output link",
+            "azimuth, about the z axis of the reference link, of the output direction "
+            "or, if the output is an orientation, of the z axis of the output link",
         ),
         (
             "tilt",
-            "angle from the z axis to the output direction or to the z axis of "
-            "the output link",
+            "angle from the z axis of the reference link to the output direction or, if "
+            "the output is an orientation, to the z axis of the output link",
         ),
         (
             "torsion",

@@ -112,7 +112,8 @@ class Dynamics(AbstractAnalysis):
         ),
         Table(
             "inertia",
-            "one row per sample, assembly mode and entry of the inertia matrix",
+            "one row per sample, assembly mode and entry in the upper triangle of the "
+            "inertia matrix",
             (
                 SAMPLE,
                 ASSEMBLY_MODE,
@@ -129,8 +130,9 @@ class Dynamics(AbstractAnalysis):
                 Column(
                     "M",
                     "kg m2",
-                    "one entry of the inertia matrix; with the angular velocities q' "
-                    "of all inputs, the kinetic energy is q' M q' / 2",
+                    "one entry of the symmetric inertia matrix A; the kinetic energy is "
+                    "w^T A w / 2, where the vector w has the angular velocities of all "
+                    "inputs",
                 ),
                 DERIVATIVES,
                 STATUS,

@@ -55,8 +55,8 @@ EQUAL_MAXIMUM_RATIO = 1e-9
 is reported. Smaller: rounding decides which of equal maxima is reported."""
 
 AXIS_MEANINGS = {
-    "x": "for an R pair, x is the zero direction of its angle in the second link; for a "
-    "contact, x is the tangent",
+    "x": "for an R pair, x is the direction, fixed in the second link, to which the pair "
+    "angle is measured; for a contact, x is the tangent",
     "y": "for an R pair, y is fixed in the second link, perpendicular to x and to the pair "
     "axis; for a contact, y is the normal",
     "z": "for an R pair, z is the pair axis; for a contact, z is the line from the centre "
@@ -64,7 +64,7 @@ AXIS_MEANINGS = {
 }
 """Meanings of the axes of a pair, along which components are given."""
 FIRST_LINK_AXIS_MEANINGS = {
-    "x": "the zero direction of the pair angle",
+    "x": "the direction from which the pair angle is measured",
     "y": "perpendicular to x and to the pair axis",
 }
 """Meanings of the axes of an R pair that are fixed in its first link."""
@@ -136,8 +136,8 @@ class ReactionAnalysis(AbstractAnalysis):
                     Column(
                         f"force_{axis}",
                         "N",
-                        f"{axis} component of the force of the first link on the second "
-                        "one, which acts through the centre (R pair) or at the contact "
+                        f"{axis} component of the force that the first link exerts on "
+                        "the second one, through the centre (R pair) or at the contact "
                         f"point; {words}",
                     )
                     for axis, words in AXIS_MEANINGS.items()
@@ -167,8 +167,8 @@ class ReactionAnalysis(AbstractAnalysis):
                 Column(
                     "load",
                     "",
-                    "name of the load in the mechanism file that defines the position "
-                    "of the bearing",
+                    "name, in the mechanism file, of the load that defines the bearing "
+                    "(kind bearings)",
                     "text",
                 ),
                 Column("pair", "", "name of the pair", "text"),

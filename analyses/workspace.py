@@ -143,14 +143,14 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 Column(
                     "component",
                     "",
-                    "number of the part of the workspace on one side of the curve",
+                    "number of the connected part of the workspace that the curve bounds",
                     "integer",
                 ),
                 Column(
                     "gap",
                     "",
-                    "number of the part that is not reached, on the other "
-                    "side of the curve",
+                    "number of the region on the other side of the curve, which does not "
+                    "belong to the workspace; 0: the outside; larger numbers: holes",
                     "integer",
                 ),
                 Column("arc", "", "number of the smooth arc within the curve", "integer"),

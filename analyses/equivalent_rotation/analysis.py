@@ -47,7 +47,7 @@ from spherekit.plugin.rotations import (
     time_optimal,
 )
 
-from ..common import MID_PLANE_COLUMNS, TILT_TORSION_COLUMNS
+from ..common import MID_PLANE_COLUMNS
 from ..output_poses import read_end, read_pose
 from .scenes import RotationResult, mid_planes
 
@@ -143,7 +143,26 @@ class EquivalentRotation(AbstractAnalysis):
                     "measured from the start pose",
                 ),
                 *MID_PLANE_COLUMNS,
-                *TILT_TORSION_COLUMNS,
+                Column(
+                    "azimuth",
+                    "rad",
+                    "azimuth of the z axis of the output link, about the z axis of the "
+                    "reference link of the output",
+                    turns="otherwise",
+                ),
+                Column(
+                    "tilt",
+                    "rad",
+                    "angle from the z axis of the reference link of the output to the z "
+                    "axis of the output link",
+                    turns="otherwise",
+                ),
+                Column(
+                    "torsion",
+                    "rad",
+                    "rotation of the output link about its own tilted z axis",
+                    turns="otherwise",
+                ),
                 INPUTS,
                 Column(
                     "dq_dtheta",

@@ -29,6 +29,8 @@ from spherekit.plugin.workspace import (
 )
 
 from ..common import (
+    MID_PLANE_FORMULAS,
+    MID_PLANE_NORMAL,
     POSE_COLUMNS,
     TILT_TORSION_COLUMNS,
     WORKING_MODE,
@@ -58,20 +60,20 @@ MID_PLANE_RATE_COLUMNS = tuple(
     Column(
         f"d{name}_dq",
         "",
-        f"derivative of the mid-plane angle {name} with respect to the angle of the "
-        "driven pair",
+        f"derivative of {name} = {formula} with respect to the angle of the driven pair; "
+        f"{MID_PLANE_NORMAL}",
         per_input=True,
     )
-    for name in ("phi", "gamma")
+    for name, formula in MID_PLANE_FORMULAS.items()
 )
 
 
 SOLVED_BY = Column(
     "solved_by",
     "",
-    "method that found the solution: dyads (finds all solutions), graph (may miss "
-    "some) or mid-plane (finds the solutions in which base and output link are mirror "
-    "images of each other)",
+    "method that found the solution: dyads (closed form, finds all solutions), graph "
+    "(solves the loop equations of all links, may miss solutions) or mid-plane (finds only "
+    "solutions in which base and output link are mirror images of each other)",
     "text",
 )
 
@@ -134,10 +136,18 @@ INVERSE = Table(
             Column(
                 f"near_{axis}",
                 "",
-                f"{axis} component of the reachable pose that is nearest to the given "
-                "pose; empty if the given pose can be reached",
+                f"{axis} component of the output direction or, if the output is an "
+                "orientation, of its unit quaternion (x, y, z, w), in the reachable pose "
+                "nearest to the given pose; empty if the given pose can be reached",
             )
-            for axis in "xyzw"
+            for axis in "xyz"
+        ),
+        Column(
+            "near_w",
+            "",
+            "w component (the real part) of the unit quaternion of the output orientation "
+            "in the reachable pose nearest to the given pose; empty if the given pose can "
+            "be reached, or if the output is a direction",
         ),
         Column(
             "away", "rad", "angle between the given pose and the nearest reachable pose"

@@ -61,8 +61,8 @@ SINGULARITIES = Table(
         Column(
             "signs",
             "",
-            "one sign for each group of links, which tells the two assemblies of a dyad "
-            "apart; 0 for a group that is singular here, * for a group that does not "
+            "one sign for each group of links; if the group is a dyad, the sign tells its "
+            "two assemblies apart; 0: the group is singular here; *: the group does not "
             "affect the output",
             "text",
         ),
@@ -115,16 +115,18 @@ SINGULARITIES = Table(
         Column(
             "guarantee",
             "",
-            "how certain it is that no singularity is missing from the table: certified, "
-            "complete, complete to a box size (only boxes of this size can hide one), "
-            "component only (only configurations connected with "
-            "known ones were searched) or sampled",
+            "whether singularities may be missing from the table: complete (none, but "
+            "this is not proven), complete to a box size (only those that fit into a small "
+            "box of angles, whose size is in the summary), component only (those that are "
+            "not connected with known configurations) or sampled (those to which no sample "
+            "and no random start led)",
             "text",
         ),
         Column(
             "note",
             "",
-            "remarks on what coincides at the singularity and on what is uncertain",
+            "remarks, such as which curves cross here, the geometric conditions in words, "
+            "or why the kind is uncertain",
             "text",
         ),
     ),
@@ -141,9 +143,9 @@ RELATION = Table(
         Column(
             "form",
             "",
-            "form of the relation c y' = d q'. In both, y' is the rate of the output link: "
-            "in form i relative to the reference link of the output, in form ii relative "
-            "to the reference link of the input",
+            "i or ii: form of the relation c y' = d q'. In form i, y' is the rate of the "
+            "output link relative to the reference link of the output; in form ii, "
+            "relative to the reference link of the input",
             "text",
         ),
         Column(
@@ -161,21 +163,23 @@ RELATION = Table(
         Column(
             "velocity_coefficient",
             "",
-            "rate of the output per unit rate of the input: y'/q' = d/c with the c and d "
-            "of form i, also in the rows of form ii; infinite at a type II singularity",
+            "rate y'/q' of the output per unit rate of the input: d/c in the row of form "
+            "i, and the same value in the row of form ii; infinite at a type II "
+            "singularity",
         ),
         Column(
             "distance_I",
             "rad",
-            "distance from type I singularities as an angle: the arcsine of a measure "
-            "that is 0 only at singularities of this type",
+            "distance from type I singularities: an angle that is 0 only at these "
+            "singularities; with one input, its tangent is the size of y'/q'",
         ),
         Column(
             "distance_II",
             "rad",
-            "distance from type II singularities as an angle: the arcsine of a measure "
-            "that is 0 only at singularities of this type; if all arcs are short, the "
-            "angle is proportional to the size of the mechanism",
+            "distance from type II singularities: an angle that is 0 only at these "
+            "singularities. Its sine is a transmission measure (how well the locked inputs "
+            "hold the output). If the arcs of all links are short, the angle is "
+            "proportional to their length",
         ),
         Column(
             "output_rate",

@@ -59,7 +59,11 @@ EVENTS = Table(
         Column(
             "kind",
             "",
-            "kind of the event: dead_centre, type_2, rest, joint_limit or switch",
+            "kind of the event: dead_centre (the input turns back while the mechanism "
+            "moves on), type_2 (the inputs do not determine the motion), crossing "
+            "(configuration curves cross), rest (all links stop), joint_limit (a pair "
+            "reaches its limit), switch (a load changes abruptly) or lift_off (a contact "
+            "loses its pressure)",
             "text",
         ),
         Column(

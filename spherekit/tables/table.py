@@ -320,13 +320,13 @@ def _passive_meanings(mechanism: Mechanism) -> dict[str, str]:
 def _name_pair(meaning: str, pair: str) -> str:
     """Return the meaning of a column that belongs to an input, with the name of its pair.
 
-    The name follows the words "the driven pair". If the meaning does not contain these
-    words, the name is appended.
+    The name, in quotes, follows the words "the driven pair". If the meaning does not
+    contain these words, the name is appended.
     """
     words = "the driven pair"
     if words in meaning:
-        return meaning.replace(words, f"{words} {pair}")
-    return f"{meaning}, pair {pair}"
+        return meaning.replace(words, f'{words} "{pair}"')
+    return f'{meaning}, pair "{pair}"'
 
 
 def row_count(data: TableData) -> int:
