@@ -237,8 +237,9 @@ class WorkspaceModes:
         called a component. A connected part of all other directions is called a gap. A
         curve separates one component from one gap, and the table has the numbers of both.
         """
-        # If base and output mirror each other in a plane, the table has two angles of the
-        # plane.
+        # None unless base and output are always mirror images in a plane, the mid-plane.
+        # Each direction of the output then has one mid-plane, and the table has two angles
+        # of its normal.
         mid_plane_architecture = self.kinematics.form
         columns = []
         for curve_number, curve in enumerate(region.boundaries):
@@ -250,7 +251,7 @@ class WorkspaceModes:
                         "gap": curve.gap,
                         "arc": arc_number,
                         "point": np.arange(len(arc.points)),
-                        # Components x, y, z of the directions (k, 3), and angles of planes.
+                        # x, y, z of the directions (k, 3), and the angles of mid-planes.
                         **direction_or_quaternion_columns(
                             arc.points, mid_plane_architecture
                         ),

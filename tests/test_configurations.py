@@ -120,14 +120,14 @@ def test_components_between_five_equally_spaced_inputs_are_found():
     assert configurations.guarantee is Guarantee.COMPLETE
     # Counts of modes at single inputs agree with the curves.
     assert not configurations.mismatches
-    # Both turning points divide a closed curve into two pieces, each of which is one
-    # assembly mode. The range of the input begins and ends at 0. So the curve through the
-    # input 0 is cut at this input, too: both of its pieces become two.
+    # Two turning points divide each closed curve into two assembly modes. One curve passes
+    # the input 0, the end of the range, which divides each of its two modes again.
     mode_count = 2 + 2 + 2 + 4
     pieces = [piece for item in configurations.curves for piece in item.pieces]
     assert sorted(piece.assembly_mode for piece in pieces) == list(range(mode_count))
     assert len(position_analysis.assembly_modes) == mode_count
 
+    # Only the curve with inputs from 101.0 to 112.2 deg is met by one of five inputs.
     five_inputs = np.radians([36.0, 108.0, 180.0, 252.0, 324.0])
     values = [enumerate_assemblies(solver, np.array([q])).values for q in five_inputs]
     values = np.concatenate(values)

@@ -30,9 +30,8 @@ def assert_direction_derivatives_are_uncertain(rows):
     perpendicular to u, divided by |v|. Its error is about the sum of three errors, divided
     by |v|: those of v, of dv/dq, and of u times |dv/dq|.
 
-    The table has no |dv/dq|. It has the acceleration coefficient, the part of dv/dq along
-    u, which is at most as large. So the sum here is rather too small, and the assertion
-    rather too strict.
+    The table has no |dv/dq|. Instead, its part along u is used, the acceleration
+    coefficient. This part is at most as large, so the error is not overestimated.
     """
     velocity_size = rows["velocity_coefficient"].abs()  # |v|
     velocity_error = rows["velocity_coefficient_error_bound"].abs()

@@ -193,10 +193,10 @@ def test_the_stereographic_map_keeps_angles(pole):
     """The angle between two tangents at a point of the sphere is the same on paper.
 
     It also has the same sign: positive is counterclockwise on paper, and for an observer
-    outside the sphere. The map is centred on the ground axis nearest to the point
-    (`frame_about`), so the point is beside the centre. At the centre, maps of other kinds
-    would keep angles, too.
+    outside the sphere.
     """
+    # The map is centred on x, y or z (`frame_about`), not on the point. At the centre of a
+    # map, maps of other kinds would keep angles, too.
     whole_sphere = np.pi
     view = SphereView(frame_about(pole[None]), STEREOGRAPHIC, rim=whole_sphere)
     point = pole / np.linalg.norm(pole)

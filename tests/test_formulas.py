@@ -212,8 +212,6 @@ def test_arguments_are_numbers_of_the_file(name, keys):
 
     Formulas with some numbers of the file as arguments are compared with formulas of a file
     in which these numbers are changed. The values are 0.99 to 1.01 times those of the file.
-    A file may state the mass of a link as that of a bar along its arc: inertia then changes
-    with the arc. "B*" are the inertia reduced to the input and its derivatives.
     """
     document = document_of(name)
     variables = [design_variable(document, key) for key in keys]
@@ -221,6 +219,7 @@ def test_arguments_are_numbers_of_the_file(name, keys):
     values *= np.linspace(0.99, 1.01, len(keys))
     quantities = ["theta_*", "velocity_coefficient_*"]
     if sk.load(name).masses:
+        # The inertia reduced to the input, and its derivatives.
         quantities.append("B*")
     changed_file = formulas(make_design(document, variables, values), quantities)
     formula_set = formulas(name, quantities, keys)

@@ -78,9 +78,9 @@ def bars(internal=""):
             link_and_pair_tables += (
                 f'[pairs.{name}_{end}]\ntype = "R"\nlinks = ["{end}", "bar_{name}"]\n'
             )
-    # A link with bars has the centres of its discs as further axes. Its file has an arc for
-    # each axis after the first one, and an angle for each axis after the second one. The
-    # first axis of the plate is the centre of disc a, so this disc has no arc.
+    # The axes of a link with bars: the pair 12 (not on the plate), then the centres of its
+    # discs. `arcs` has the arc from the first axis to each further axis. `angles` has the
+    # angle from the first of these arcs to each further arc.
     arc_a, _, _ = LINK_DISCS["a"]
     arc_b, angle_b, _ = LINK_DISCS["b"]
     arc_c, _, _ = LINK_DISCS["c"]

@@ -328,12 +328,8 @@ def test_a_mode_that_is_followed_to_another_design_and_back_is_the_same(
 ):
     """An assembly mode that is followed to another design and back has returned.
 
-    The two designs have the longitudes -8 and 20 degrees of axis C. The `origin` of a mode
-    is a design and the configurations (variables, samples) of the mode in it. From there
-    `track_to` changes the sizes gradually to those of another design, and returns the
-    configurations in that design. They are NaN at samples at which the mode does not close
-    or is lost. `with_origin` returns the same mode with another design as its origin.
-    `continues_in` says whether a mode, tracked to the design of another mode, is that mode.
+    To follow a mode means to change the sizes of the design step by step, and to follow the
+    configurations. The two designs have the longitudes -8 and 20 degrees of axis C.
     """
     longitude = np.array([-8.0])
     other_longitude = np.array([20.0])
@@ -343,12 +339,13 @@ def test_a_mode_that_is_followed_to_another_design_and_back_is_the_same(
     design = varied_mechanism.evaluate_design(longitude)
     other_design = varied_mechanism.evaluate_design(other_longitude)
     for mode in modes:
-        moved_mode = mode.with_origin(other_design)
-        # The mode is one of those that the other design has by itself.
+        # Followed to the other design, the mode is one of the modes found there.
         assert any(mode.continues_in(other) for other in modes_of_other_design)
-        # The configurations in the first design, tracked back from the other one.
+        # The origin of a mode has its configurations (variables, samples) in one design.
+        # `with_origin` follows them to the other design, `track_to` back to the first one.
+        moved_mode = mode.with_origin(other_design)
         returned = moved_mode.origin.track_to(design)
-        # All variables of a lost configuration are NaN, so one of them tells.
+        # Configurations of the other design are NaN at samples where the mode is lost.
         is_followed = np.isfinite(moved_mode.origin.configurations[0])
         expected = mode.origin.configurations[:, is_followed]
         assert returned[:, is_followed] == pytest.approx(expected, abs=1e-9)

@@ -218,15 +218,15 @@ def test_area_of_the_mid_plane_mechanism_is_that_of_the_paper(mid_plane_kinemati
     """The two largest parts of the workspace have the area by the formula of the paper.
 
     The mechanism is that of Chen et al. 2021. By the rule of the paper, the axes of the
-    pairs 21 and 43 stay at least 10 degrees apart, and those of 61 and 54 too. With the
-    reach of the legs there are five limits (`bounds`). The exact area of one of the two
-    parts is a double integral (`mid_plane_area`). All eight working modes (ways to bend the
-    legs) have the same workspace, so seven are reported to be the same as the first
-    (`same_as`).
+    pairs 21 and 43 stay at least 10 degrees apart, and those of 61 and 54 too. The exact
+    area of one of the two parts is a double integral (`mid_plane_area`). All eight working
+    modes (ways to bend the legs) have the same workspace, so seven are reported to be the
+    same as the first (`same_as`).
     """
     exact_area_sr = mid_plane_area()
     bounds = bounds_of(mid_plane_kinematics, interference_limits_of_the_paper())
-    assert len(bounds) == 5
+    # Two limits of the rule, and the reach of each of the three legs.
+    assert len(bounds) == 2 + 3
     for tolerance in (1e-2, 1e-4, 1e-6):
         workspaces = direction_workspaces(
             mid_plane_kinematics, bounds, mid_plane_kinematics.modes, tolerance
@@ -235,7 +235,8 @@ def test_area_of_the_mid_plane_mechanism_is_that_of_the_paper(mid_plane_kinemati
         assert is_computed == [True] + 7 * [False]
         region = workspaces[0].region
         assert region.error <= tolerance * region.area
-    # The two largest parts of the last region, each with a border of four corners.
+    # `region` is now the one of the smallest tolerance. Its two largest parts come first,
+    # each with a border of four corners.
     for component in region.components[:2]:
         assert abs(component.area - exact_area_sr) < 1e-6 * exact_area_sr
         (boundary,) = component.boundaries

@@ -218,9 +218,9 @@ def forward_columns(
     """Return the table of the poses at given inputs, each with its working mode if known.
 
     The working mode is given by the signs of the legs. Rows are in the order of the inputs.
-    The column `pose` is the position of the set of inputs in this order. Inputs without
-    a pose have one row with status OUT_OF_REACH. The column `type_2` is 0 at a type II
-    singularity, where the output can move while the inputs rest.
+    The column `pose` has the index of the set of inputs, from 0 to n - 1. Inputs without a
+    pose have one row with status OUT_OF_REACH. The column `type_2` is a measure that is 0
+    at a type II singularity, where the output can move while the inputs rest.
 
     Parameters
     ----------

@@ -847,16 +847,15 @@ def _table_excesses(motion: Any, has_speeds: bool) -> Iterator[tuple[str, float,
     motion
         The motion of the output in one assembly mode, from the overview of the run. Its key
         "excess_between_samples" has three excesses: "angle_rad", "ratio" (of the speed or
-        velocity ratio) and "transmission". The last excess is in rad if the output has a
-        transmission angle. Otherwise it belongs to the transmission measure, which has no
-        unit.
+        velocity ratio), and "transmission" of the transmission angle (rad). An output
+        without a transmission angle has a transmission measure (without unit) instead.
     has_speeds
         Whether the table has speeds instead of velocity ratios.
 
     Yields
     ------
     For each quantity its key in `TABLE_QUANTITIES`, the excess, and the value of the last
-    digit that the table prints.
+    digit that the table prints, to tell whether the excess would be visible.
     """
     excess = motion["excess_between_samples"]
     yield "angle", math.degrees(excess["angle_rad"]), 0.01

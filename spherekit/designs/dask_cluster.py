@@ -97,8 +97,8 @@ def compute_on_cluster(
         The sweep whose parts are computed.
     folder
         Absolute path of an empty folder on this machine, in which the parts are written.
-        The name must be unique: a worker takes any folder at this path for this folder on a
-        shared disk.
+        The path must be unique. If a worker finds a folder at this path, the worker assumes
+        that it is this folder, on a disk that both machines share.
     part_numbers
         Numbers of the parts to compute, counted from 0.
 

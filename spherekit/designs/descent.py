@@ -148,10 +148,10 @@ class Descent:
     specification
         The objectives, the conditions and the ranges of the variables.
     rows
-        Columns of the table of n evaluated designs, each in one assembly mode. Some are
-        tried as further starts.
+        Table of n evaluated designs by column, each design in one assembly mode. Some of
+        the designs are used as further starts.
     objectives
-        (n, k) objectives of these rows.
+        (n, k) objectives of these designs.
 
     Attributes
     ----------
@@ -160,8 +160,9 @@ class Descent:
     modes
         (n,) labels of their assembly modes (ways to assemble the links).
     scales
-        (k,) scale of each objective, by which objectives are compared: its width along the
-        rows if there are several objectives, otherwise its smallest absolute value.
+        (k,) scale of each objective, by which objectives are compared. With several
+        objectives, the scale is the largest minus the smallest value of the n designs. A
+        single objective has its smallest absolute value as scale.
     """
 
     def __init__(

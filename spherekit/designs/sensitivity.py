@@ -232,10 +232,12 @@ class Sensitivity:
         Contacts of circles can be replaced by links with R pairs between the centres of the
         circles (the equivalent linkage). Contacts with other profiles cannot.
 
-        1. If there are other profiles, or if no number of a contact varies, the contacts
-           stay as they are. This fails for wheels that roll on each other, if
-           `make_expressions` has no expressions for these contacts.
-        2. In all other cases, and for such wheels, links replace the contacts.
+        1. If a contact has another profile, or if no size of a contact varies, the contacts
+           are kept.
+        2. In all other cases, links replace the contacts.
+
+        There is one exception to rule 1. If `make_expressions` has no expressions for
+        wheels that roll on each other, links replace the contacts.
 
         Returns
         -------

@@ -86,7 +86,7 @@ class _OtherFormError(SpherekitError):
 
 @dataclass(frozen=True)
 class ColumnGradients:
-    """Quantities of a design at n samples, with derivatives for design variables.
+    """Quantities of a design at n samples, and their derivatives by the design variables.
 
     Attributes
     ----------
@@ -96,8 +96,8 @@ class ColumnGradients:
         (columns, n) values of the quantities in rad and SI units.
     gradients
         (variables, columns, n) derivatives with respect to the design variables, each
-        variable in the unit in which the mechanism file states it. The inputs are constant,
-        and the loops stay closed.
+        variable in the unit of the mechanism file. If a variable changes, the inputs stay
+        constant, and the other pairs move so that the loops stay closed.
     """
 
     closes: Bools

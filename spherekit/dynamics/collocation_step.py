@@ -49,7 +49,8 @@ class ClosureDeterminantRecord:
 
     The simulation follows a curve of configurations. Where this curve crosses another one,
     the closure determinant is zero and changes its sign; see
-    `CollocationStep.closure_determinants`. Crossings are found by this record.
+    `CollocationStep.closure_determinants`. The simulation compares the determinants of the
+    next step with this record to find a crossing.
 
     Attributes
     ----------
@@ -57,7 +58,8 @@ class ClosureDeterminantRecord:
         Largest absolute value at any node (time at which a step evaluates the equations) so
         far; 0 before the first step.
     sign
-        The sign after the last step, 1 or -1. The sign has no meaning while `largest` is 0.
+        The sign after the last step, 1 or -1. Before the first step, the sign is 0. The
+        sign stays 0 until a crossing if the first determinant was exactly 0.
     """
 
     largest: float = 0.0

@@ -474,29 +474,18 @@ def needed_torques(motion: Motion) -> InverseSolution:
     input_variables = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
     closure = Closure.of_mechanism(mechanism, motion.joints)
     coordinates = motion_by_variables(closure, motion.values, input_variables)
-    # Rows are singular where the inputs do not determine the motion, or rates are NaN.
-    is_singular = ~(determinacy(coordinates.rates) >= SINGULAR_INPUT_DETERMINACY)
-    has_configuration = ~motion.failed
-    # If assembly modes nearly meet at a row, the derivatives depend on rounding errors of
-    # the configuration. The evaluation of poles finds such rows, with each input in turn as
-    # the only one that moves.
-    for name in mechanism.names_of(motion.assembly.inputs):
-        pole_request = request(mechanism, name, (), by_rank=True)
-        field = evaluate_unsigned(motion.rows(has_configuration), pole_request)
-        # `is_decimal` marks rows so near a singularity that float64 numbers do not
-        # determine the rates. Inertia is computed in float64, so such rows are singular.
-        is_singular[has_configuration] |= (field.status != Status.OK) | field.is_decimal
     status = motion.status.copy()
+    is_singular = _find_singular_rows(motion, coordinates)
     status[(status == Status.OK) & is_singular] = Status.AT_SINGULARITY
 
-    # First without friction of bearings.
+    # First the torques without friction of bearings.
     rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
     solution = balancing(mechanism, rows, timing, coordinates, status)
     loads = Loads(mechanism)
     if loads.friction_components:
-        # This friction depends on reactions, which depend on the torques. An iteration
-        # solves for the forces that the bearings carry. The torques are computed again with
-        # these forces.
+        # Friction of bearings depends on the forces that they carry, which depend on the
+        # torques. An iteration solves for these forces (`friction.carried`). Then the
+        # torques are computed again.
         has_torques = all_finite(solution.torques, 1)
         driven = DrivenState(mechanism, coordinates, timing, solution.torques)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -508,7 +497,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
             timing,
             coordinates,
             status,
-            locked=friction.is_unknown,
+            locked=friction.is_unknown,  # no torques where bearings may lock
             carried=friction.carried,
         )
         solution = replace(solution, rounds=friction.iterations)
@@ -516,6 +505,35 @@ def needed_torques(motion: Motion) -> InverseSolution:
     for array in (solution.values, coordinates.rates, coordinates.frames):
         array[status != Status.OK] = np.nan
     return solution
+
+
+def _find_singular_rows(motion: Motion, coordinates: CoordinateMotion) -> Bools:
+    """Return at which rows (n,) the rates of the inputs do not determine all other rates.
+
+    A row is one sample in one assembly mode (way to assemble the mechanism).
+
+    Parameters
+    ----------
+    motion
+        The motion.
+    coordinates
+        The same motion, with the derivatives of all variables for the inputs.
+    """
+    mechanism = motion.mechanism
+    # A row with NaN in its rates is singular, too.
+    is_singular = ~(determinacy(coordinates.rates) >= SINGULAR_INPUT_DETERMINACY)
+    has_configuration = ~motion.failed
+    # If assembly modes nearly meet at a row, the derivatives depend on rounding errors of
+    # the configuration. The evaluation of poles (axes of relative rotation) finds such
+    # rows. Each input in turn is the only one that moves. No poles are asked for.
+    for name in mechanism.names_of(motion.assembly.inputs):
+        # Mobility follows from the rank of the velocity equations, not from counting.
+        pole_request = request(mechanism, name, (), by_rank=True)
+        field = evaluate_unsigned(motion.rows(has_configuration), pole_request)
+        # `is_decimal` marks rows so near a singularity that float64 numbers do not
+        # determine the rates. Inertia is computed in float64, so such rows are singular.
+        is_singular[has_configuration] |= (field.status != Status.OK) | field.is_decimal
+    return is_singular
 
 
 def balancing(

@@ -828,14 +828,14 @@ class TaylorIntegration:
         """Compute the signs of the switch conditions at the start of the motion.
 
         A load changes abruptly at a zero of its switch condition, such as dry friction
-        where the sliding rate is zero. The signs are parameters of the equation. A
-        condition may depend on the signs of the conditions before it, so they are computed
-        one after the other.
+        where the sliding rate is zero. A condition may depend on the signs of the
+        conditions before it, so the signs are computed one after the other.
 
         Parameters
         ----------
         interval_end
-            Time (s) up to which the parameters apply: the next knot of a torque table.
+            Time (s) of the next knot (listed time) of a torque table. Up to this time the
+            torque is linear in time, and its slope is one of the parameters.
         """
         switch_function = self.equation.switch_function
         if switch_function is None:

@@ -497,9 +497,9 @@ def _find_motion_arguments(
     results contain them:
 
     - rates and accelerations of the inputs, and the time;
-    - the whole revolutions (rad, a multiple of 2 pi) of pairs (joints) that are not driven
-      but have an angle-dependent load, such as a spring. The formulas compute the angles of
-      these pairs from -pi to pi only;
+    - whole revolutions (rad, a multiple of 2 pi) of pairs (joints) with a load that depends
+      on the angle, such as a spring. The formulas compute the angle of a pair that is not
+      driven from -pi to pi only, and add its whole revolutions;
     - torques from tables over time.
 
     Parameters

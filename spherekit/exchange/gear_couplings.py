@@ -588,11 +588,11 @@ def _find_coaxial_equations(
 ) -> Iterator[CoaxialEquation]:
     """Yield the equations of coaxial gears that follow from the couplings of joints.
 
-    A coupling is a linear equation between the rates of joints. Coaxial gears are two links
-    that are hinged to a third link, the carrier, about the same axis. The gears have the
-    equation u x + v y = 0, with the angular velocities x and y of the first and the second
-    link relative to the carrier. The equation must follow from the couplings. Coaxial gears
-    do not touch, so an idler wheel on the carrier transmits the motion.
+    Two links hinged to a third link, the carrier, about the same axis can be coaxial gears.
+    x and y are their angular velocities relative to the carrier. A coupling is a linear
+    equation between the rates of joints. The links are gears if the couplings imply an
+    equation u x + v y = 0 with constant factors u and v. Coaxial gears do not touch, so a
+    further wheel on the carrier, the idler, joins them.
 
     Parameters
     ----------

@@ -409,7 +409,7 @@ class PositionFormulas:
         self._write_frame(0, first_vector=k, tangent=j, axis=second_axis, i=i)
 
     def _place_driven_links(self) -> None:
-        """Write the frames of the links that a chain of inputs joins to the ground.
+        """Add formulas for the frames of the links that inputs join to the ground.
 
         Raises
         ------

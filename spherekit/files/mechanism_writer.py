@@ -61,7 +61,8 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
     try:
         read_back = loads(text, mechanism.name)
     except FileError as error:
-        # Lines are removed from the message, because the text is not a file yet.
+        # Lines of the message begin with the name and often with a line number of the
+        # file. There is no file yet, so this beginning is removed.
         location = rf"^{re.escape(mechanism.name)}(:\d+)?: "
         message = re.sub(location, "", str(error), flags=re.MULTILINE)
         raise OutputError(f"{mechanism.name}: cannot be written: {message}") from None
@@ -70,15 +71,32 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
     lines_read_back = canonical_text(read_back, angle_unit).split("\n")
     for line, line_read_back in zip_longest(lines, lines_read_back):
         if line != line_read_back:
-            # The line that was read back belongs to another key if this key is lost.
-            key, _, value_read_back = (line_read_back or "").partition(" = ")
-            has_same_key = bool(value_read_back) and (line or "").startswith(f"{key} = ")
-            change = f"would become {value_read_back}" if has_same_key else "would be lost"
+            # A line is None if its text has ended.
+            change = _describe_change(line or "", line_read_back or "")
             raise OutputError(
-                f"{mechanism.name}: {line or line_read_back} {change} when the file is "
-                "read back; give unit vectors, and for a profile only the keys of its kind"
+                f"{mechanism.name}: {change} when the file is read back; give unit "
+                "vectors, and for a profile only the keys of its kind"
             )
     return text
+
+
+def _describe_change(line: str, line_read_back: str) -> str:
+    """Return how a line changes when a file is read back, for an error message.
+
+    Examples: "radius = 20.0 would become 10.0", "radius = 20.0 would be lost".
+
+    Parameters
+    ----------
+    line
+        The line in the text; empty if the text has ended.
+    line_read_back
+        The first different line of the text that was read back; empty if it has ended.
+    """
+    key, _, value_read_back = line_read_back.partition(" = ")
+    if value_read_back and line.startswith(f"{key} = "):
+        return f"{line} would become {value_read_back}"
+    # The line that was read back has another key, so the key of `line` is lost.
+    return f"{line or line_read_back} would be lost"
 
 
 def canonical_text(mechanism: Mechanism, angle_unit: AngleUnit) -> str:

@@ -262,8 +262,9 @@ class Spring(Load):
 class Damper(Load):
     """A viscous damper at an R pair (hinge).
 
-    The torque is minus the damping times the rate of the pair angle, as in
-    `torque_template`. The method `components` inserts the fields into this template.
+    The torque is minus the damping times the rate of the pair angle. `torque_template` is
+    the expression of the torque with names of fields in braces. The method `components`
+    replaces these names by the values of the fields.
 
     Attributes
     ----------

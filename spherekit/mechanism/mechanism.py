@@ -355,7 +355,7 @@ class Mechanism:
         ranges: Mapping[str, tuple[float, float]] | None = None,
         angle_unit: AngleUnit | None = None,
     ) -> "Mechanism":
-        """Return the same mechanism with other inputs, or other ranges of them.
+        """Return the same mechanism with other inputs, or with other ranges of the inputs.
 
         The names of assembly modes are kept if the inputs remain the same.
 
@@ -365,7 +365,7 @@ class Mechanism:
             Names of the driven pairs. If no names are given, the inputs remain.
         ranges
             First and last value of the variable, by input. An input without a new range
-            keeps the range that it has. A pair that was no input gets the range of one
+            keeps its present range. A pair that was not an input before gets a range of one
             turn.
         angle_unit
             Unit of the ranges, ``"deg"`` or ``"rad"``.

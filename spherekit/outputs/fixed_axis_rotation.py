@@ -239,12 +239,12 @@ class FollowedRotation(RotationPath):
         Parameters
         ----------
         theta
-            (n,) angles from 0 to the whole angle (rad).
+            (n,) angles (rad) by which the output link has turned, from 0 to `angle`.
 
         Raises
         ------
         SolveError
-            If an angle is outside.
+            If `theta` is outside this range.
         """
         theta = check_range(theta, self.angle, name="theta", unit="rad")
         # Samples beyond the end of the path have the reason of the end as their status.

@@ -328,9 +328,9 @@ class InverseKinematics:
             The requested working modes, each with the signs of its dyads as in the property
             `modes`; all by default.
         normals
-            Whether the result includes the normals, which the Jacobian needs. With one
-            input locked, the output can still have some angular velocities. The normal of
-            this input is perpendicular to all of them.
+            Whether the result includes the normals, which the Jacobian needs. The normal of
+            an input is perpendicular to every angular velocity of the output that is
+            possible while this input is locked.
         near
             (n, 3, 3) approximate orientations of the output link. If only the direction of
             the link is given, its rotation about this direction is unknown. In some

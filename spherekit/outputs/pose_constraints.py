@@ -660,11 +660,11 @@ def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]
     for number, name in enumerate(mechanism.input_pairs):
 
         def type_1_cosine(rows: ModeAtPoses, number: int = number) -> Floats:
-            """Return cos 2 b (n,) of the distance b to a singularity of type I at n poses.
+            """Return cos(2 b) at n poses, with the angle b to a singularity of type I.
 
-            At type I an input moves while the output rests. The sine of b is the angular
-            speed of the output per unit rate of the input, but at most 1. Unlike b, cos 2 b
-            is smooth at b = 0.
+            At type I an input moves while the output rests. sin(b) is the angular speed of
+            the output per unit rate of the input, but at most 1. Unlike b, cos(2 b) is
+            smooth at b = 0.
             """
             # Out of reach the square is negative and cos 2 b above 1. The margin thus
             # passes smoothly through the limit of the reach.

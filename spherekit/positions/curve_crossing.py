@@ -122,8 +122,10 @@ def find_crossing(closure: Closure, values: Floats) -> Crossing | None:
     """
     _, singular_values, _ = np.linalg.svd(closure.linearise(values[None]).jacobian[0])
     rank = int(np.sum(singular_values > MAX_NULL_RATIO * singular_values[0]))
-    for freedoms in range(max(2, len(values) - rank), 1, -1):
-        crossing = _solve_crossing(closure, values, freedoms)
+    # Two motions are tried in any case: the rank near a crossing may still be full.
+    most_motions = max(2, len(values) - rank)
+    for motion_count in range(most_motions, 1, -1):
+        crossing = _solve_crossing(closure, values, motion_count)
         if crossing is not None:
             return crossing
     return None

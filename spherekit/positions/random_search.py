@@ -213,11 +213,11 @@ class SearchStatistics:
             if min(counts) > 1:
                 result += f"each at least {min(counts)} times"
             else:
-                # Good's estimate of the probability that the next closing start finds a new
-                # solution: the number of solutions reached once, divided by the number of
-                # closed starts.
+                # No start may have reached a solution that was found in another way.
                 never_count = counts.count(0)
                 once_count = counts.count(1)
+                # Good's estimate of the probability that the next closing start finds a new
+                # solution.
                 new_probability = once_count / self.closed_starts
                 result += (
                     f"{never_count + once_count} of them at most once, so that about "

@@ -454,13 +454,14 @@ def singular_table(located: CertifiedSingularities) -> dict[str, Any]:
     """Return the part of a certificate that lists singularities over a range of the input.
 
     The configurations over the range are curves. A singularity is a point of a curve at
-    which the output is stationary (type I) or the input is (type II). The entries are:
+    which the output (type I) or the input (type II) is stationary. The entries are:
 
-    - "found": the singularities. "curve" is the index of the curve, "place" has the values
-      (rad) of all variables, and "off" is their error bound (rad).
+    - "found": a list with a dictionary for each singularity. "curve" is the index of the
+      curve, "place" has the values (rad) of all variables, and "off" is their error bound.
     - "undecided_parts": number of parts of curves that may have further singularities.
-    - "outputs_without_pair": outputs for which type I is not searched. No pair (joint)
-      connects the output link to its reference link, so the output angle is not a variable.
+    - "outputs_without_pair": outputs for which singularities of type I are not searched
+      for. No pair (joint) connects such an output link to its reference link, so its angle
+      is not a variable.
     - "at_rest_along_curves": outputs that are stationary along a whole curve, each with the
       index of the curve.
     """

@@ -245,8 +245,8 @@ class CertifiedCurves:
 
         All links return to the same place after a cycle of `cycle_turns` turns of the
         input. So the interval of inputs near the position repeats after each cycle. The
-        result has the repetitions that overlap the range. A repetition may be listed
-        several times.
+        result has the repetitions whose start, middle or end is in the range. A repetition
+        may be listed several times.
 
         Parameters
         ----------
@@ -259,10 +259,10 @@ class CertifiedCurves:
         # The input's variable in the equations is the input divided by `cycle_turns`.
         half_width = variable_error * self.cycle_turns
         middle = self.input_angle(position)
-        # The start, the middle or the end of the interval is shifted into the range by
-        # whole cycles; None if no shift leads there. The interval is shifted by the same
-        # angle.
+        # Try the start, the middle and the end of the interval. If whole cycles shift this
+        # input into the range, the interval is shifted by the same angle.
         for offset_from_middle in (-half_width, 0.0, half_width):
+            # None if no shift leads into the range.
             shifted_input = self.wrap_into_range(middle + offset_from_middle)
             if shifted_input is not None:
                 shifted_middle = shifted_input - offset_from_middle

@@ -596,15 +596,17 @@ def placing_orders(
     def remove_bodies(
         remaining: frozenset[int], order: PlacingOrder
     ) -> Iterator[PlacingOrder]:
-        """Yield the complete orders that end with a given part of an order.
+        """Yield the orders of placing all bodies whose last part is `order`.
+
+        Bodies are removed one after another, and placed in the opposite order.
 
         Parameters
         ----------
         remaining
-            The bodies that are still to be removed, and the root.
+            The bodies that are still to be removed, and the root, which is never removed.
         order
-            The bodies that are already removed, with their pairs. These bodies are placed
-            after the remaining ones, so the body that was removed last is at the front.
+            The bodies removed so far, with their pairs, in the order of placing: the body
+            that was removed last comes first.
         """
         # The same bodies may have been removed by the same pairs in another sequence. Such
         # orders count as equal, so the search does not go on from here.

@@ -229,9 +229,8 @@ class CurveSearch:
         curve.
 
         A known curve is stored as a chain, a row of arcs. Chains that pass a new saddle are
-        divided there. Four branches of curves, the arms, leave a saddle. An arm is short if
-        it leaves the range of the input near the saddle. For each short arm a chain of one
-        arc is added.
+        divided there. Four branches of curves, the arms, leave a saddle. Every arm needs a
+        chain, because modes are counted by chains.
         """
         for _ in range(MAX_SADDLES):
             new_saddle = self._add_saddle_near(undecided.centres)
@@ -239,6 +238,8 @@ class CurveSearch:
                 break
             self._cut_chains([new_saddle])
             undecided = self._drop_boxes_in_saddles(undecided)
+        # No curve was followed on an arm that leaves the range of the input at once. Such a
+        # short arm gets a chain of one arc.
         self._add_chains_of_short_arms()
         return undecided
 

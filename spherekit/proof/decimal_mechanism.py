@@ -196,8 +196,8 @@ class DecimalMechanism(DecimalGeometry):
         Followers are the pairs (joints) that the input drives through wheels. If all wheels
         have numbers of teeth, the rates are exact fractions. The rates are computed as
         balls (numbers with a bound of their error). Each fraction is then recovered from
-        its ball. Fractions with denominators up to `MAX_GEAR_RATIO_DENOMINATOR` are far
-        apart, so a ball contains only one.
+        its ball. A ball is small enough to contain only one fraction with a denominator up
+        to `MAX_GEAR_RATIO_DENOMINATOR`.
 
         The result is None if a wheel has no number of teeth, or if a ball does not contain
         the fraction nearest to its centre.

@@ -429,8 +429,9 @@ class Linkage:
         orientations
             (n, links, 3, 3) rotations from link axes to ground axes.
         residuals
-            (n, 3 loops) three numbers for each loop: the axis of the remaining rotation, in
-            ground axes, times the sine of its angle. A closed loop has the residuals 0.
+            (n, 3 * number of loops) three numbers for each loop: the axis of the remaining
+            rotation, in ground axes, times the sine of its angle. A closed loop has
+            the residuals 0.
         """
         # For each pair the rotations (n, 3, 3) from its second link to its first.
         rotations = [

@@ -136,7 +136,7 @@ def find_table_kinks(parts: Sequence[LoadComponent], until: float) -> list[Ball]
 
     Time steps must end there, since their series need smooth loads. A table is piecewise
     linear in time, with kinks at its listed times, which can repeat periodically. Times are
-    balls: numbers of many digits with a bound of their error.
+    balls (numbers of many digits with a bound of their error) with the bound 0.
     """
     times: list[Ball] = []
     for table in (part.magnitude for part in parts):
@@ -150,7 +150,7 @@ def find_table_kinks(parts: Sequence[LoadComponent], until: float) -> list[Ball]
                 longest_shift = until + np.max(np.abs(table.times))
                 period_count = int(longest_shift / float(period)) + 1
             for number in range(-period_count, period_count + 1):
-                # The results count as exact: their bounds of errors are dropped.
+                # A time step ends at an exact time, so the centres of the balls are used.
                 times.extend(exact_centres(table_times + number * period))
     # Times with equal float64 numbers are listed once.
     kinks = {float(t): t for t in times if 0.0 < float(t) < until}

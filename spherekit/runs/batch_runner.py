@@ -998,8 +998,9 @@ class BatchRunner:
     def motion_at(self, samples: Indices) -> Motion:
         """Compute the positions of the mechanism at some samples, in all assembly modes.
 
-        Facts about the poles (axes of relative rotation) are computed at the same time. The
-        facts are stored in `pending_poles` for the method `fields`.
+        Facts about the poles (axes of relative rotation) are computed at the same time, for
+        example where their computed directions may reverse. The method `fields` needs these
+        facts, which are stored in `pending_poles`.
 
         Parameters
         ----------
@@ -1012,8 +1013,10 @@ class BatchRunner:
         mode_count = len(position_analysis.assembly_modes)
         q = np.tile(position_analysis.input_grid.q[samples].T, mode_count)
         rows = BlockRows(self.kernel, position_analysis, q)
+        # Without a closed form, approximate configurations are first stored in `rows`.
+        # `fill` then computes all rows, and returns where directions of poles may reverse.
+        # A slice is a group of successive rows.
         self._predict_configurations(samples, rows)
-        # For each slice of successive rows: where directions of poles may reverse.
         reversals_of_slices = rows.fill(samples)
         rows.erase_failed()  # replaces the numbers of rows without a configuration by NaN
         motion = self._make_motion(samples, q, rows)

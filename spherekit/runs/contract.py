@@ -86,8 +86,8 @@ class Findings:
     remarks
         The main results for the user, in a line or two.
     tables
-        The main results for the user as small tables, which the screen shows in front of
-        the remarks. The cells are texts.
+        The main results for the user as small tables, which are printed before the remarks.
+        The cells are strings.
     """
 
     figures: Mapping[str, Any] = field(default_factory=dict)

@@ -180,9 +180,10 @@ def _summarize_excess(output: OutputOverview) -> Facts:
 def _summarize_jacobian(plan: OverviewPlan, output: OutputOverview) -> Facts | None:
     """Return how near an output comes to singularities of type I, None if it is unknown.
 
-    At type I the smallest singular value of the output's velocity Jacobian is zero. Places
-    of type I are found where the determinant of this Jacobian changes sign. A place
-    identifies a sample by its time, its first input or its number.
+    At type I the smallest singular value of the output's velocity Jacobian is zero. The
+    result has the least and the largest of these values over the samples. The place of the
+    least is the time, the first input or the number of its sample, see `place_kind` of the
+    plan. Places of type I are found where the determinant of the Jacobian changes sign.
     """
     if output.gain is None:
         return None

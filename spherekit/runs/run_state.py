@@ -560,9 +560,10 @@ def _find_positions(wanted: Integers, numbers: Integers) -> Indices:
 def _count_shared_arrays(arrays: Iterable[Array]) -> list[tuple[Array, int]]:
     """Return each distinct array once, and how many times it is there.
 
-    The arrays are statuses of poles (axes of relative rotation). Poles without a separate
-    status share one array: the status of the rows. Counting this array only once saves
-    time. Arrays are the same if they start at the same address with the same strides.
+    The arrays are statuses of poles (axes of relative rotation) at all rows of a motion.
+    Many poles share one array, the status of the motion itself. Counting this array only
+    once saves time. Arrays are the same if they start at the same address with the same
+    strides.
     """
     arrays_by_memory: dict[tuple[int, tuple[int, ...]], list[Array]] = defaultdict(list)
     for array in arrays:

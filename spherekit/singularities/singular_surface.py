@@ -203,6 +203,9 @@ class SingularSurface:
         part = first_distance / (first_distance + second_distance)
         guess = self._interpolate(ends, part[:, None])
 
+        # Two equations select one point of the surface on each edge: the input is at the
+        # limit, and the point does not move along the line where the input is constant.
+        # This line is computed from the tangents at the first end, which is near.
         variable = self.view.solver.driven[input_position]
         tangents = self.nodes.tangents[ends[:, 0]]
         equation_rows = self._limit_equations(variable, tangents, guess.edge_vectors)

@@ -78,8 +78,9 @@ class CarriedVector:
     slide_length
         Length of `slide`, as a shorter expression.
     slide_change_bound
-        Upper bound of the length of the derivative of `slide` with respect to the
-        variable. This bound times the error of the variable bounds the error of `slide`.
+        Upper bound of the length of the derivative of `slide` with respect to the variable.
+        If the variable has a small error, the error of `slide` is at most this bound times
+        the error of the variable.
     """
 
     vector: Exprs

@@ -92,9 +92,9 @@ class CoordinateRates(VelocityEquations):
         """Return the rates of all variables times a scale, and this scale.
 
         The loops of the mechanism are closed group by group. A group is a set of links that
-        are placed together. The equations of each group are solved by Cramer's rule without
-        its division, by a determinant that may be zero. The rates are therefore multiplied
-        by the determinant. The scale is the product of the determinants of all groups.
+        are placed together. Cramer's rule for the equations of a group divides by a
+        determinant, which may be zero. This division is left out, so the rates of the group
+        are multiplied by the determinant. The scale is the product of all determinants.
 
         Parameters
         ----------

@@ -59,10 +59,11 @@ class MovingLink:
         return np.asarray(dot(self.momenta, scaled_speeds))
 
     def acceleration_moment(self, i: int, acceleration: Exprs) -> Expr:
-        """Return y_i . I b, the moment at input i, times D, of an angular acceleration b.
+        """Return D times the moment at input i of an angular acceleration b of the link.
 
-        I y_i are the `momenta`, with the unit of inertia of this class. `acceleration` are
-        the components (3,) of b along the basis of the link.
+        The result is y_i . I b. The tensor I is symmetric, so this is also I y_i . b, with
+        the `momenta` I y_i. `acceleration` are the components (3,) of b along the basis of
+        the link.
         """
         return dot(self.momenta[i], acceleration)
 

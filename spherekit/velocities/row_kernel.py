@@ -442,23 +442,26 @@ class RowKernel:
             ]
         return parts
 
-    def _error_bounds_of_poles(self, columns: InputColumns, error_name: str) -> list[Expr]:
+    def _error_bounds_of_poles(
+        self, input_columns: InputColumns, error_name: str
+    ) -> list[Expr]:
         """Return the expression of one kind of error bound for each pole.
 
-        A pole is the axis of the relative rotation of two links. The expressions of all
-        results for a row are the columns of this kernel.
+        A pole is the axis of the relative rotation of two links while one input moves. The
+        list `_columns` has the expressions of all results of this kernel.
 
         Parameters
         ----------
-        columns
-            For one moving input, the indices of the columns of each quantity and pole.
+        input_columns
+            Where the results for the moving input are in `_columns`.
         error_name
             The kind of error bound, one of `REPORTED_ERRORS`, such as "direction_error".
         """
+        indices_by_pole = input_columns.column_indices[error_name]
         error_bounds: list[Expr] = []
-        for column_indices in columns.column_indices[error_name].values():
-            # Every error bound has a single column.
-            (index,) = column_indices
+        for indices in indices_by_pole.values():
+            # A direction, for example, has three columns, but an error bound has one.
+            (index,) = indices
             error_bounds.append(self._columns[index])
         return error_bounds
 

@@ -140,9 +140,8 @@ def compare_special_mechanism(seed):
     It is a four-bar, perhaps with dyads (two links joined by a pair) added. Its geometry is
     special or nearly so, such as equal arcs.
 
-    The reference of a row (one sample of one mode) has few digits at first. These suffice
-    if its rounding cannot change whether an error is within its bound. Otherwise the row is
-    computed again in 50 digits, and so is every 50th row in any case.
+    Each row (one sample of one mode) is compared with a reference in few digits. A row with
+    an error near or beyond its bound is compared again in 50 digits. So is every 50th row.
 
     Returns
     -------

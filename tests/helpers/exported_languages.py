@@ -59,7 +59,8 @@ def c_function(path, name, count, language):
     def evaluate_columns(*columns):
         row_count = columns[0].shape[1]
         results = np.empty((row_count, count))
-        # Each row must be contiguous. A zero at its end gives an empty argument an address.
+        # The function gets the address of each row, so each row must be contiguous. An
+        # argument without numbers (k = 0) has no address, so a zero is added to every row.
         zeros = np.zeros(row_count)
         arguments = [np.ascontiguousarray(np.vstack([x, zeros]).T) for x in columns]
         pointer_type = ctypes.POINTER(ctypes.c_double)

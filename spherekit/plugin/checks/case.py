@@ -133,21 +133,21 @@ class ConformanceCase:
     ) -> tuple[Tables, Findings]:
         """Return the tables and findings of a run of the analysis.
 
-        Findings are results of an analysis in addition to its tables. A check can change
-        the motion, and compare the results with those of the true motion. An analysis reads
-        the motion, and also quantities that were evaluated from the motion before: poles
-        (axes of relative rotation) and angles without jumps by whole revolutions.
+        Findings are results of an analysis in addition to its tables. An analysis reads the
+        motion, and two kinds of quantities that are evaluated from the motion: poles (axes
+        of relative rotation) and angles without jumps by whole revolutions. A check can
+        change the motion before or after this evaluation.
 
         Parameters
         ----------
         block_size
             Number of samples in each block.
         change_motion
-            Changes the motion of a block before poles and angles are evaluated. So it
-            changes everything that the analysis reads.
+            Changes the motion of a block before poles and angles are evaluated. Poles and
+            angles change with the motion.
         change_read_motion
-            Changes the motion of a block after poles and angles were evaluated. So it
-            changes only the motion itself.
+            Changes the motion of a block after poles and angles were evaluated. Poles and
+            angles stay those of the motion before this change.
 
         Raises
         ------
@@ -155,7 +155,7 @@ class ConformanceCase:
             If the analysis raises it, or returns other tables than it has declared.
         """
         findings = None
-        # A batch is a block of samples with everything that the analysis reads.
+        # The list of batches. A batch is a block of samples with all that is read.
         batches = self.batches(block_size, change_motion, change_read_motion)
         tables = self.run_plan.join_tables(self.analysis, batches)
         for batch in batches:  # each block adds to the findings of the blocks before it
