@@ -34,7 +34,7 @@ from spherekit.errors import AnalysisError
 from spherekit.markup import html_table
 from spherekit.scenes.plot_layout import place_labels
 from spherekit.scenes.scene import Axis, Scene, Series
-from spherekit.tables.table import ASSEMBLY_MODE, INPUT, SAMPLE, Column, Table
+from spherekit.tables.table import ASSEMBLY_MODE, INPUT, INPUTS, SAMPLE, Column, Table
 
 CAP_RADIUS_RAD = 0.4
 """Angular radius of the small circles that are mapped."""
@@ -436,6 +436,30 @@ def test_an_analysis_without_a_scene_has_its_columns_drawn_over_blocks():
         assert points[:, 1] == pytest.approx(
             np.degrees(np.sin(np.radians(points[:, 0])) + mode)
         )
+
+
+@dataclass(frozen=True)
+class AnalysisOfTwoInputs(MinimalAnalysis):
+    """An analysis without a scene, whose table has a column for each input of a run."""
+
+    name: ClassVar[str] = "bare"
+    rowwise: ClassVar[bool] = True
+    tables: ClassVar[tuple[Table, ...]] = (
+        Table(
+            "bare", "", (SAMPLE, ASSEMBLY_MODE, INPUTS, Column("v", "rad", "some angle"))
+        ),
+    )
+
+    def compute(self, batch):
+        first, second = batch.inputs.T
+        columns = {"q_21": first, "q_51": second, "v": first + second}
+        return {"bare": with_row_columns(batch, **columns)}
+
+
+def test_inputs_are_not_drawn_as_results_if_an_analysis_has_no_scene():
+    """The columns q_21 and q_51 are the inputs, so only the column v has a figure."""
+    result = sk.run("five_bar", AnalysisOfTwoInputs(), samples=11)
+    assert list(result.plot()) == ["bare/some angle"]
 
 
 def test_an_unknown_figure_is_refused_with_those_there_are(four_bar):

@@ -47,6 +47,10 @@ def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> list[Sc
     A scene (drawing) for each assembly mode (way to assemble the mechanism) with at least
     one curve.
     """
+    # With several inputs, each input has a column of its own.
+    input_columns = (
+        Table("inputs", "inputs of the run", (INPUTS,)).of(batch.mechanism).columns
+    )
     scenes = []
     for mode, rows in batch.assembly_mode_rows().items():
         # The rows of the batch; a table may have several rows for each of them.
@@ -56,7 +60,7 @@ def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> list[Sc
             has_rows_at_samples = table.in_assembly_modes
             if has_rows_at_samples:
                 series += _column_series(
-                    table, arrays(data[table.name]), mode, mode_samples
+                    table, arrays(data[table.name]), input_columns, mode, mode_samples
                 )
         if series:
             scenes.append(Scene(mode, tuple(series)))
@@ -64,7 +68,11 @@ def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> list[Sc
 
 
 def _column_series(
-    table: Table, data: TableArrays, mode: int, samples: Integers
+    table: Table,
+    data: TableArrays,
+    input_columns: Sequence[Column],
+    mode: int,
+    samples: Integers,
 ) -> Iterator[Primitive]:
     """Yield a curve (series) over the samples for each column and subject of a table.
 
@@ -77,6 +85,8 @@ def _column_series(
     ----------
     table, data
         The declared table, and its columns by name.
+    input_columns
+        The columns with the inputs of the run, which are not drawn.
     mode
         Number of the assembly mode (way to assemble the mechanism).
     samples
@@ -93,7 +103,9 @@ def _column_series(
         # The rows of a table are in the order of the samples.
         if not np.array_equal(data[SAMPLE.name][subject_rows], samples):
             continue
-        for column in filter(_is_result, table.columns):
+        for column in table.columns:
+            if column in input_columns or not _is_result(column):
+                continue
             yield Series(
                 path=f"tables/{table.name}/{column.name}/{subject}",
                 label=subject or column.name,
@@ -117,10 +129,5 @@ def _name_subjects(table: Table, data: TableArrays, rows: Indices) -> list[str]:
 
 
 def _is_result(column: Column) -> bool:
-    """Return whether a column is a result, and not an input, the time or an error."""
-    return (
-        column.kind == "number"
-        and column.scale != "none"
-        and column != TIME
-        and not column.meaning.startswith(INPUTS.meaning)
-    )
+    """Return whether a column has numbers, and is neither the time nor an error."""
+    return column.kind == "number" and column.scale != "none" and column != TIME
