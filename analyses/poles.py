@@ -98,7 +98,8 @@ class Poles(AbstractAnalysis):
     only
         Poles to compute, such as ``31+42``. By default all.
     circles
-        Pole whose two great circles are drawn. By default the first secondary one.
+        Pole whose two great circles are drawn. By default the first one that is not the
+        axis of a pair.
     axodes
         Poles whose axodes are drawn: the cones that roll on each other.
     chart

@@ -70,7 +70,9 @@ def type_fault(name: str, value: Any, annotation: Any) -> str:
         return f'{name}: found "{value}"{hint} Allowed: {words}'
 
     shown_value = repr(value)
-    if len(shown_value) > MAX_SHOWN_CHARACTERS:
+    if len(shown_value) > MAX_SHOWN_CHARACTERS and shown_value.startswith("<"):
+        shown_value = "an object"  # part of a text such as "<Mechanism ...>" says little
+    elif len(shown_value) > MAX_SHOWN_CHARACTERS:
         shown_value = f"{shown_value[: MAX_SHOWN_CHARACTERS - 3]}..."
     allowed = describe_type(annotation)
     if isinstance(value, str | os.PathLike) and "Mechanism" in allowed:

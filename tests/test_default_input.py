@@ -193,7 +193,7 @@ def test_the_wiper_has_four_singularities_of_type_i(capsys):
     assert "4 of type I" in text and "2 assembly modes" in text
     assert "33.935, 225.086 deg in mode 1; 134.914, 326.065 deg in mode 0" in text
     status, text = said(capsys, "explain", WIPER, "-a", "singularities")
-    assert status == 0 and "dyad of pairs tip, joint, hinge" in text
+    assert status == 0 and "dyad: pairs tip, joint, hinge" in text
 
 
 @pytest.mark.slow

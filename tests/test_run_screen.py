@@ -526,7 +526,7 @@ def test_a_simulation_says_events_end_error_and_energy(capsys):
     assert f"Input 21 moves between {low_deg:.2f} and {high_deg:.2f} deg." in printed
     assert "It ran to the end, 2 s." in printed
     assert "2 events: all links stop and turn back at t (s) = 0.2533, 1.688" in printed
-    assert "errors at each sample are at most" in printed
+    assert "Errors at each sample are at most" in printed
     assert "rad in the simulated input" in printed and "J in the energy" in printed
     assert "expected" not in printed and "engine" not in printed
 
@@ -645,12 +645,12 @@ def test_an_accuracy_says_by_how_much_coarse_samples_miss_the_extremes(capsys):
     """
     printed = print_run(capsys, "four_bar", "--samples", 37)
     estimate = (
-        "between samples (10 deg of input 21 apart), values can exceed its extremes: "
-        "angles by about 0.03 deg, velocity ratios by about 0.002"
+        "Between samples (10 deg of input 21 apart), values can exceed the extremes "
+        "in the table: angles by about 0.03 deg, velocity ratios by about 0.002"
     )
     assert estimate in printed
     printed = print_run(capsys, "four_bar", "--samples", 3601)
-    assert "Accuracy: the table is accurate to the digits shown; errors at each" in printed
+    assert "Accuracy: the table is accurate to the digits shown. Errors at each" in printed
 
 
 def test_an_accuracy_says_that_singular_samples_are_left_out(tmp_path, capsys):
@@ -661,7 +661,7 @@ def test_an_accuracy_says_that_singular_samples_are_left_out(tmp_path, capsys):
         text = text.replace(f"arcs = [{arc}]", f"arcs = [{kite_arc}]")
     path.write_text(text, encoding="utf-8")
     printed = print_run(capsys, path)
-    assert "; samples without a result are left out of the table; errors at each" in printed
+    assert ". Samples without a result are left out of the table. Errors at each" in printed
 
 
 @pytest.mark.parametrize(

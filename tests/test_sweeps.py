@@ -253,7 +253,10 @@ def test_the_command_prints_a_word_for_each_design_and_each_reason_once(capsys):
     vary = ["--vary", "links.2.arc=20,0,190", "--vary", "links.4.arc=45,179"]
     assert main(["sweep", "four_bar", *vary, "--reduce", "max(q)", "--samples", "9"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert "5 of them have impossible dimensions or close at no sample" in lines[1]
+    assert (
+        "5 of them have impossible dimensions or cannot be assembled at any sample"
+        in lines[1]
+    )
     assert [line for line in lines if line.startswith("Warning")] == [
         "Warning: IMPOSSIBLE, designs 2, 3, 4, 5: for example design 2: links.2.arc = 0: "
         "not between 0 and 180 deg",

@@ -281,7 +281,9 @@ def test_the_command_says_that_a_simulation_reached_a_joint_limit(tmp_path, caps
 
 def test_missing_starts_or_laws_of_several_inputs_are_refused(write_study):
     head = STUDY_HEAD.replace("four_bar", "five_bar") + "duration = 1\n"
-    with pytest.raises(FileError, match=r"start: q has 1 number, expected 2.*: 21, 51"):
+    with pytest.raises(
+        FileError, match=r"start: q has 1 number, but .* 2 inputs \(21, 51\)"
+    ):
         run(write_study(head + "[start]\nq = 0\n"))
     with pytest.raises(FileError, match="input 51 has no law; give one for every input"):
         run(write_study(head + f"[inputs.21.law]\n{LAWS['constant']}\n"))

@@ -210,11 +210,11 @@ def export(
         stated_names.append("assembly_mode")
     for name in stated_names:
         if kind not in KINDS_OF_ARGUMENT[name]:
+            kinds = [f'"{allowed_kind}"' for allowed_kind in KINDS_OF_ARGUMENT[name]]
             raise OutputError(
-                f'export: the option "{name}" does not apply to an export of the kind '
-                f"{kind}, only to the "
-                f"kind{'s' if len(KINDS_OF_ARGUMENT[name]) > 1 else ''} "
-                f'{listing(KINDS_OF_ARGUMENT[name])}; leave "{name}" out'
+                f'export: the option "{name}" does not apply to the kind "{kind}", only '
+                f"to the kind{'s' if len(KINDS_OF_ARGUMENT[name]) > 1 else ''} "
+                f'{listing(kinds)}; leave "{name}" out'
             )
     if kind in SOURCES:
         return _export_source(mechanism, target, kind, input_pair, assembly_mode, options)

@@ -320,8 +320,9 @@ def _certify_inputs(
     input_count = len(mechanism.inputs)
     if len(values) != input_count:
         raise AnalysisError(
-            f"--at: {mechanism.name} has {counted(input_count, 'input')}, {len(values)} "
-            "values were given; give one for each, with commas between them"
+            f"--at: found {counted(len(values), 'value')}, but {mechanism.name} has "
+            f"{counted(input_count, 'input')}; give {counted(input_count, 'value')}"
+            f"{', with commas between them' if input_count > 1 else ''}"
         )
     modes = certify_modes(decimal_mechanism, values)
     inputs = ", ".join(
@@ -416,8 +417,8 @@ def _decimal_text(option: str, text: str, unit: "AngleUnit") -> str:
         if abs(number) <= MAX_INPUT:
             return f"{number:f}"
     raise AnalysisError(
-        f"{option}: {text!r} is not a decimal number from -{MAX_INPUT} to {MAX_INPUT}; "
-        "write for example 40 or 12.5"
+        f"{option}: {text!r} is not in the range -{MAX_INPUT} to {MAX_INPUT}; give a value "
+        "in this range, such as 40 or 12.5"
     )
 
 

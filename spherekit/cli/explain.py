@@ -238,7 +238,7 @@ def _make_report(description: Facts, link_count: int, with_recording: bool) -> S
     if poles:
         all_poles = counted(math.comb(link_count, 2), "pole")
         report.results.append(
-            f"Poles at each sample: {len(poles)} of {all_poles}: {', '.join(poles)}"
+            f"Poles at each sample ({len(poles)} of {all_poles}): {', '.join(poles)}"
         )
         for plan in description["plans"]:
             report.results.append(_describe_evaluations(plan))
@@ -250,7 +250,7 @@ def _make_report(description: Facts, link_count: int, with_recording: bool) -> S
         report.results.append("No poles are computed at the samples.")
     # Positions are solved group by group: links that are closed together.
     groups = [
-        f"{group['group']} of pairs {', '.join(group['pairs'])}"
+        f"{group['group']}: pairs {', '.join(group['pairs'])}"
         for group in description["positions"]
     ]
     if groups:
@@ -279,14 +279,24 @@ def _describe_evaluations(plan: Facts) -> str:
     # parts) there are no such circles. In such parts the poles follow from velocity
     # equations and are counted separately.
     counts = plan["counts"]
-    secondary = counts["secondary"] + counts["irreducible"]
+    evaluations = [counted(counts["primary"], "primary pole")]
+    if counts["secondary"]:
+        evaluations.append(
+            f"{counted(counts['secondary'], 'secondary pole')} from "
+            f"{counted(counts['great_circles'], 'great circle')}"
+        )
+    if counts["irreducible"]:
+        evaluations.append(
+            f"{counted(counts['irreducible'], 'secondary pole')} from velocity equations"
+        )
     # First order: angular velocity per unit rate of the input. Second order: the derivative
     # with respect to the input.
-    orders = "first and second order" if plan["derivatives"] else "first order"
+    rates = "angular velocities"
+    if plan["derivatives"]:
+        rates += " and their derivatives"
     sentence = (
-        f"evaluated: {counts['primary']} primary and {secondary} secondary poles from "
-        f"{counts['great_circles']} great circles; rates of links "
-        f"{', '.join(plan['links_with_rates'])}, {orders}"
+        f"evaluated for this: {', '.join(evaluations)}; {rates} for links "
+        f"{', '.join(plan['links_with_rates'])}"
     )
     if plan["locked"]:
         locked = ", ".join(plan["locked"])

@@ -116,10 +116,10 @@ def add_arguments(parser: ArgumentParser) -> None:
         type=Path,
         action="append",
         help=(
-            "choose the fastest settings with errors of at most --tol. `spherekit trade "
-            "-o DIR` has measured errors and times of the settings before. Give the option "
-            "once for each analysis. With this option, --tol is the largest accepted error "
-            "of any column, even for a simulation"
+            "use the fastest settings whose errors are at most --tol, according to the "
+            "measurements that `spherekit trade -o DIR` has saved in DIR. With this "
+            "option, --tol is the largest accepted error of any column, even for a "
+            "simulation. For several analyses, repeat the option"
         ),
     )
     parser.add_argument(

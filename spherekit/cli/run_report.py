@@ -747,22 +747,22 @@ def _accuracy(summary: Any) -> str:
         )
     if not texts:  # no error bound is known
         return ""
-    line = f"errors at each sample are at most {', '.join(texts)}"
+    bounds = f"at each sample are at most {', '.join(texts)}"
     overview = summary["overview"]
     # The report has a table of outputs only if modes were found and outputs are declared.
     has_output_table = summary["assembly_modes"] and overview["outputs"]
     if has_output_table:
-        line = f"{_table_accuracy(overview)}; {line}"
-    return line
+        return f"{_table_accuracy(overview)}. Errors {bounds}"
+    return f"errors {bounds}"
 
 
 def _table_accuracy(overview: Any) -> str:
     """Return in words how accurate the extremes in the table of outputs are.
 
     The extremes are the extreme values at the samples. Between two samples, values can be
-    larger or smaller. An example of the text is "at the samples the table is accurate to
-    the digits shown; between samples (1 deg of input 21 apart), values can exceed its
-    extremes: angles by about 0.002 deg".
+    larger or smaller. An example of the text is "at the samples, the table is accurate
+    to the digits shown. Between samples (1 deg of input 21 apart), values can exceed the
+    extremes in the table: angles by about 0.002 deg".
 
     Samples are a path, or a grid of several inputs. The accuracy is stated for a path only.
 
@@ -789,16 +789,16 @@ def _table_accuracy(overview: Any) -> str:
     if exceptions:
         apart = f" ({sample_distance} apart)" if sample_distance else ""
         line = (
-            f"at the samples {line}; between samples{apart}, values can exceed its "
-            f"extremes: {', '.join(exceptions)}"
+            f"at the samples, {line}. Between samples{apart}, values can exceed the "
+            f"extremes in the table: {', '.join(exceptions)}"
         )
     # An assembly mode is one way to assemble the mechanism. Its "statuses" tell why some
     # samples have no result.
     modes = overview["modes"].values()
     if not all(mode["closes_everywhere"] for mode in modes):
-        line += "; for a mode that ends, the table covers the samples up to its end"
+        line += ". For a mode that ends, the table covers the samples up to its end"
     elif any(mode["statuses"] for mode in modes):
-        line += "; samples without a result are left out of the table"
+        line += ". Samples without a result are left out of the table"
     return line
 
 

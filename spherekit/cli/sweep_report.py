@@ -195,7 +195,10 @@ def _count_rows(frame: Any, is_valid: Any, where: tuple[str, ...]) -> str:
         text += f", that meet {' and '.join(where)}"
     failed_count = int((~is_valid).sum())
     if failed_count:
-        text += f"; {failed_count} of them have impossible dimensions or close at no sample"
+        text += (
+            f"; {failed_count} of them have impossible dimensions or cannot be assembled "
+            "at any sample"
+        )
     valid_rows = frame[is_valid]
     # The share of samples at which each row exists.
     closes = valid_rows["closes"]

@@ -61,7 +61,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="TITLE",
         action="append",
         help=(
-            "bring this page or tab of the recording to the front of the picture; "
+            "show this page or tab of the recording in front of the others in the picture; "
             "may be repeated"
         ),
     )

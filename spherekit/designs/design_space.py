@@ -103,9 +103,9 @@ def parse_variation(
         else:
             numbers = [float(number) for number in values]
     except ValueError as problem:
-        why = f"{problem}; " if isinstance(problem, QuantityError) else ""
+        why = f"{problem}. Write" if isinstance(problem, QuantityError) else "write"
         raise DesignError(
-            f"{key}={values}: {why}write LOW:HIGH:COUNT, such as 10:40:31, a list such as "
+            f"{key}={values}: {why} LOW:HIGH:COUNT, such as 10:40:31, a list such as "
             "10,20,25, or LOW:HIGH for --designs"
         ) from None
     if not numbers or not all_finite(numbers):

@@ -182,7 +182,9 @@ class Specification:
         design_count = designs.shape[1]
         never_count = np.sum(status == NEVER_CLOSES)
         if never_count:
-            reasons.append(f"{never_count} of {design_count} close at no sample")
+            reasons.append(
+                f"{never_count} of {design_count} cannot be assembled at any sample"
+            )
         is_impossible = (status != OK) & (status != NEVER_CLOSES)
         causes = rows["reason"][is_impossible]
         if len(causes):

@@ -149,8 +149,8 @@ def simulate(
     passes_crossings = crossings == "pass"
     if passes_crossings and engine == "compiled":
         raise EngineError(
-            f"{mechanism.name}: only NumPy's engine passes crossings",
-            "leave engine or crossings out",
+            f'{mechanism.name}: crossings "pass" is only possible with the engine "numpy"',
+            "leave out one of the options engine and crossings",
         )
     problem = prepare(
         mechanism,
@@ -327,7 +327,7 @@ def _simulate_by_choice(
         if engine == "numpy":
             raise EngineError(REQUESTED_REASON)
         if problem.passes_crossings:
-            raise EngineError("only NumPy's engine passes crossings")
+            raise EngineError('crossings "pass" is only possible with the engine "numpy"')
         pairs = coordinates_at(problem, problem.values)
         compile_seconds = estimate_compile_seconds(
             mechanism, tolerance, problem.compact, pairs

@@ -36,8 +36,8 @@ NO_SERIES_MESSAGE = (
     "it; write it with tanh, or use the NumPy engine"
 )
 JUMP_MESSAGE = (
-    "a load jumps or grows without bound here; smooth it, or give the time of the jump in "
-    "switches"
+    "a load jumps or grows without bound here; make the load smooth, or give the time of "
+    "the jump in the argument switches"
 )
 NOISE_MESSAGE = (
     "the noise of the loads, or of rates near a crossing of curves, exceeds the tolerance: "
@@ -137,5 +137,5 @@ def no_step_end(
 def make_start_error(problem: Problem, reason: str) -> SolveError:
     """Return the error of a simulation that has not even a first step."""
     return SolveError(
-        f"{problem.equation.mechanism.name}: the motion cannot leave its start: {reason}"
+        f"{problem.equation.mechanism.name}: the simulation fails at its start: {reason}"
     )

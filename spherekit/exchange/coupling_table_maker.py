@@ -231,8 +231,8 @@ def _find_passive_variables(mechanism: Mechanism, pairs: Sequence[str] | None) -
     for name in requested_pairs:
         if mechanism.pair(name).name in driven_pairs:
             raise SolveError(
-                f"{mechanism.name}: pairs: {name} is an input; passive pairs: "
-                f"{listing(passive_pairs)}"
+                f"{mechanism.name}: pairs: {name} is an input, but only passive "
+                f"pairs are allowed here: {listing(passive_pairs)}"
             )
     if not requested_pairs:
         raise SolveError(

@@ -294,9 +294,10 @@ def refuse_link_sizes(mechanism: AnyMechanism, vary: Sequence[str]) -> None:
     if keys:
         raise DesignError(
             f"{document.name}: {listing(keys)}: cannot be an argument of source code with "
-            'crossings "pass", because with other sizes the curves cross at other inputs '
-            'or nowhere; choose crossings "end", export source code for each design, or '
-            "export a page, which finds the crossings itself"
+            'crossings "pass", because the inputs at which assembly modes cross are fixed '
+            "numbers in the source code, but change with the sizes of links; choose "
+            'crossings "end", export source code for each design, or export a page, which '
+            "finds the crossings itself"
         )
 
 

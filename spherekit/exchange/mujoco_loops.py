@@ -85,7 +85,7 @@ def close_loops(
     if not is_closed:
         data.qpos[:] = file_pose
         raise FileError(
-            f"{path}: loops do not close near the pose of the file. Gaps (m or rad): "
+            f"{path}: loops do not close near the pose of the file. Gaps: "
             f"{_list_gaps(mujoco, model, data)}. Correct the points or axes at which these "
             "loops are closed"
         )
@@ -156,15 +156,22 @@ def _move_joints(mujoco: Any, model: Any, data: Any, joints: Sequence[int]) -> b
 
 
 def _list_gaps(mujoco: Any, model: Any, data: Any) -> str:
-    """Return the names of all loops with their gaps (m or rad) in the present pose."""
+    """Return the names of all loops with their gaps and units in the present pose."""
+    kinds = mujoco.mjtEq
+    # The rows of a weld are lengths and angles.
+    units = {kinds.mjEQ_CONNECT: "m", kinds.mjEQ_JOINT: "rad"}
     is_equality_row, gaps = _measure_gaps(mujoco, model, data)
     gap_by_name: dict[str, float] = {}
+    unit_by_name: dict[str, str] = {}
     for number, gap in zip(
         data.efc_id[is_equality_row].tolist(), np.abs(gaps), strict=True
     ):
         name = element_name(model.eq(number), "equality", number)
         gap_by_name[name] = max(gap_by_name.get(name, 0.0), gap)
-    return listing(f"{name} {gap:.3g}" for name, gap in gap_by_name.items())
+        unit_by_name[name] = units.get(kinds(int(model.eq_type[number])), "m or rad")
+    return listing(
+        f"{name} {gap:.3g} {unit_by_name[name]}" for name, gap in gap_by_name.items()
+    )
 
 
 def element_name(element: Any, kind: str, number: int) -> str:

@@ -471,16 +471,16 @@ class _MechanismReader:
         if size_paths and pose_paths:
             first, second = sorted((size_paths[0], pose_paths[0]), key=self.document.line)
             first_form, second_form = (
-                ("sizes", "reference-pose")
+                ("dimensions", "reference pose")
                 if first in size_paths
-                else ("reference-pose", "sizes")
+                else ("reference pose", "dimensions")
             )
             self.fail(
                 second,
-                "the file mixes two forms of geometry: "
+                "the file mixes two ways to state the geometry: "
                 f"{'.'.join(map(str, first))} (line {self.document.line(first)}) belongs "
-                f"to the {first_form} form, but this key belongs to the {second_form} "
-                "form. Keep either the dimensions (axes, arcs and angles of links, zero of "
+                f"to the {first_form}, but this key belongs to the {second_form}. "
+                "Keep either the dimensions (axes, arcs and angles of links, zero of "
                 "pairs) or the reference pose (xyz or lonlat, and value, of pairs)",
             )
         # A reference pose: the axes of pairs, and the variables of the pairs in the pose.

@@ -73,9 +73,11 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
         if line != line_read_back:
             # A line is None if its text has ended.
             change = _describe_change(line or "", line_read_back or "")
+            advice = "give only values that the file format has for this table"
+            if "xyz = " in change and "would become" in change:
+                advice = "give unit vectors"
             raise OutputError(
-                f"{mechanism.name}: {change} when the file is read back; give unit "
-                "vectors, and for a profile only the keys of its kind"
+                f"{mechanism.name}: {change} when the file is read back; {advice}"
             )
     return text
 

@@ -417,6 +417,11 @@ def _explain_error(error: Any, kind: Kind) -> Iterator[_Fault]:
     elif rule == "type":
         types = " or ".join(_TYPE_WORDS[name] for name in limits)
         yield path, mismatch(value, types) + _meaning(error.schema)
+    elif limit is True and rule == "const":
+        yield path, f"found {shown(value)}, but only true is allowed; or leave this key out"
+    elif rule == "const" and "title" not in error.schema:
+        # A condition: another key of the table restricts the value of this one.
+        yield path, f"found {shown(value)}, but {error.schema['description']}"
     elif rule in ("enum", "const"):
         # Truth values are written as in TOML: true, not True.
         hint = nearest(value, limits) if isinstance(value, str) else ""

@@ -153,8 +153,9 @@ class Start:
             numbers = np.array(values, float, ndmin=1)
             if len(numbers) != len(inputs):
                 raise ModelError(
-                    f"start: {key} has {counted(len(numbers), 'number')}, expected "
-                    f"{len(inputs)}, one for each input: {', '.join(inputs)}"
+                    f"start: {key} has {counted(len(numbers), 'number')}, but the "
+                    f"mechanism has {counted(len(inputs), 'input')} ({', '.join(inputs)}); "
+                    "give one number for each input"
                 )
             state.append(numbers)
         return state[0], state[1]

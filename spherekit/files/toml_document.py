@@ -50,16 +50,19 @@ _PARSER_MESSAGE = re.compile(
 _REPEATED_TABLE = re.compile(r"Cannot declare \((.*?),?\) twice", re.S)
 
 _SYNTAX_HINTS = (
-    ("^Cannot overwrite", "; this key is given twice: remove one of the two"),
-    (r"(?<![\w.])\.\d", "; a number must start with a digit: write 0.5, not .5"),
+    ("^Cannot overwrite", "this key is given twice: remove one of the two"),
+    (r"(?<![\w.])\.\d", "a number must start with a digit: write 0.5, not .5"),
     (
         r"\d\.(?!\d)",
-        "; a number needs digits after its decimal point: write 5.0 or 5, not 5.",
+        "a number needs a digit after its decimal point: write 5.0 or 5 instead of 5.",
     ),
-    (r"=\s*(True|False)\b", "; true and false are written in small letters"),
+    (r"=\s*(True|False)\b", "true and false are written in small letters"),
     # The unclosed text remains after texts in quotes have been removed.
-    (r"^Illegal character \n[^\n]*=\s*[\"']", "; a text must end on its line: add a quote"),
-    (r"=\s*[A-Za-z_]", '; text needs quotes: write "R", not R'),
+    (
+        r"^Illegal character \n[^\n]*=\s*[\"']",
+        "a text must end on its line, and the closing quote is missing: add the quote",
+    ),
+    (r"=\s*[A-Za-z_]", 'text needs quotes: write "R", not R'),
 )
 """Patterns of the parser's message followed by the faulty line, and a hint for each."""
 
@@ -379,9 +382,8 @@ def _syntax_message(text: str, name: str, parser_message: str) -> str:
     # Look for signs of a common mistake in the problem and in the line. Strings and
     # comments are removed, because they can contain any text.
     without_strings = re.sub(r"\"[^\"]*\"|'[^']*'|#.*", "", f"{problem}\n{lines[line - 1]}")
-    hint = ""
     for pattern, text_of_hint in _SYNTAX_HINTS:
         if re.search(pattern, without_strings):
-            hint = text_of_hint
-            break
-    return f"{name}:{line}: {position}{problem}{hint}"
+            # The hint is easier to understand than the message of the parser.
+            return f"{name}:{line}: {position}{text_of_hint} (TOML: {problem})"
+    return f"{name}:{line}: {position}{problem}"

@@ -20,7 +20,10 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 def assignment_text(key: str, value: object) -> str:
     """Return ``key = value``, on several lines if the value is a long array."""
-    line = f"{key_text(key)} = {value_text(value)}"
+    try:
+        line = f"{key_text(key)} = {value_text(value)}"
+    except TypeError as error:
+        raise TypeError(f"{key}: {error}; give another value, or omit this key") from None
     if len(line) <= MAX_LINE_CHARACTERS or not isinstance(value, list | tuple):
         return line
     items = "".join(f"    {value_text(item)},\n" for item in value)

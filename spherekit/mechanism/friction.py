@@ -325,6 +325,7 @@ def check_no_reaction_friction(
             raise ModelError(
                 f"{mechanism.name}: loads.{load.name}: its friction depends on the "
                 f"reaction of pair {load.pair}, which {caller} does not compute. {advice} "
-                "the coefficient of this load to 0; or, at an R pair, use a load of kind "
-                "friction instead, with a torque from the analysis reactions"
+                "the coefficient of this load to 0; or, at an R pair, replace this load by "
+                'one of kind "friction", whose constant torque you can estimate with the '
+                "analysis reactions"
             )

@@ -275,7 +275,11 @@ def _parse(text: str, names: Names) -> Expression:
     one_line = re.sub(r"[\t\r\n]", " ", text)
     forbidden = _FORBIDDEN_CHARACTER.search(one_line)
     if forbidden:
-        raise _syntax_error(forbidden.start(), _describe_character(forbidden[0]))
+        character = forbidden[0]
+        allowed = _GRAMMAR
+        if character.isalnum():  # a letter or digit of another alphabet
+            allowed = "names may contain only the letters A to Z and a to z, digits and _"
+        raise _syntax_error(forbidden.start(), _describe_character(character), allowed)
     if not one_line.strip():
         raise ModelError("column 1: the expression is empty; write 0 for no torque")
     # Python's parser refuses spaces at the start. These spaces count in the columns of
@@ -415,10 +419,7 @@ def _describe_character(character: str) -> str:
         if character.isascii():
             return f"found {shown}"
     # Some letters of other alphabets look like ASCII letters. The code tells them apart.
-    message = f"found {shown} (U+{ord(character):04X})"
-    if character.isalnum():
-        message += "; letters of names are A to Z and a to z"
-    return message
+    return f"found {shown} (U+{ord(character):04X})"
 
 
 def _describe_construct(node: ast.expr) -> str:
@@ -435,7 +436,7 @@ def _describe_construct(node: ast.expr) -> str:
 def _convert_number(value: Any, column: int) -> float:
     """Return a constant as a float; raise `ModelError` if it is no finite real number."""
     if type(value) not in (int, float):
-        text = "..." if value is ... else repr(value)
+        text = '"..."' if value is ... else repr(value)
         raise _syntax_error(column, f"found {text}, which is not a real number")
     if value > sys.float_info.max:
         raise _syntax_error(column, "found a number too large for a float64")

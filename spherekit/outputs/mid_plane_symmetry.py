@@ -108,9 +108,10 @@ def mid_plane_form(
     if len(held_legs) < 3 or len(held_legs) < len(legs):
         raise _error(
             grounded,
-            f"found {counted(len(legs), 'leg')} of two links with equal arcs; other links "
-            f"hold the middle axes of {counted(len(held_legs), 'leg')} in one plane; this "
-            "is needed for all legs, and for at least three",
+            "it needs at least three legs of two links with equal arcs, and other links "
+            "that hold the middle axes of all legs in one plane; found "
+            f"{counted(len(legs), 'leg')} of this kind, and links that hold the middle "
+            f"axes of {counted(len(held_legs), 'leg')}",
         )
     leg_links = {link for links in legs.values() for link in links}
     other_links = set(range(len(grounded.links))) - {0, effector} - leg_links - carriers

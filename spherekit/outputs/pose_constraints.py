@@ -396,7 +396,7 @@ def _collect_axis_ranges(
         # The angle between two axes of one link is constant, so it does not limit the
         # poses. If it is outside of the range, `_is_always_kept` raises an error.
         if not _is_always_kept(mechanism, limit, pair, other_pair):
-            add_range(pair, other_pair, limit.low, limit.high, "apart")
+            add_range(pair, other_pair, limit.low, limit.high, "the limit apart")
     return ranges
 
 

@@ -122,8 +122,8 @@ def with_wrist(mechanism: Mechanism, name: str | None = None) -> VirtualOutputCh
     driven = driven_pairs(mechanism)
     if len(driven) not in COORDINATES:
         raise PlanError(
-            f"{where}: the pose of an output has two coordinates (a direction) or three "
-            "(an orientation) and needs as many inputs, but the mechanism has "
+            f"{where}: to reach given poses of an output, a mechanism needs two inputs "
+            "(for a direction) or three (for an orientation), but this one has "
             f"{counted(len(driven), 'input')}; compute the motion of the output from the "
             f"inputs instead{_suggest_direct_drive(mechanism, output, len(driven))}"
         )
@@ -185,8 +185,8 @@ def _suggest_direct_drive(mechanism: Mechanism, output: Output, input_count: int
     for pair in mechanism.pairs:
         if input_count == 1 and pair.kind.has_axis and set(pair.links) == output_links:
             return (
-                f", or make pair {pair.name} the input, because its angle is the pose of "
-                f"this output: --input {pair.name}"
+                f". The angle of pair {pair.name} alone sets this output; to prescribe it, "
+                f"make this pair the input: --input {pair.name}"
             )
     return ""
 

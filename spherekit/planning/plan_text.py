@@ -94,8 +94,8 @@ def _describe_block(plan: Plan, step: BlockPoles) -> str:
         solved_poles.insert(0, step.opening)
     poles = ", ".join(pole_name(plan, pole) for pole in solved_poles)
     line = (
-        f"{roman_numeral(step.pass_number) + '*':4s} {poles}: irreducible part of links "
-        f"{', '.join(map(plan.name, step.links))}, by the {step.method}"
+        f"{roman_numeral(step.pass_number) + '*':4s} {poles}: from links "
+        f"{', '.join(map(plan.name, step.links))} together, by the {step.method}"
     )
     return "\n".join([line, *(describe(plan, inner) for inner in step.steps_from_opening)])
 

@@ -430,8 +430,8 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
             if not states:
                 return (
                     f"{name}: the arcs cannot close: the {group.kind} of pairs {pairs} "
-                    f"cannot be assembled at any of the inputs {degrees}; change the arcs "
-                    "of its links or the range"
+                    f"cannot be assembled anywhere in the range {degrees}; change the arcs "
+                    "of its links, or the range"
                 )
     # `group` is the group at which the loop ended: the first one that is not a dyad, or the
     # last group. Groups after it are tried where it closes.

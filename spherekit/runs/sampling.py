@@ -723,8 +723,7 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
         if duration is None:
             yield (
                 ("start",),
-                "the start begins a simulation, which needs a duration in s; "
-                f"{DURATION_ADVICE}",
+                f"a simulation from a start needs a duration in s; {DURATION_ADVICE}",
             )
         try:
             start.each(inputs)

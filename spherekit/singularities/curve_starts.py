@@ -134,8 +134,7 @@ class LocusPointSearch:
         if len(solver.driven) != input_count:
             raise AnalysisError(
                 f"{mechanism.name} has {len(solver.driven)} inputs, not {input_count}; "
-                "singular configurations of mechanisms with two inputs form curves, and "
-                "those of mechanisms with three inputs form surfaces"
+                "singular_curves is for two inputs, and singular_surface for three"
             )
         # If the output rests, the rates of the inputs satisfy `equation_count` equations: 3
         # for an orientation, 2 for a direction. With more inputs than equations, inputs can

@@ -895,7 +895,7 @@ class DesignExpressions:
         check_no_reaction_friction(
             self.mechanism,
             caller="a formula for the torque",
-            alternative=f'In a sweep, use --reduce "max({torque})"',
+            alternative=f'Either, in a sweep, use --reduce "max({torque})"',
         )
 
     def _angles(self) -> list[Expr]:
