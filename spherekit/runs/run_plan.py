@@ -474,6 +474,26 @@ def collect_needs(analyses: Analyses, mechanism: Mechanism) -> DeclaredNeeds:
     return DeclaredNeeds(needs, reason_by_refused_analysis)
 
 
+def _missing_time_sentence(sampling: Sampling) -> str:
+    """Return why samples of several inputs have no times, and what the user can do.
+
+    The samples are on a grid, or at values of the inputs that the user listed.
+    """
+    if len(sampling.shape) > 1:
+        size = "x".join(map(str, sampling.shape))
+        return (
+            f"needs samples along a path, not on a grid ({size}), because samples on a "
+            "grid have no times; give a single number of samples (such as --samples "
+            f"{sampling.shape[0]}), or a law for every input, and a duration; the analysis "
+            "statics computes holding torques on a grid"
+        )
+    return (
+        "needs a motion in time, but listed values of several inputs have no times; leave "
+        "out the values to move all inputs together through their ranges, or give a law "
+        "for every input, and a duration"
+    )
+
+
 def make_run_plan(
     sampling: Sampling,
     analyses: Analyses,
@@ -511,10 +531,7 @@ def make_run_plan(
     position_analysis = sampling.position_analysis
     for analysis, needs in zip(analyses, declared_needs.needs, strict=True):
         if needs.time and sampling.timing is None:
-            raise AnalysisError(
-                f"{analysis.name}: needs a motion in time, but the inputs have no time "
-                "laws; give a law for every input, and a duration"
-            )
+            raise AnalysisError(f"{analysis.name}: {_missing_time_sentence(sampling)}")
     all_needs = reduce(Needs.union, declared_needs.needs, Needs())
     requests = plan_requests(
         position_analysis.mechanism, all_needs, position_analysis.by_rank
