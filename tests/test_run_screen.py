@@ -200,7 +200,7 @@ def test_every_output_has_its_own_transmission_angle_on_the_screen(capsys):
     assert headings[5:8] == [
         "least transmission angle (deg)",
         "at pair",
-        "first at input 12 (deg)",
+        "at input 12 (deg)",
     ]
     cells = set()
     for row in table.rows:

@@ -476,7 +476,7 @@ def _match_form(
         if sorted(form) == sorted(names):
             return form
     raise AnalysisError(
-        f"{where}: {listing(names)} does not describe a pose; give one of "
+        f'{where}: "{"+".join(names)}" does not describe a pose; give one of '
         f"{_list_forms(forms)}"
     )
 

@@ -108,9 +108,9 @@ def output_table(summary: Any) -> ScreenTable | None:
     has_pair_column = len(pairs) > 1
     at_pair = f" at pair {min(pairs)}" if len(pairs) == 1 else ""
     # If the least value occurs at several places, the overview has the first of them.
-    where = f"first at {place_text.heading}"
+    where = f"at {place_text.heading}"
     if place_text.kind != "time" and len(inputs) > 1:
-        where = f"first at inputs {', '.join(inputs)} (deg)"
+        where = f"at inputs {', '.join(inputs)} (deg)"
     if has_transmission:
         columns.append(ScreenColumn(f"least transmission angle{at_pair} (deg)", "right"))
         if has_pair_column:

@@ -356,8 +356,11 @@ def _dead_centre_texts(
         low, high = sorted(span)
         sample_below = low - place_text.sample_step
         sample_above = high + place_text.sample_step
-        for end, interval in ((low, (sample_below, low)), (high, (high, sample_above))):
-            if end in input_range:
+        for end, limit, interval in (
+            (low, min(input_range), (sample_below, low)),
+            (high, max(input_range), (high, sample_above)),
+        ):
+            if end == limit:
                 continue
             if place_text.are_samples_far_apart:
                 texts.append(place_text.between(*interval))

@@ -160,6 +160,7 @@ def _check_linear(varied_mechanism: VariedMechanism, slopes: Floats) -> None:
         keys = [variables[index].key for index in np.flatnonzero(is_nonlinear)]
         raise DesignError(
             f"{varied_mechanism.document.name}: {listing(keys)}: cannot be varied, because "
-            "other numbers in the formulas depend nonlinearly on "
-            f"{'this number' if len(keys) == 1 else 'these numbers'}; vary other keys"
+            "the formulas contain values that were computed from "
+            f"{'this number' if len(keys) == 1 else 'these numbers'} and do not depend "
+            f"linearly on {'it' if len(keys) == 1 else 'them'}; vary other keys"
         )

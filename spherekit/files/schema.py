@@ -474,15 +474,15 @@ def _meaning_of_key(key: str, part: Table, kind: Kind) -> str:
 def _meaning(part: Table) -> str:
     """Return the description of a part of the schema, as the last sentence of a message.
 
-    Remarks that a value has no unit, or is true or false, are left out. The allowed words
-    are added, if the schema lists some.
+    Remarks that a value has no unit, or is true or false, are left out, and so is the
+    largest number of tables. The allowed words are added, if the schema lists some.
     """
     if "pattern" in part:  # a name
         return f"; {_NAME_RULE}"
     text = str(part.get("description", "")).rstrip(".")
     if not text:
         return ""
-    for remark in (" (no unit)", " (true or false)"):
+    for remark in (" (no unit)", " (true or false)", ". At most 1000"):
         text = text.replace(remark, "")
     allowed_words = part.get("enum", [])
     has_all_words = all(word in text for word in allowed_words)

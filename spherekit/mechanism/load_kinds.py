@@ -114,9 +114,10 @@ class Gravity(Load):
             )
         lacking = [mass.link for mass in moving if mass.centre is None]
         if lacking:
+            tables = [f"[mass.{link}]" for link in lacking]
             raise ModelError(
-                f"{key}: gravity needs mass and centre of every link with inertia; "
-                f"[mass.LINK] lacks them for link {listing(lacking)}"
+                f"{key}: gravity needs the mass and the centre of mass of every link with "
+                f"inertia; add the keys mass and centre to {listing(tables)}"
             )
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:

@@ -930,6 +930,11 @@ def _advise_on_axes(
             if axis in geometry.links.get(name, LinkSizes(())).axes
         ]
         names = ", ".join(f'"{name}"' for name in joined_links)
+        advice_on_axis = (
+            f"or replace {axis} by {missing_axes[0]} in the axes"
+            if len(missing_axes) == 1
+            else f"or remove {axis} from the axes"
+        )
         if len(joined_links) == 2:
             return (
                 f'there is no pair "{axis}": add [pairs.{axis}] with type = "R" and '
@@ -937,7 +942,7 @@ def _advise_on_axes(
             )
         return (
             f'there is no pair "{axis}": add [pairs.{axis}] with type = "R" and the two '
-            f"links that it joins (this axis is listed by {names}), or remove the axis"
+            f"links that it joins, {advice_on_axis}"
         )
     if missing_axes:
         return f"add {listing(missing_axes)} to the axes, or correct the links of the pairs"
