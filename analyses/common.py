@@ -15,10 +15,12 @@ from spherekit.plugin import (
     Mechanism,
     Scene,
     Series,
+    Status,
     TableData,
     degrees_text,
     input_columns,
     number_text,
+    numbered,
 )
 from spherekit.plugin.motion import Motion
 from spherekit.plugin.rotations import MidPlaneArchitecture
@@ -226,24 +228,67 @@ def find_largest_torques(batch: Batch, torques: Floats, key: str) -> dict[str, A
     """
     records: dict[str, Any] = {}
     for number, name in enumerate(batch.moving_inputs):
-        sizes = np.abs(torques[:, number])
-        if not np.any(np.isfinite(sizes)):
+        input_torques = torques[:, number]
+        all_rows = np.arange(len(input_torques))
+        record = _record_largest_torque(batch, input_torques, all_rows, key)
+        if not record:
             continue
-        row = int(np.nanargmax(sizes))
-        records[name] = {
-            key: float(torques[row, number]),
-            "at_sample": int(batch.sample[row]),
-            "at_assembly_mode": int(batch.assembly_mode[row]),
-            "at_rad": batch.inputs[row].tolist(),
-            "place": describe_place(batch, row),
+        record["by_mode"] = {
+            str(mode): {
+                **_record_largest_torque(batch, input_torques, all_rows[mode_rows], key),
+                "exists_at_all_samples": not np.any(
+                    batch.status[mode_rows] == Status.OUT_OF_REACH
+                ),
+            }
+            for mode, mode_rows in batch.assembly_mode_rows().items()
         }
+        records[name] = record
     return records
+
+
+def _record_largest_torque(
+    batch: Batch, torques: Floats, rows: NDArray[np.intp], key: str
+) -> dict[str, Any]:
+    """Return the torque of largest size in some rows of a batch, and where it occurs.
+
+    Parameters
+    ----------
+    batch
+        n rows, each one sample of the motion in one assembly mode (way to assemble the
+        links).
+    torques
+        (n,) torques (N m), NaN if unknown.
+    rows
+        Indices of the rows that are compared.
+    key
+        Key of the torque in the result.
+
+    Returns
+    -------
+    An entry of the summary: the torque, and the sample, assembly mode and inputs (rad) at
+    which it occurs. Empty if no torque is known.
+    """
+    sizes = np.abs(torques[rows])
+    if not np.any(np.isfinite(sizes)):
+        return {}
+    row = int(rows[np.nanargmax(sizes)])
+    return {
+        key: float(torques[row]),
+        "at_sample": int(batch.sample[row]),
+        "at_assembly_mode": int(batch.assembly_mode[row]),
+        "at_rad": batch.inputs[row].tolist(),
+        "place": describe_place(batch, row),
+    }
 
 
 def describe_largest_torques(
     records: Mapping[str, Any], key: str, quantity: str
 ) -> tuple[str, ...]:
-    """Return a sentence for each input about its largest torque.
+    """Return sentences about the largest torque at each input.
+
+    Torques grow without bound near a dead centre, at which an assembly mode (way to
+    assemble the links) ends. So modes that exist at a part of the samples only have a
+    sentence of their own.
 
     Parameters
     ----------
@@ -257,13 +302,39 @@ def describe_largest_torques(
     """
     sentences = []
     for name, record in records.items():
-        if record[key]:
-            sentences.append(
-                f"Largest {quantity} at {name}: {record[key]:.6g} N m at {record['place']}"
-            )
-        else:
+        if not record[key]:
             sentences.append(f"The {quantity} at {name} is 0 throughout")
+            continue
+        by_mode = record["by_mode"]
+        ending_modes = [
+            mode for mode in by_mode if not by_mode[mode]["exists_at_all_samples"]
+        ]
+        whole_modes = [mode for mode in by_mode if mode not in ending_modes]
+        largest = _largest_of_modes(by_mode, whole_modes, key)
+        if largest:
+            torque_text = f"{largest[key]:.6g} N m at {largest['place']}"
+            sentences.append(f"Largest {quantity} at {name}: {torque_text}")
+        largest = _largest_of_modes(by_mode, ending_modes, key)
+        if largest:
+            torque_text = f"{largest[key]:.6g} N m at {largest['place']}"
+            modes = numbered("mode", ending_modes).capitalize()
+            exist, they_end = "exist", "they end"
+            if len(ending_modes) == 1:
+                exist, they_end = "exists", "it ends"
+            sentences.append(
+                f"{modes} {exist} at a part of the samples only. As a rule {they_end} at "
+                "dead centres, near which torques grow without bound. At the samples, the "
+                f"largest {quantity} at {name} is {torque_text}"
+            )
     return tuple(sentences)
+
+
+def _largest_of_modes(
+    by_mode: Mapping[str, Any], modes: Sequence[str], key: str
+) -> dict[str, Any]:
+    """Return the record with the largest torque of some modes, empty without a torque."""
+    records = [by_mode[mode] for mode in modes if key in by_mode[mode]]
+    return max(records, key=lambda record: abs(record[key]), default={})
 
 
 def merge_largest(
@@ -285,6 +356,49 @@ def merge_largest(
         records = [records[name] for records in (first, second) if name in records]
         merged[name] = max(records, key=lambda record: abs(record[key]))
     return merged
+
+
+def merge_largest_torques(
+    first: Mapping[str, Any], second: Mapping[str, Any], key: str
+) -> dict[str, Any]:
+    """Merge records (summary entries) of the largest torques of two blocks of rows.
+
+    Parameters
+    ----------
+    first, second
+        Records by the name of an input, of the two blocks, from `find_largest_torques`.
+    key
+        Key of the torque in a record. Absolute values are compared.
+    """
+    merged: dict[str, Any] = {}
+    for name in {**first, **second}:
+        records = [records[name] for records in (first, second) if name in records]
+        merged[name] = merge_torque_records(records, key)
+    return merged
+
+
+def merge_torque_records(records: Sequence[Mapping[str, Any]], key: str) -> dict[str, Any]:
+    """Merge the records of the largest torque at one input, of successive blocks of rows.
+
+    Parameters
+    ----------
+    records
+        The records, at least one, from `find_largest_torques`.
+    key
+        Key of the torque in a record. Absolute values are compared.
+    """
+    by_mode: dict[str, Any] = {}
+    for mode in {mode: None for record in records for mode in record["by_mode"]}:
+        blocks = [record["by_mode"].get(mode, {}) for record in records]
+        torque_blocks = [block for block in blocks if key in block]
+        by_mode[mode] = {
+            **max(torque_blocks, key=lambda block: abs(block[key]), default={}),
+            "exists_at_all_samples": all(
+                block.get("exists_at_all_samples", True) for block in blocks
+            ),
+        }
+    largest = max(records, key=lambda record: abs(record[key]))
+    return {**largest, "by_mode": by_mode}
 
 
 def continue_load_angles(batch: Batch) -> Motion:

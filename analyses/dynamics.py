@@ -39,7 +39,7 @@ from .common import (
     continue_load_angles,
     describe_largest_torques,
     find_largest_torques,
-    merge_largest,
+    merge_largest_torques,
     plot_series,
     plots_by_mode,
     repeat_rows,
@@ -252,7 +252,9 @@ class Dynamics(AbstractAnalysis):
         lost_rows = sum(
             findings.figures["rows_at_singularities"] for findings in (before, now)
         )
-        largest = merge_largest(before.figures["inputs"], now.figures["inputs"], TORQUE_KEY)
+        largest = merge_largest_torques(
+            before.figures["inputs"], now.figures["inputs"], TORQUE_KEY
+        )
         return _make_findings(
             {**now.figures, "inputs": largest, "rows_at_singularities": lost_rows}
         )

@@ -48,6 +48,7 @@ from .common import (
     continue_load_angles,
     describe_largest_torques,
     find_largest_torques,
+    merge_torque_records,
     plot_series,
     plots_by_mode,
     repeat_rows,
@@ -375,7 +376,7 @@ class Eksergian(AbstractAnalysis):
         )
         torques = [summary["torque"] for summary in summaries if "torque" in summary]
         if torques:
-            largest = max(torques, key=lambda record: abs(record[LARGEST_DRIVING_TORQUE]))
+            largest = merge_torque_records(torques, LARGEST_DRIVING_TORQUE)
             worst = {**worst, "torque": largest}
         return _make_findings(worst)
 

@@ -41,7 +41,7 @@ from .common import (
     continue_load_angles,
     describe_largest_torques,
     find_largest_torques,
-    merge_largest,
+    merge_largest_torques,
     plot_series,
     plots_by_mode,
     repeat_rows,
@@ -258,7 +258,7 @@ class Statics(AbstractAnalysis):
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the larger torques of two blocks of rows."""
-        largest = merge_largest(
+        largest = merge_largest_torques(
             before.figures["inputs"], now.figures["inputs"], LARGEST_HOLDING_TORQUE
         )
         return _make_findings(largest, now.figures["loads"])

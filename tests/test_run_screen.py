@@ -470,6 +470,31 @@ def test_over_constrained_mechanisms_say_both_mobilities(capsys):
     assert "0.24 throughout" in printed
 
 
+def test_torques_of_modes_that_end_at_dead_centres_are_told_apart(capsys):
+    """Near a dead centre the torque grows without bound, so it is no largest torque.
+
+    Driven at its rocker (pair 41), the four-bar has two assembly modes that both end at
+    dead centres. Driven at its crank (pair 21), both exist at all samples.
+    """
+    assert (
+        main(["run", "four_bar", "-a", "statics", "--samples", "91", "--input", "41"]) == 0
+    )
+    printed = capsys.readouterr().out
+    assert "Modes 0, 1 exist at a part of the samples only. As a rule they end" in printed
+    assert "At the samples, the largest holding torque at 41 is" in printed
+    assert "Largest holding torque" not in printed
+    assert main(["run", "four_bar", "-a", "statics", "--samples", "91"]) == 0
+    printed = capsys.readouterr().out
+    assert "Largest holding torque at 21" in printed
+    assert "the largest holding torque" not in printed
+
+
+def test_largest_torques_of_blocks_are_those_of_the_whole_run():
+    whole = sk.run("four_bar", "statics", input_pair="41", samples=91)
+    blocks = sk.run("four_bar", "statics", input_pair="41", samples=91, block=20)
+    assert blocks.summary["analyses"] == whole.summary["analyses"]
+
+
 def test_a_sweep_has_words_and_says_where_figures_depend_on_samples(capsys):
     """A sweep prints its figures in words, and warns where they depend on the samples.
 
