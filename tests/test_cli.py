@@ -69,6 +69,11 @@ def test_validate_good_and_bad(capsys, tmp_path):
     assert status == 1
     assert re.findall(r"^(\w+): valid mechanism", out, re.M) == ["four_bar", "watt"]
     assert "bad.toml" in err and "angle_unit" in err
+    assert "  2 assembly modes; named: mode 0 (p1), mode 1 (p0)\n" in out
+    _, out, _ = run(capsys, "validate", "five_bar")
+    assert (
+        "2 assembly modes on the straight path through the ranges of all inputs; a" in out
+    )
     status, out, _ = run(capsys, "validate", "four_bar", "--json")
     assert json.loads(out)["groups"] == ["dyad"]
 

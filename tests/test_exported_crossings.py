@@ -448,7 +448,7 @@ def test_command_writes_and_says_where_curves_cross(tmp_path, capsys):
     assert "follow their smooth curves through crossings at 0, 180, 360 deg" in message
     text = path.read_text()
     assert "export function parallelogram_smooth_mode(k, q" in text
-    assert "from 3.14159 rad on: mode -1; input" in text
+    assert "from 3.14159 rad on: argument mode = {-1}, for example at" in text
     assert main([*arguments, "--crossings", "end"]) == 0
     assert "smooth" not in path.read_text()
 

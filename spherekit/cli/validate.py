@@ -16,7 +16,7 @@ from spherekit.tables.screen_table import ScreenTable
 from spherekit.wording import counted, numbered
 
 ASSEMBLY_SAMPLES = 37
-"""Number of samples along each input at which a mechanism is assembled."""
+"""Number of samples at which a mechanism is assembled, on the path through all ranges."""
 
 RANK_SAMPLES = 9
 """Number of the assembled samples at which the mobility by rank is computed."""
@@ -184,8 +184,13 @@ def make_report(properties: Facts) -> ScreenReport:
     named_modes = [
         f"mode {mode} ({mode_name})" for mode_name, mode in properties["modes"].items()
     ]
-    ending = f": {', '.join(named_modes)}" if named_modes else ""
-    results.append(f"{counted(mode_count, 'assembly mode')}{ending}")
+    # The modes of several inputs are counted at samples of one path only (see
+    # `ASSEMBLY_SAMPLES`), on which all inputs move together.
+    has_several_inputs = len(properties["inputs"]) > 1
+    where = " on the straight path through the ranges of all inputs" * has_several_inputs
+    names = f"; named: {', '.join(named_modes)}" if named_modes else ""
+    hint = "; a run on a grid can find more" * has_several_inputs
+    results.append(f"{counted(mode_count, 'assembly mode')}{where}{names}{hint}")
     if study:
         analyses = ", ".join(properties["analyses"])
         results.append(f"analyses: {analyses}")

@@ -1,6 +1,6 @@
 """The comment at the head of a source: what it computes, its arguments and its modes."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from textwrap import wrap
 
 import numpy as np
@@ -57,7 +57,7 @@ def _head_lines(source: FormulaSource) -> Iterator[str]:
         yield from wrap(_smooth_mode_sentences(source), LINE_WIDTH)
     yield from _argument_lines(source)
     yield ""
-    yield "assembly modes, each with inputs (rad) at which it exists:"
+    yield "assembly modes, each with the argument that selects it:"
     for position, mode in enumerate(formulas.modes):
         yield from _mode_lines(source, position, mode)
     for reason, names in formulas.mode_table.left_out_by_reason().items():
@@ -132,12 +132,11 @@ def _mode_lines(source: FormulaSource, position: int, mode: Mode) -> Iterator[st
     mode
         The mode.
     """
-    # `source.mode_argument` is the name of the argument with the mode values.
-    value_text = ", ".join(f"{value:.9g}" for value in mode.values) or "none"
+    argument_text = _mode_argument_text(source, mode.values)
     input_text = ", ".join(f"{q:.6g}" for q in mode.at)
     yield (
-        f"  {mode.number} ({mode.name}): {source.mode_argument} {value_text}; inputs "
-        f"{input_text}"
+        f"  {mode.number} ({mode.name}): {argument_text}, exists for example at "
+        f"{input_text} rad"
     )
     if source.smooth_modes is None:
         return
@@ -145,11 +144,23 @@ def _mode_lines(source: FormulaSource, position: int, mode: Mode) -> Iterator[st
     if len(pieces) < 2:  # The mode has the same values everywhere.
         return
     for piece in pieces:
-        value_text = ", ".join(f"{value:.9g}" for value in piece.mode_values)
+        argument_text = _mode_argument_text(source, piece.mode_values)
         yield (
-            f"    from {piece.start:.6g} rad on: {source.mode_argument} {value_text}; "
-            f"input {piece.known_input:.6g}"
+            f"    from {piece.start:.6g} rad on: {argument_text}, for example at "
+            f"{piece.known_input:.6g} rad"
         )
+
+
+def _mode_argument_text(source: FormulaSource, values: Iterable[float]) -> str:
+    """Return the argument with mode values as text, such as ``argument mode = {1, -1}``.
+
+    Mode values are the numbers that select an assembly mode (way to assemble the
+    mechanism). They are listed in braces in the comments of all languages.
+    """
+    value_text = ", ".join(f"{value:.9g}" for value in values)
+    if not value_text:  # There is nothing to select.
+        return f"argument {source.mode_argument} is empty"
+    return f"argument {source.mode_argument} = {{{value_text}}}"
 
 
 def _method_sentences(source: FormulaSource) -> str:
