@@ -556,6 +556,15 @@ def test_a_simulation_says_events_end_error_and_energy(capsys):
     assert "expected" not in printed and "engine" not in printed
 
 
+def test_an_error_of_exactly_zero_is_printed_as_zero(capsys, tmp_path):
+    """Without loads and rates nothing moves, so the energy has no error."""
+    path = tmp_path / "at_rest.toml"
+    path.write_text(dumps(replace(sk.load("four_bar"), loads=())), "utf-8")
+    start = ["--start", "q=0.3rad,dq=0rad/s", "--duration", 1]
+    printed = print_run(capsys, path, "-a", "eksergian", *start)
+    assert ", 0 J in the energy (of 0 J)" in printed and "0e+00" not in printed
+
+
 def test_stops_of_a_damped_motion_are_counted_but_not_listed(capsys):
     """The crank comes to rest with ever smaller swings, of which the table shows five."""
     words = ["-a", "eksergian", "--start", "q=20deg", "--duration", 10]

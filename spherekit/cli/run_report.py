@@ -743,9 +743,9 @@ def _accuracy(summary: Any) -> str:
         missed = ", which was MISSED" if simulation["missed"] else ""
         texts.insert(
             0,
-            f"{simulation['achieved_error_rad']:.0e} rad in the simulated input (tolerance "
-            f"{simulation['tolerance']:.0e}{missed}), "
-            f"{simulation['energy_imbalance_J']:.0e} J in the energy (of "
+            f"{_round_up(simulation['achieved_error_rad'])} rad in the simulated input "
+            f"(tolerance {simulation['tolerance']:.0e}{missed}), "
+            f"{_round_up(simulation['energy_imbalance_J'])} J in the energy (of "
             f"{simulation['energy_scale_J']:.2g} J)",
         )
     if not texts:  # no error bound is known
@@ -881,7 +881,9 @@ def _table_excesses(motion: Any, has_speeds: bool) -> Iterator[tuple[str, float,
 
 def _round_up(bound: float) -> str:
     """Return an error bound with one digit, rounded up so that it stays a bound."""
-    if not bound > 0.0:
+    if not math.isfinite(bound):
+        return f"{bound:.0e}"
+    if bound <= 0.0:
         return "0"
     exponent = math.floor(math.log10(bound))
     # The factor keeps a bound such as 3e-14 from being rounded up to 4e-14.
