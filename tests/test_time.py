@@ -135,7 +135,10 @@ def test_an_analysis_can_read_time_and_rates_of_all_inputs():
     assert np.array_equal(table["t"][:5], np.linspace(0.0, 2.0, 5))
     assert set(table["dq"]) == {0.2}
 
-    with pytest.raises(AnalysisError, match="give a law for every input"):
+    with pytest.raises(
+        AnalysisError,
+        match="samples along a path, not on a grid .5x5.*a law for every input",
+    ):
         sk.run(mechanism, LastInput(), samples=5, grid=True)
     without_declaration = LastInput(time=False)
     undeclared = sk.run(mechanism, without_declaration, laws=laws, duration=2.0, samples=5)
