@@ -274,7 +274,7 @@ def test_each_step_of_the_pole_construction_puts_a_pole_where_two_lines_meet(nam
     assert len(diagram.words) == 1 + secondary_count  # one text for each sample
     irreducible_count = 1 if name == "double_butterfly" else 0
     assert constructed_count == secondary_count - irreducible_count
-    assert sum("irreducible" in text for text in diagram.words) == irreducible_count
+    assert sum("velocity equations" in text for text in diagram.words) == irreducible_count
     assert len(result.frame()) > 0
 
 
