@@ -57,7 +57,7 @@ def test_it_is_explained_and_has_a_page(name, tmp_path, capsys):
     sk.export(mechanism, path)
     assert main(["explain", str(path), "-a", "poles"]) == 0
     said = capsys.readouterr().out
-    assert "over-constrained group" in said and "evaluated:" in said
+    assert "over-constrained group" in said and "evaluated for this:" in said
     _, _, modes = PageMaker(str(path), None, None, None).make_page()
     assert modes == len(formulas(mechanism).modes) > 0
 
