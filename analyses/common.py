@@ -1,7 +1,7 @@
 """Columns, plots and findings that several analyses share."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -224,15 +224,14 @@ def find_largest_torques(batch: Batch, torques: Floats, key: str) -> dict[str, A
     -------
     By the name of each input, a record (entry of the summary) with the torque (N m). The
     record has the sample, assembly mode and inputs (rad) at which the torque occurs.
-    ``place`` has these in words. Inputs without a known torque are left out.
+    ``place`` has these in words. These entries are missing if no torque is known.
+    ``by_mode`` has such a record for each mode, and whether the mode exists at all samples.
     """
     records: dict[str, Any] = {}
     for number, name in enumerate(batch.moving_inputs):
         input_torques = torques[:, number]
         all_rows = np.arange(len(input_torques))
         record = _record_largest_torque(batch, input_torques, all_rows, key)
-        if not record:
-            continue
         record["by_mode"] = {
             str(mode): {
                 **_record_largest_torque(batch, input_torques, all_rows[mode_rows], key),
@@ -286,9 +285,9 @@ def describe_largest_torques(
 ) -> tuple[str, ...]:
     """Return sentences about the largest torque at each input.
 
-    Torques grow without bound near a dead centre, at which an assembly mode (way to
-    assemble the links) ends. So modes that exist at a part of the samples only have a
-    sentence of their own.
+    Modes (ways to assemble the links) that exist at all samples have a sentence, and the
+    other modes another one. As a rule a mode ends at a dead centre, near which torques grow
+    without bound.
 
     Parameters
     ----------
@@ -301,40 +300,45 @@ def describe_largest_torques(
         The torque in words, such as ``driving torque``.
     """
     sentences = []
+    has_ending_modes = False
     for name, record in records.items():
+        if key not in record:
+            continue
         if not record[key]:
             sentences.append(f"The {quantity} at {name} is 0 throughout")
             continue
-        by_mode = record["by_mode"]
-        ending_modes = [
-            mode for mode in by_mode if not by_mode[mode]["exists_at_all_samples"]
-        ]
-        whole_modes = [mode for mode in by_mode if mode not in ending_modes]
-        largest = _largest_of_modes(by_mode, whole_modes, key)
+        whole_modes = {}
+        ending_modes = {}
+        for mode, mode_record in record["by_mode"].items():
+            if mode_record["exists_at_all_samples"]:
+                whole_modes[mode] = mode_record
+            else:
+                ending_modes[mode] = mode_record
+        what = f"Largest {quantity} at {name}"
+        largest = _largest_record(whole_modes.values(), key)
         if largest:
-            torque_text = f"{largest[key]:.6g} N m at {largest['place']}"
-            sentences.append(f"Largest {quantity} at {name}: {torque_text}")
-        largest = _largest_of_modes(by_mode, ending_modes, key)
+            sentences.append(f"{what}: {largest[key]:.6g} N m at {largest['place']}")
+        largest = _largest_record(ending_modes.values(), key)
         if largest:
-            torque_text = f"{largest[key]:.6g} N m at {largest['place']}"
-            modes = numbered("mode", ending_modes).capitalize()
-            exist, they_end = "exist", "they end"
-            if len(ending_modes) == 1:
-                exist, they_end = "exists", "it ends"
+            has_ending_modes = True
+            exist = "exists" if len(ending_modes) == 1 else "exist"
             sentences.append(
-                f"{modes} {exist} at a part of the samples only. As a rule {they_end} at "
-                "dead centres, near which torques grow without bound. At the samples, the "
-                f"largest {quantity} at {name} is {torque_text}"
+                f"{what} in {numbered('mode', ending_modes)}, which {exist} at a part of "
+                f"the samples only: {largest[key]:.6g} N m at {largest['place']}"
             )
+    if has_ending_modes:
+        sentences.append(
+            "As a rule, modes that exist at a part of the samples end at dead centres. "
+            "Near a dead centre the torque grows without bound, so it can be larger "
+            "between the samples"
+        )
     return tuple(sentences)
 
 
-def _largest_of_modes(
-    by_mode: Mapping[str, Any], modes: Sequence[str], key: str
-) -> dict[str, Any]:
-    """Return the record with the largest torque of some modes, empty without a torque."""
-    records = [by_mode[mode] for mode in modes if key in by_mode[mode]]
-    return max(records, key=lambda record: abs(record[key]), default={})
+def _largest_record(records: Iterable[Mapping[str, Any]], key: str) -> Mapping[str, Any]:
+    """Return the record with the largest value of a key, empty if none has the key."""
+    records_with_key = [record for record in records if key in record]
+    return max(records_with_key, key=lambda record: abs(record[key]), default={})
 
 
 def merge_largest(
@@ -351,11 +355,10 @@ def merge_largest(
     key
         Key of the value in a record. Absolute values are compared.
     """
-    merged: dict[str, Any] = {}
-    for name in {**first, **second}:
-        records = [records[name] for records in (first, second) if name in records]
-        merged[name] = max(records, key=lambda record: abs(record[key]))
-    return merged
+    return {
+        name: _largest_record([first.get(name, {}), second.get(name, {})], key)
+        for name in {**first, **second}
+    }
 
 
 def merge_largest_torques(
@@ -371,34 +374,23 @@ def merge_largest_torques(
         Key of the torque in a record. Absolute values are compared.
     """
     merged: dict[str, Any] = {}
-    for name in {**first, **second}:
-        records = [records[name] for records in (first, second) if name in records]
-        merged[name] = merge_torque_records(records, key)
+    for name, largest in merge_largest(first, second, key).items():
+        first_modes = first[name]["by_mode"]
+        second_modes = second[name]["by_mode"]
+        by_mode = {}
+        for mode in {**first_modes, **second_modes}:
+            mode_records = [
+                modes[mode] for modes in (first_modes, second_modes) if mode in modes
+            ]
+            by_mode[mode] = {
+                **_largest_record(mode_records, key),
+                "exists_at_all_samples": all(
+                    record["exists_at_all_samples"] for record in mode_records
+                ),
+            }
+        # An input without a known torque has no record of the largest one.
+        merged[name] = {**first[name], **largest, "by_mode": by_mode}
     return merged
-
-
-def merge_torque_records(records: Sequence[Mapping[str, Any]], key: str) -> dict[str, Any]:
-    """Merge the records of the largest torque at one input, of successive blocks of rows.
-
-    Parameters
-    ----------
-    records
-        The records, at least one, from `find_largest_torques`.
-    key
-        Key of the torque in a record. Absolute values are compared.
-    """
-    by_mode: dict[str, Any] = {}
-    for mode in {mode: None for record in records for mode in record["by_mode"]}:
-        blocks = [record["by_mode"].get(mode, {}) for record in records]
-        torque_blocks = [block for block in blocks if key in block]
-        by_mode[mode] = {
-            **max(torque_blocks, key=lambda block: abs(block[key]), default={}),
-            "exists_at_all_samples": all(
-                block.get("exists_at_all_samples", True) for block in blocks
-            ),
-        }
-    largest = max(records, key=lambda record: abs(record[key]))
-    return {**largest, "by_mode": by_mode}
 
 
 def continue_load_angles(batch: Batch) -> Motion:

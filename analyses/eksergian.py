@@ -48,7 +48,7 @@ from .common import (
     continue_load_angles,
     describe_largest_torques,
     find_largest_torques,
-    merge_torque_records,
+    merge_largest_torques,
     plot_series,
     plots_by_mode,
     repeat_rows,
@@ -60,6 +60,8 @@ ZERO_TORQUE_RATIO = 1e-12
 rows, up to which the torque is reported as 0. Larger: small torques are hidden;
 smaller: errors are reported."""
 
+LARGEST_CONDITIONING = "largest_conditioning"
+"""Key of the largest condition number in the summary."""
 LARGEST_DRIVING_TORQUE = "largest_torque_Nm"
 """Key of the largest torque in the summary."""
 MAX_RATES_LOSS = 1e-6
@@ -346,20 +348,20 @@ class Eksergian(AbstractAnalysis):
         a locked input. The torque is at the input, or at the pair that the option `at`
         names.
         """
-        # Without any configuration there is nothing to report.
-        if not np.any(np.isfinite(batch.residual)):
-            return Findings()
         # Rounding errors become 0 here, because the next step divides by the rate of the
         # pair `at`. The division could make a rounding error large.
         input_torque = self._torque_without_rounding_errors(batch)
         torque = self._torque_at_pair(batch, input_torque)
-        worst_row = int(np.nanargmax(batch.closure_conditioning))
-        summary: dict[str, Any] = {
-            "largest_conditioning": float(batch.closure_conditioning[worst_row]),
-            "at_q_rad": float(batch.q[worst_row]),
-            "at_assembly_mode": int(batch.assembly_mode[worst_row]),
-        }
-        # The largest torque by the name of the only input; empty if no torque is known.
+        summary: dict[str, Any] = {}
+        has_configurations = np.any(np.isfinite(batch.residual))
+        if has_configurations:
+            worst_row = int(np.nanargmax(batch.closure_conditioning))
+            summary = {
+                LARGEST_CONDITIONING: float(batch.closure_conditioning[worst_row]),
+                "at_q_rad": float(batch.q[worst_row]),
+                "at_assembly_mode": int(batch.assembly_mode[worst_row]),
+            }
+        # The largest torque by the name of the only input.
         largest_by_input = find_largest_torques(
             batch, torque[:, None], LARGEST_DRIVING_TORQUE
         )
@@ -369,16 +371,22 @@ class Eksergian(AbstractAnalysis):
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the worse conditioning and the larger torque of two blocks of rows."""
-        # A block without any configuration has an empty summary.
-        summaries = [findings.figures for findings in (before, now) if findings.figures]
+        # A block without any configuration has no conditioning.
+        summaries = [
+            findings.figures
+            for findings in (before, now)
+            if LARGEST_CONDITIONING in findings.figures
+        ]
         worst = max(
-            summaries, key=lambda summary: summary["largest_conditioning"], default={}
+            summaries, key=lambda summary: summary[LARGEST_CONDITIONING], default={}
         )
-        torques = [summary["torque"] for summary in summaries if "torque" in summary]
-        if torques:
-            largest = merge_torque_records(torques, LARGEST_DRIVING_TORQUE)
-            worst = {**worst, "torque": largest}
-        return _make_findings(worst)
+        # Each has one record, by the name "torque".
+        torques = merge_largest_torques(
+            {"torque": before.figures["torque"]},
+            {"torque": now.figures["torque"]},
+            LARGEST_DRIVING_TORQUE,
+        )
+        return _make_findings({**worst, **torques})
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return a page with plots for each assembly mode (way to assemble the links).
@@ -463,9 +471,7 @@ def _inertia_plots(batch: Batch, solution: InverseSolution) -> list[Series]:
 
 def _make_findings(summary: Mapping[str, Any]) -> Findings:
     """Return the findings with a sentence about the largest torque."""
-    records = {}
-    if "torque" in summary:
-        records[summary["torque"]["pair"]] = summary["torque"]
+    records = {summary["torque"]["pair"]: summary["torque"]}
     remarks = describe_largest_torques(records, LARGEST_DRIVING_TORQUE, "driving torque")
     return Findings(summary, (), remarks)
 
