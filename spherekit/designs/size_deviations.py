@@ -91,30 +91,31 @@ class SizeDeviations:
         """
         return np.multiply(self.size, 3.0 if self.distribution == "normal" else 1.0)
 
-    def draws(self, sizes: int) -> Floats:
-        """Return random deviations of the sizes, spread evenly by a Sobol sequence.
+    def draws(self, size_count: int) -> Floats:
+        """Return random deviations of the sizes of a mechanism, for a tolerance analysis.
 
-        A draw is one set of deviations of all sizes, for a tolerance analysis.
+        Sizes are dimensions such as arcs and angles. A draw is one set of deviations of all
+        sizes. The draws are spread evenly by a Sobol sequence.
 
         Parameters
         ----------
-        sizes
+        size_count
             Number of sizes that deviate.
 
         Returns
         -------
-        (sizes, count) deviations. The attribute `size` is the largest deviation of a
-        uniform distribution, or the standard deviation of a normal one.
+        (sizes, draws) deviations, with as many draws as the attribute `count` says.
         """
         from scipy.special import ndtri
         from scipy.stats import qmc
 
-        # (sizes, count) points of the unit cube. A Sobol sequence is most even if its
-        # length is a power of 2. So a sequence as long as the next power of 2 is computed
-        # and cut.
+        # A Sobol sequence is most even if its length is a power of 2. So the sequence is
+        # computed for the next power of 2, and then cut to the number of draws.
         power = (self.count - 1).bit_length()
-        unit_points = qmc.Sobol(sizes, rng=self.seed).random_base2(power).T[:, : self.count]
-        # (1, 1) if all sizes have the same deviation, otherwise (sizes, 1).
+        sequence = qmc.Sobol(size_count, rng=self.seed).random_base2(power)
+        unit_points = sequence.T[:, : self.count]  # (sizes, draws), each from 0 to 1
+        # The largest deviation of a uniform distribution, or the standard deviation of a
+        # normal one: (1, 1) if all sizes have the same one, otherwise (sizes, 1).
         deviation_scales = np.reshape(self.size, (-1, 1))
         if self.distribution == "uniform":
             return deviation_scales * (2.0 * unit_points - 1.0)

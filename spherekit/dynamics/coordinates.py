@@ -361,7 +361,7 @@ def determinacy(rates: Floats) -> Floats:
     return measure
 
 
-def reciprocal_condition(closure: Closure, values: Floats, freedoms: int = 1) -> float:
+def reciprocal_condition(closure: Closure, values: Floats, freedom_count: int = 1) -> float:
     """Return the reciprocal condition number of the loop-closure equations.
 
     The number is 0 where curves of configurations cross. With V variables and m degrees of
@@ -375,11 +375,11 @@ def reciprocal_condition(closure: Closure, values: Floats, freedoms: int = 1) ->
         The loop-closure equations.
     values
         (variables,) pair variables (rad) of a configuration in which all loops close.
-    freedoms
+    freedom_count
         Number of degrees of freedom.
     """
     sizes = np.linalg.svd(closure.linearise(values[None]).jacobian[0], compute_uv=False)
-    rank = len(values) - freedoms
+    rank = len(values) - freedom_count
     if not rank:
         return 1.0
     return float(sizes[rank - 1] / sizes[0]) if len(sizes) >= rank else 0.0

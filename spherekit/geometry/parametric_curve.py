@@ -117,7 +117,7 @@ class FourierPath:
     cosines: Floats
     sines: Floats
 
-    def colatitude(self, azimuth: Floats, derivatives: int) -> list[Floats]:
+    def colatitude(self, azimuth: Floats, derivative_count: int) -> list[Floats]:
         """Return the colatitude (rad) and its derivatives with respect to the azimuth.
 
         The curve is described by its colatitude (angle from the centre), a Fourier series
@@ -127,7 +127,7 @@ class FourierPath:
         ----------
         azimuth
             Azimuths (rad) about the centre of the curve, of any shape.
-        derivatives
+        derivative_count
             Number of derivatives, at most 3.
         """
         # Cosines and sines of k times the azimuth, with the orders k along the first axis.
@@ -141,7 +141,7 @@ class FourierPath:
             np.add.accumulate(
                 cosines.reshape(shape) * c + sines.reshape(shape) * s, axis=0
             )[-1]
-            for cosines, sines in self.derivative_coefficients[: derivatives + 1]
+            for cosines, sines in self.derivative_coefficients[: derivative_count + 1]
         ]
 
     @cached_property

@@ -59,7 +59,7 @@ def check_colatitude(path: FourierPath) -> None:
         If the colatitude reaches 0 or 180 degrees.
     """
     azimuths = _find_extremum_azimuths(path)
-    (colatitudes,) = path.colatitude(azimuths, derivatives=0)
+    (colatitudes,) = path.colatitude(azimuths, derivative_count=0)
     extreme = int(np.argmax(np.abs(colatitudes - 0.5 * np.pi)))
     if not 0.0 < colatitudes[extreme] < np.pi:
         raise ValueError(

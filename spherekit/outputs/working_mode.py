@@ -442,10 +442,10 @@ class WorkingMode:
         numbers = range(len(self.chain.dyads))
         margins = np.array([self._dyad_margin(number) for number in numbers])
         is_regular = [self._is_dyad_regular(number) for number in numbers]
-        # Where a dyad does not reach, the dyads placed after it have no margin (NaN), since
-        # their outer axes are unknown. `fmin` ignores them.
+        # The margin is NaN for dyads that are placed after a dyad that does not reach,
+        # because the links beside them have no place. `fmin` ignores NaN.
         margin = np.fmin.reduce(margins)
-        # The first dyad that has the least margin.
+        # Index of the first dyad with the least margin.
         limiting = np.argmax(margins == margin, axis=0).astype(np.int8)
         status = np.where(np.all(is_regular, axis=0), Status.OK, Status.AT_SINGULARITY)
         # A margin that is negative by less than `REACH_SLACK` may be a rounding error. The

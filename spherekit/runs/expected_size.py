@@ -52,7 +52,9 @@ bytes of rows are known less well.
 """
 
 
-def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int) -> Facts:
+def predict_run(
+    study: Study, analyses: Analyses, assembly: Assembly, pole_count: int
+) -> Facts:
     """Predict what a run of a study will evaluate and write, ready for JSON.
 
     Parameters
@@ -61,7 +63,7 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
         The run: its mechanism and samples, and what it computes.
     assembly
         The groups of links of the mechanism that are positioned one after another.
-    poles
+    pole_count
         Number of poles that are evaluated at each configuration.
 
     Returns
@@ -90,7 +92,7 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
     samples = study.count
     if samples < MIN_PREDICTED_SAMPLES:
         return {"reason": f"a run of {samples} samples takes less time than its prediction"}
-    has_many_poles = poles > MAX_POLES
+    has_many_poles = pole_count > MAX_POLES
     finds_modes = assembly.has_closed_form and not has_many_poles
     measured_study = study if finds_modes else replace(study, search=False)
     # The first short run has this number of samples, the second twice as many.

@@ -143,7 +143,7 @@ class _SharedSize:
 
 
 def check_scene(
-    analysis: str, scene: Any, modes: Sequence[int], samples: int, inputs: int
+    analysis: str, scene: Any, modes: Sequence[int], sample_count: int, input_count: int
 ) -> Scene:
     """Check a scene that an analysis returned, and return it with NumPy arrays.
 
@@ -157,10 +157,10 @@ def check_scene(
         What the analysis returned as one of its scenes.
     modes
         Numbers of the assembly modes of the run.
-    samples
+    sample_count
         Number of samples of each assembly mode in the block.
-    inputs
-        Number of the inputs of the mechanism.
+    input_count
+        Number of inputs of the mechanism.
 
     Raises
     ------
@@ -196,7 +196,9 @@ def check_scene(
     else:
         # A mark on an axis over the inputs has a value for each input. A mark on an axis
         # over time has one number.
-        rows = _SceneRows(samples, (inputs, 1), f"the {samples} samples of the block")
+        rows = _SceneRows(
+            sample_count, (input_count, 1), f"the {sample_count} samples of the block"
+        )
     if not isinstance(scene.primitives, Sequence) or isinstance(scene.primitives, str):
         type_name = type(scene.primitives).__name__
         raise PluginError(f"{where}: primitives is a {type_name}; it has to be a tuple")

@@ -487,7 +487,7 @@ def _number_text(value: float, resolution: float) -> str:
 
 
 def _nearest_sample(
-    samples: Floats, value_range: tuple[float, float], pixels: int
+    samples: Floats, value_range: tuple[float, float], pixel_count: int
 ) -> Integers:
     """Return for each pixel of a map the index (pixels,) of the nearest sample.
 
@@ -498,11 +498,11 @@ def _nearest_sample(
     value_range
         Lowest and highest value of the input. The pixels divide this range into equal
         parts.
-    pixels
+    pixel_count
         Number of pixels.
     """
     low, high = value_range
-    pixel_values = low + (high - low) * (np.arange(pixels) + 0.5) / pixels
+    pixel_values = low + (high - low) * (np.arange(pixel_count) + 0.5) / pixel_count
     middles = 0.5 * (samples[1:] + samples[:-1])  # where the nearest sample changes
     return np.searchsorted(middles, pixel_values).astype(np.int64)
 
