@@ -66,9 +66,9 @@ def sweep_report(result: "SweepResult") -> ScreenReport:
                 "a rule they end at dead centres (type II singularities), near which "
                 "velocity ratios and torques grow without bound."
             )
+        ranked_change_points = _change_point_rows(ranked)
         change_points = _change_point_rows(frame[is_valid])
-        ranks_change_points = not _change_point_rows(ranked).empty
-        if not change_points.empty and not ranks_change_points:
+        if ranked_change_points.empty and not change_points.empty:
             report.results.append(
                 f"This table leaves out {_describe_change_points(change_points)}"
             )
@@ -81,8 +81,8 @@ def sweep_report(result: "SweepResult") -> ScreenReport:
                 "on how near the samples fall to the dead centres, so do not rank designs "
                 "by them."
             )
-        if ranks_change_points:
-            text = _describe_change_points(change_points)
+        if not ranked_change_points.empty:
+            text = _describe_change_points(ranked_change_points)
             report.warnings.append(
                 f"The table contains {text} Do not rank designs by these figures."
             )
@@ -159,8 +159,8 @@ def _ranked_rows(frame: Any) -> Any:
 
     A row is an assembly mode of a design. The modes that exist at all samples are ranked,
     or all modes if there are no such modes. Figures of a mode that ends depend on how near
-    the last sample is to the end. Four-bars with a change point are left out for a like
-    reason, unless all others are left out already.
+    the last sample is to the end. Figures of a change-point four-bar depend on how near a
+    sample is to its change point, so these designs are left out if others remain.
 
     Parameters
     ----------
@@ -346,7 +346,7 @@ def _change_point_rows(frame: Any) -> Any:
 def _describe_change_points(rows: Any) -> str:
     """Return which designs are change-point four-bars, and why not to rank them.
 
-    An example is ``design 4, a change-point four-bar: ...``.
+    An example is ``design 4, a change-point four-bar. It has ...``.
 
     Parameters
     ----------
