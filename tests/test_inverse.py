@@ -28,12 +28,23 @@ from spherekit.geometry.tilt_torsion import (
 from spherekit.geometry.triangle import arc
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.joint_construction import make_joints
+from spherekit.outputs.closing_link import merge_equal_turns
 from spherekit.outputs.forward_kinematics import ForwardKinematics, output_rates
 from spherekit.outputs.virtual_output import with_wrist
 from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.status import Status
 
 SHIPPED = ("three_rrr", "agile_eye", "five_bar")
+
+
+def test_turns_that_differ_by_a_revolution_are_one_solution():
+    """A turn of pi that was also found as nearly -pi is one solution of its direction."""
+    rows = np.array([0, 0, 0, 1, 2, 2])
+    turns = np.array([np.pi, 0.5, -np.pi + 1e-9, np.pi, -np.pi + 1e-3, np.pi])
+    kept_rows, kept_turns = merge_equal_turns(rows, turns)
+    assert kept_rows.tolist() == [0, 0, 1, 2, 2]
+    expected = [-np.pi + 1e-9, 0.5, np.pi, -np.pi + 1e-3, np.pi]
+    assert np.array_equal(kept_turns, expected)
 
 
 def random_rotations(count, seed):

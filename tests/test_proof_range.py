@@ -183,6 +183,22 @@ def test_all_sizes_within_a_tolerance_have_the_curves_proven(monkeypatch):
     assert undecided.completeness.guarantee is not Guarantee.CERTIFIED
 
 
+def test_inputs_near_a_position_may_be_wider_than_the_range():
+    """An interval of inputs that contains the whole range is found, on every cycle.
+
+    The range is 10 to 20 degrees. The position has its input at 50 degrees, so that the
+    middle of the interval is outside of the range.
+    """
+    curves = curves_over_range("four_bar", ends=("10", "20"))
+    position = np.zeros(curves.input_variable + 1)
+    for input_deg in (50.0, 410.0):
+        position[curves.input_variable] = np.radians(input_deg)
+        ((low, high),) = curves.ranges_around(position, np.radians(60.0))
+        assert np.allclose((low, high), np.radians((-10.0, 110.0)), rtol=0.0, atol=1e-12)
+        assert curves.ranges_around(position, np.radians(29.0)) == []
+        assert curves.ranges_around(position, np.inf) == [(curves.low, curves.high)]
+
+
 def tampered(certificate, generator):
     """Return a certificate (file of a proof) of curves with one random falsification.
 

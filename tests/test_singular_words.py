@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
+from analyses.singularities.findings import describe_inputs_of_kinds
 from spherekit.plugin.checks.variants import rename_links
 from spherekit.plugin.singularities import ordered_pole
 
@@ -51,6 +52,20 @@ def build_mechanism(name, links, pair_text, outputs=("wing", "vane")):
         pairs=pairs,
         outputs={link: {"link": link} for link in outputs},
     )
+
+
+def test_places_are_listed_beside_a_curve_on_which_the_output_rests():
+    """An output that rests on one whole curve has its places on other curves listed too."""
+    points = {
+        "output": np.array(["wing", "wing", "vane"]),
+        "inside": np.array(["yes", "yes", "yes"]),
+        "kind": np.array(["I", "I", "I"]),
+        "q": np.array([np.nan, np.radians(30.0), np.radians(40.0)]),
+        "assembly_mode": np.array(["0", "1", "1"]),
+    }
+    whole_curve, places = describe_inputs_of_kinds(points, "wing", "wing", "motor")
+    assert whole_curve.startswith("Throughout a configuration curve")
+    assert places.endswith("at motor = 30 deg in mode 1")
 
 
 @pytest.mark.slow

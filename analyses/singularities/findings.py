@@ -42,8 +42,8 @@ def describe_inputs_of_kinds(
     """Return a sentence for each kind of singularity of an output within the input's range.
 
     A sentence lists the inputs at which the kind occurs, grouped by assembly modes (ways to
-    assemble the links). If the kind occurs on a whole curve of configurations, the sentence
-    says only this.
+    assemble the links). A further sentence says if it occurs on a whole curve of
+    configurations.
 
     Parameters
     ----------
@@ -59,24 +59,24 @@ def describe_inputs_of_kinds(
     """
     sentences = []
     is_shown = (points["output"] == output) & (points["inside"] == "yes")
+    has_input = np.isfinite(points["q"])
     for kind, meaning in MEANING_OF_KIND.items():
-        rows = is_shown & (points["kind"] == kind)
-        if not np.any(rows):
-            continue
-        inputs_deg = np.degrees(points["q"][rows])
+        is_of_kind = is_shown & (points["kind"] == kind)
         sentence = meaning.format(output=output_in_words)
-        if np.all(np.isfinite(inputs_deg)):
+        if np.any(is_of_kind & ~has_input):
+            sentences.append(
+                f"Throughout a configuration curve, {sentence[0].lower()}{sentence[1:]}"
+            )
+        rows = is_of_kind & has_input
+        if np.any(rows):
             parts = []
-            inputs_by_modes = _group_by_modes(inputs_deg, points["assembly_mode"][rows])
+            inputs_by_modes = _group_by_modes(
+                np.degrees(points["q"][rows]), points["assembly_mode"][rows]
+            )
             for modes, inputs in inputs_by_modes.items():
                 in_modes = f" in {modes}" if modes else " in no computed mode"
                 parts.append(f"{_list_angles(inputs)} deg{in_modes}")
-            sentence += f" at {input_pair} = " + "; ".join(parts)
-        else:
-            sentence = (
-                f"Throughout a configuration curve, {sentence[0].lower()}{sentence[1:]}"
-            )
-        sentences.append(sentence)
+            sentences.append(f"{sentence} at {input_pair} = {'; '.join(parts)}")
     return sentences
 
 

@@ -229,7 +229,7 @@ def _results(summary: Any) -> list[str | ScreenTable]:
     summary
         The content of ``summary.json``, the file with the main results of the run.
     """
-    results = _analysis_results(summary)
+    results = _analysis_results(summary) + _describe_assumed_rates(summary)
     # Without an assembly mode (way to assemble the mechanism) no motion was computed.
     if summary["assembly_modes"]:
         results += describe_modes(summary)
@@ -274,6 +274,27 @@ def _analysis_results(summary: Any) -> list[str | ScreenTable]:
         results += tables
         results += remarks
     return results
+
+
+def _describe_assumed_rates(summary: Any) -> Lines:
+    """Return a line with the rates of the inputs, if the user has given no motion.
+
+    Driving torques and reactions depend on the rates. An example is "No time law was given,
+    so input 21 moves at 1 rad/s. --law gives another motion."
+
+    Parameters
+    ----------
+    summary
+        The content of ``summary.json``, the file with the main results of the run.
+    """
+    rates = summary["assumed_rates_rad_per_s"]
+    if not rates:
+        return []
+    first, *others = (f"input {pair}" for pair in rates)
+    speeds = [f"{rate:.4g} rad/s" for rate in rates.values()]
+    moves = [f"{first} moves at {speeds[0]}"]
+    moves += [f"{name} at {speed}" for name, speed in zip(others, speeds[1:], strict=True)]
+    return [f"No time law was given, so {' and '.join(moves)}. --law gives another motion."]
 
 
 def _describe_dead_centres(summary: Any) -> Lines:

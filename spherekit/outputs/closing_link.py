@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
+from spherekit.conventions import TURN
 from spherekit.errors import CountError
 from spherekit.geometry.triangle import frame_from, frame_toward, perpendicular
 from spherekit.geometry.vectors import cross_columns, dot_columns
@@ -392,7 +393,7 @@ class DyadsWithClosingLink:
         # Intervals of the turn in which f changes its sign. A jump of f is no root.
         brackets = self._bracket_roots(directions, signs)
         refined_turn, is_root = self._refine_brackets(brackets, directions, signs)
-        row, turn = _merge_equal_turns(brackets.row[is_root], wrap(refined_turn[is_root]))
+        row, turn = merge_equal_turns(brackets.row[is_root], wrap(refined_turn[is_root]))
         root_directions = directions[:, row]
         placed_dyads = self.place_dyads(root_directions, turn, signs)
         slope = self.slope(placed_dyads, root_directions)
@@ -594,7 +595,7 @@ def find_closing_link(
     return min(candidates, key=_count_dependences, default=None)
 
 
-def _merge_equal_turns(row: Indices, turn: Floats) -> tuple[Indices, Floats]:
+def merge_equal_turns(row: Indices, turn: Floats) -> tuple[Indices, Floats]:
     """Return the different turns of each direction, ordered by direction and turn.
 
     A turn is a solution: the angle of the output link about the direction at which it
@@ -616,6 +617,13 @@ def _merge_equal_turns(row: Indices, turn: Floats) -> tuple[Indices, Floats]:
     has_next_direction = row[1:] > row[:-1]
     is_next_turn = turn[1:] - turn[:-1] > SAME_TURN_RAD
     is_kept[1:] = has_next_direction | is_next_turn
+    # The turns of a direction lie on a circle, so the last one can equal the first one, as
+    # pi and nearly -pi do.
+    _, first = np.unique(row, return_index=True)
+    last = np.append(first[1:], len(row)) - 1
+    gap = turn[first] + TURN - turn[last]
+    is_repeated = (last > first) & (gap <= SAME_TURN_RAD)
+    is_kept[last[is_repeated]] = False
     return row[is_kept], turn[is_kept]
 
 

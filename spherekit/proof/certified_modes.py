@@ -38,6 +38,7 @@ from spherekit.proof.modes_over_boxes import (
 from spherekit.proof.paving import FIRST_ANGLE_RAD, BoxSet, VariableRanges, pave
 from spherekit.proof.root_ball import CertifiedRoot, find_root
 from spherekit.proof.tubes import OrientedBox, boxes_covered
+from spherekit.wording import counted
 
 MAX_MODE_BOXES = 500_000
 """Number of boxes after which none is halved.
@@ -180,10 +181,10 @@ class CertifiedModes:
             # A cluster consists of undecided boxes that touch. Its width is its largest
             # extent in any angle.
             widths = [2.0 * np.max(half_widths) for _, half_widths in self.clusters]
-            words = (
-                f"{statement}; undecided in {len(widths)} clusters, nothing else outside; "
-                f"{arithmetic}"
-            )
+            where = f"in {counted(len(widths), 'cluster')} of boxes, and only there"
+            if not widths:
+                where = "at all angles"
+            words = f"{statement}; further modes are undecided {where}; {arithmetic}"
             # Without clusters, the space of the angles was not divided.
             largest_width = max(widths, default=TURN)
             return Completeness(Guarantee.TO_BOX, words, largest_width)

@@ -7,6 +7,7 @@ no configurations other than the arc. The division ends when every box is empty 
 the box of an arc or of a crossing of curves. No other configurations exist then.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -232,21 +233,20 @@ class CertifiedCurves:
         saddle_doubts = self.bound_saddle_doubts(self.input_variable)
         for saddle, variable_error in zip(self.saddles, saddle_doubts, strict=True):
             if variable_error > 0.0:
-                ranges += self._ranges_around(saddle.centre, variable_error)
+                ranges += self.ranges_around(saddle.centre, variable_error)
         for points in self.input_stationary_points:
             for point in points.undecided:
-                ranges += self._ranges_around(point.position, point.error)
+                ranges += self.ranges_around(point.position, point.error)
         return _join_ranges(ranges)
 
-    def _ranges_around(
+    def ranges_around(
         self, position: Floats, variable_error: float
     ) -> list[tuple[float, float]]:
         """Return the inputs near a position as intervals (low, high) rad.
 
         All links return to the same place after a cycle of `cycle_turns` turns of the
         input. So the interval of inputs near the position repeats after each cycle. The
-        result has the repetitions whose start, middle or end is in the range. A repetition
-        may be listed several times.
+        result has the repetitions that overlap the range.
 
         Parameters
         ----------
@@ -255,19 +255,20 @@ class CertifiedCurves:
         variable_error
             Largest difference (rad) of the input's variable from its value at the position.
         """
-        ranges = []
+        cycle = self.cycle_turns * TURN
         # The input's variable in the equations is the input divided by `cycle_turns`.
         half_width = variable_error * self.cycle_turns
+        if not half_width < 0.5 * cycle:  # also for an infinite or undefined width
+            return [(self.low, self.high)]
         middle = self.input_angle(position)
-        # Try the start, the middle and the end of the interval. If whole cycles shift this
-        # input into the range, the interval is shifted by the same angle.
-        for offset_from_middle in (-half_width, 0.0, half_width):
-            # None if no shift leads into the range.
-            shifted_input = self.wrap_into_range(middle + offset_from_middle)
-            if shifted_input is not None:
-                shifted_middle = shifted_input - offset_from_middle
-                ranges.append((shifted_middle - half_width, shifted_middle + half_width))
-        return ranges
+        # The middle of a repetition is `middle` plus whole cycles. The repetition overlaps
+        # the range if its middle is between these limits.
+        lowest_middle = self.low - half_width - SAME_PROVEN_INPUT_RAD
+        highest_middle = self.high + half_width + SAME_PROVEN_INPUT_RAD
+        first_cycle = math.ceil((lowest_middle - middle) / cycle)
+        last_cycle = math.floor((highest_middle - middle) / cycle)
+        middles = [middle + k * cycle for k in range(first_cycle, last_cycle + 1)]
+        return [(centre - half_width, centre + half_width) for centre in middles]
 
     def bound_saddle_doubts(self, variable: int) -> list[float]:
         """Return how near to each saddle a variable may be stationary.

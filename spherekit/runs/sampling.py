@@ -133,6 +133,19 @@ class Sampling:
         return input_extents(self.inputs, self.timing)
 
     @property
+    def assumed_rates(self) -> dict[str, float]:
+        """Rate (rad/s) of each driven pair, by name, if the user has given no time laws.
+
+        Torques and reactions depend on these rates. The result is empty with time laws, for
+        a simulation, and over a grid of several inputs.
+        """
+        if self.is_over_time or self.timing is None:
+            return {}
+        # The rates are the same at all samples.
+        rates = self.timing.dq[0].tolist()
+        return dict(zip(self.position_analysis.inputs, rates, strict=True))
+
+    @property
     def block_size(self) -> int:
         """Number of samples in a block for which the position analysis is fastest."""
         return self.position_analysis.block

@@ -73,6 +73,7 @@ def summarize_run(run_plan: RunPlan, run_state: RunState) -> Facts:
         for analysis in run_plan.analyses
         for findings in [run_state.findings.get(analysis.name, Findings())]
     ]
+    reads_rates = any(needs.time for needs in run_plan.needs)
     remarks = []
     warnings = [*sampling.warnings]
     for name, findings in run_state.findings.items():
@@ -95,6 +96,8 @@ def summarize_run(run_plan: RunPlan, run_state: RunState) -> Facts:
         },
         "sampling": "x".join(map(str, sampling.shape)),
         **sampling.summary(),
+        # Only for analyses whose results depend on rates, such as driving torques.
+        "assumed_rates_rad_per_s": sampling.assumed_rates if reads_rates else {},
         "samples": run_state.samples_done,
         "samples_in_a_block": run_plan.block_size,
         "mobility": {
