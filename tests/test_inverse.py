@@ -45,6 +45,8 @@ def test_turns_that_differ_by_a_revolution_are_one_solution():
     assert kept_rows.tolist() == [0, 0, 1, 2, 2]
     expected = [-np.pi + 1e-9, 0.5, np.pi, -np.pi + 1e-3, np.pi]
     assert np.array_equal(kept_turns, expected)
+    no_rows, no_turns = merge_equal_turns(np.array([], dtype=int), np.array([]))
+    assert len(no_rows) == len(no_turns) == 0
 
 
 def random_rotations(count, seed):

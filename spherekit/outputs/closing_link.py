@@ -619,8 +619,8 @@ def merge_equal_turns(row: Indices, turn: Floats) -> tuple[Indices, Floats]:
     is_kept[1:] = has_next_direction | is_next_turn
     # The turns of a direction lie on a circle, so the last one can equal the first one, as
     # pi and nearly -pi do.
-    _, first = np.unique(row, return_index=True)
-    last = np.append(first[1:], len(row)) - 1
+    _, first, count = np.unique(row, return_index=True, return_counts=True)
+    last = first + count - 1
     gap = turn[first] + TURN - turn[last]
     is_repeated = (last > first) & (gap <= SAME_TURN_RAD)
     is_kept[last[is_repeated]] = False
