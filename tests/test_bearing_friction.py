@@ -1,11 +1,15 @@
 """Simulations with friction that follows from the reactions which it changes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mechanism_examples.named_mechanisms import one_link_mechanism
 from oracles.newton_euler import check_simulated_motion, with_point_masses
 
 import spherekit as sk
+from spherekit.dynamics.transmitted_forces import DrivenState, compute_reactions
+from spherekit.positions.timing import Timing
 
 
 def unbalanced_wheel(friction_per_moment, positions=(0.2, 0.7)):
@@ -189,3 +193,41 @@ def test_simulations_with_bearing_friction_satisfy_euler_s_equations(name):
         speed=0.05,  # that of the bearings, below which friction is smoothed
         within=1e-9,
     )
+
+
+def output_bearings():
+    """Return bearings with friction for the output gear of the planetary bevel train."""
+    return sk.Bearings("rub", "output_pivot", (0.03, 0.08), radius=0.02, coefficient=0.1)
+
+
+@pytest.mark.parametrize("acceleration", [-50.0, -1.0, 1.0])
+def test_friction_that_reverses_the_load_of_gear_teeth_follows_from_their_new_side(
+    acceleration,
+):
+    """The loads that cause friction are those of the reactions with this friction.
+
+    A moment across the axis of the output gear loads its bearings. Their friction brakes
+    the gear. When the train slows down, its inertia alone would drive the teeth on one
+    side, and the friction makes them press on the other.
+    """
+    bearings = output_bearings()
+    across = sk.Moment("across", "output", ("3", "0", "0"))
+    train = replace(sk.load("planetary_bevel"), loads=(across, bearings))
+    law = sk.Polynomial((0.3, 2.0, 0.5 * acceleration))
+    solution = sk.inverse_dynamics(train, law, [0.0, 0.01], assembly_mode=0)
+    timing = Timing(solution.t, solution.input_rates, solution.input_accelerations)
+    reactions = compute_reactions(
+        DrivenState(train, solution.motion, timing, solution.torques, solution.carried)
+    )
+    moments = reactions.moments[:, train.pair_number["output_pivot"]]
+    loads = np.linalg.norm(bearings.supported_loads(moments), axis=2)
+    assert solution.carried[:, 0] == pytest.approx(np.sum(loads, axis=1), rel=1e-9)
+
+
+def test_bearings_of_an_unloaded_gear_train_at_constant_speed_have_no_friction():
+    """The teeth carry nothing but rounding errors, which do not tell on which side."""
+    train = replace(sk.load("planetary_bevel"), loads=(output_bearings(),))
+    law = sk.ConstantSpeed(0.3, 2.0)
+    solution = sk.inverse_dynamics(train, law, np.linspace(0.0, 3.0, 101), assembly_mode=0)
+    assert not np.any(solution.status)
+    assert solution.tau == pytest.approx(0.0, abs=1e-15)

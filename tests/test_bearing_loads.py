@@ -337,3 +337,23 @@ def test_gears_keep_their_pressure_angle_and_distance_in_files(tmp_path):
     with pytest.raises(sk.SpherekitError, match="pressure_angle: found 2 rad"):
         pairs = [replace(x, pressure_angle=2.0) if x.distance else x for x in made.pairs]
         replace(made, pairs=tuple(pairs))
+
+
+def test_rows_that_are_out_of_reach_have_no_bearing_forces():
+    """A floating bearing bears no axial force, but in a failed row no force is known.
+
+    The rocker of the four-bar reaches one of five samples of a turn.
+    """
+    bearings = sk.Bearings("floating", "32", BEARING_POSITIONS_M, axial=(0.0, 0.0))
+    mechanism = sk.load("four_bar").with_inputs("41")
+    mechanism = mechanism.with_loads(*mechanism.loads, bearings)
+    run = sk.run(mechanism, "reactions", samples=5)
+    table = run.frame("reactions", "bearings")
+    is_ok = table["status"] == "OK"
+    assert set(is_ok) == {True, False}
+    assert np.all(table["axial"][is_ok] == 0.0)
+    assert np.all(np.isnan(table["axial"][~is_ok]))
+    findings = run.summary["analyses"][0]["findings"]
+    for bearing in findings["bearings"].values():
+        sample, _mode, _place = bearing["at"]["largest_axial_N"]
+        assert sample in set(table["sample"][is_ok])

@@ -1,5 +1,7 @@
 """Coulomb's friction of a contact that slides, against Newton and Euler by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.refusals import mechanism_text
@@ -161,6 +163,20 @@ def test_contact_forces_and_torques_with_friction_are_those_by_hand(
     power = run.frame("eksergian", "loads").query("load == 'rub'")["power"].to_numpy()
     assert power == pytest.approx(traction * slip, abs=1e-7)
     assert np.all(power < 0.0)
+
+
+def test_friction_with_the_coefficient_0_leaves_no_further_force_undetermined(cam):
+    """A contact without friction transmits no force along its tangent."""
+    laws = {"shaft": sk.ConstantSpeed(SPEED)}
+    options = {"samples": 3, "laws": laws, "duration": 1.0, "assembly_mode": 0}
+    mechanism = cam(0.0, 0.5)
+    loads = [load for load in mechanism.loads if load.name != "rub"]
+    forces = [
+        sk.run(model, "reactions", **options).frame("reactions", "reactions")
+        for model in (mechanism, replace(mechanism, loads=tuple(loads)))
+    ]
+    columns = ["force_x", "force_y", "force_z"]
+    np.testing.assert_array_equal(forces[0][columns], forces[1][columns])
 
 
 @pytest.mark.slow

@@ -177,6 +177,13 @@ def test_torque_at_another_pair_does_the_same_work(four_bar):
     np.testing.assert_allclose(power, found.tau * found.dq, rtol=1e-12)
 
 
+def test_a_torque_at_a_contact_is_refused():
+    law = ConstantSpeed(1.0)
+    found = sk.inverse_dynamics("roller_cam", law, [0.3], assembly_mode=0)
+    with pytest.raises(sk.SpherekitError, match="is a contact pair"):
+        found.torque_at("contact")
+
+
 # --- motion from torque ----------------------------------------------------------------
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers.engines import ENGINES, needs_heyoka
 from helpers.refusals import TABLES, check_call
-from mechanism_examples.named_mechanisms import four_bar
+from mechanism_examples.named_mechanisms import four_bar, one_link_mechanism
 from oracles.newton_euler import random_mass, with_masses_and_loads
 
 import spherekit as sk
@@ -370,6 +370,34 @@ def test_friction_acts_against_a_motion_that_begins_at_rest():
     assert np.max(np.abs(with_friction.at(times).q - without_friction.at(times).q)) < 1e-13
 
 
+@needs_heyoka
+def test_a_load_without_power_may_change_abruptly():
+    """A moment across the axis of a wheel switches, which does not change the motion."""
+    across = sk.Moment("across", "2", ("-0.5*sign(theta_12-0.1)", "abs(theta_12-0.2)", "0"))
+    along = sk.PairTorque("along", "12", "-0.5*sign(theta_12-0.1)")
+    results = [
+        run(one_link_mechanism(np.eye(3).tolist(), load), Start(0.0, 1.0), 0.8)
+        for load in (across, along)
+    ]
+    angles = [result.at([0.4, 0.8]).q for result in results]
+    assert angles[0] == pytest.approx(angles[1], abs=1e-13)
+    assert [event.kind for event in results[0].events] == ["switch", "switch"]
+
+
+@needs_heyoka
+def test_too_many_switches_are_not_called_too_many_steps(monkeypatch):
+    """A simulation that ends because its loads switch too often says so."""
+    modules = "symbolic.taylor_integrator", "dynamics.taylor_integration"
+    for module in (*modules, "dynamics.compiled_engine"):
+        monkeypatch.setattr(f"spherekit.{module}.CHATTERING_EVENT_COUNT", 20)
+    torque = sk.PairTorque("drive", "12", "sign(sin(40*t))")
+    mechanism = one_link_mechanism(np.eye(3).tolist(), torque)
+    end = sk.simulate(mechanism, Start(0.0, 1.0), 5.0, engine="compiled").end
+    assert end.kind == "too_fast"
+    assert "loads switch too often" in end.message
+    assert "steps are not enough" not in end.message
+
+
 def rocker():
     """Return a four-bar none of whose grounded links turns fully."""
     return load_free_four_bar(60.0, 55.0, 70.0, 40.0)
@@ -524,12 +552,12 @@ def test_dependent_equations_of_a_redundant_loop_are_no_crossing(monkeypatch):
     # The mechanism is regular with its input locked: the axes of three passive pairs are
     # never in one plane, so any motion of one of them opens the loop.
     assert np.min(np.abs(np.linalg.det(motion.axes[:, 2:5]))) > 0.1
-    with pytest.raises(EngineError, match=r"equations are redundant.*use NumPy's"):
+    with pytest.raises(EngineError, match=r"equations are redundant.*use the NumPy engine"):
         sk.simulate(mechanism, start, duration, engine="compiled", torque=torque)
     automatic = sk.simulate(mechanism, start, duration, tolerance=1e-9, torque=torque)
     assert automatic.end.kind == "time"
     # The choice has been made already, so the reason does not advise to make it.
-    assert "use NumPy" not in automatic.engine.reason
+    assert "use the NumPy engine" not in automatic.engine.reason
     assert np.max(np.abs(automatic.at(times).values - expected_values)) < 1e-8
 
 

@@ -26,6 +26,7 @@ from spherekit.dynamics.generalised_forces import Loads
 from spherekit.dynamics.transmitted_forces import (
     AXIAL_FORCE,
     DEPENDENT_REACTIONS_RATIO,
+    MAX_TOOTH_SIDE_CHANGES,
     MAX_UNDETERMINED_PART,
     MOMENT_COMPONENTS,
     DrivenEquilibrium,
@@ -125,8 +126,8 @@ def diagnose_indeterminate_forces(
         for pair in mechanism.pairs
         if not pair.kind.has_axis and pair.distance is None
     )
-    # Unknown masses, centres and distances get arbitrary values: the reactions that balance
-    # each other do not depend on them.
+    # Masses, centres and unknown distances get arbitrary values: which reactions balance
+    # each other does not depend on them.
     complete_mechanism = replace(
         mechanism,
         masses=tuple(
@@ -184,8 +185,9 @@ class CarriedLoads:
         sizes of the forces (N) on its bearings. The load of a contact is the moment (N m)
         of the normal force about the centre of the sphere. NaN in rows without a motion.
     is_unknown
-        (n,) whether the friction is not known: the iteration has not converged, or there
-        may be no single solution, so that bearings may lock.
+        (n,) whether the friction is not known: the iteration has not converged, there may
+        be no single solution, so that bearings may lock, or the sides on which gear teeth
+        press with this friction are not found.
     iterations
         Number of iterations.
     """
@@ -208,6 +210,9 @@ def solve_bearing_friction(
     a_kj + sum_l b_kjl f_l. The vectors a and b are computed here. `_solve_friction` then
     solves f_k = r_k sum_j |a_kj + sum_l b_kjl f_l|, where r_k is the friction coefficient
     times the law of friction at the rate of pair k.
+
+    The vectors depend on the sides on which gear teeth press. Where friction reverses a
+    side, the equation is solved again with the other side.
 
     Parameters
     ----------
@@ -242,7 +247,7 @@ def solve_bearing_friction(
     balance = solve_equilibrium(driven, needs_forces)
     _check_determined(driven, balance, frictions)
 
-    def compute_carried(reaction_wrenches: Floats) -> Floats:
+    def compute_carried(equations: NewtonEuler, reaction_wrenches: Floats) -> Floats:
         """Return the load vectors (n, k, 2, 3) that k pairs with friction carry, at n rows.
 
         The third axis is for the one or two bearings of a revolute pair, each with a force
@@ -251,11 +256,12 @@ def solve_bearing_friction(
 
         Parameters
         ----------
+        equations
+            The equations of the reactions, with the sides on which gear teeth press.
         reaction_wrenches
             (n, links, 6) for each link the moment (N m) about the centre and the force (N)
-            that all its pairs together exert on it.
+            that the reactions of all its pairs together exert on it.
         """
-        equations = balance.equations
         # A reaction is one component of the moment or force in a pair. The residual of the
         # equations is not needed.
         reactions, _residual = equations.solve_reactions(reaction_wrenches)
@@ -270,9 +276,6 @@ def solve_bearing_friction(
             carried_loads[:, k, : loads_at_pair.shape[1]] = loads_at_pair
         return carried_loads
 
-    # The loads a_kj without friction.
-    without_friction = compute_carried(balance.equilibrium.reaction_wrenches)
-
     # The generalised force of a friction torque of 1 N m is the velocity of its pair, per
     # unit rate of each coordinate: (n, k, m).
     velocities = np.swapaxes(loads.velocities(motion)[..., loads.friction_components], 1, 2)
@@ -286,26 +289,58 @@ def solve_bearing_friction(
         input_torque_changes = 0.0 * velocities
     input_pairs = [mechanism.pair_number[item.pair] for item in mechanism.inputs]
 
-    # The changes b_kjl of the loads by 1 N m of friction at pair l, l on the last axis.
-    per_friction = np.empty((*without_friction.shape, len(friction_pairs)))
+    # The changes of the wrenches of the reactions by 1 N m of friction at each pair.
+    frictionless_wrenches = balance.equilibrium.reaction_wrenches
+    wrench_changes = []
     for k, pair in enumerate(friction_pairs):
         # Only this torque and the changes that it causes act, without loads.
-        torques = np.zeros((len(without_friction), len(mechanism.pairs)))
+        torques = np.zeros((len(frictionless_wrenches), len(mechanism.pairs)))
         torques[:, input_pairs] = input_torque_changes[:, k]
         torques[:, pair] += 1.0
         needed = acceleration_wrenches(mechanism, motion, acceleration_changes[:, k])
-        supplied = balance.equations.subtract_torques(needed, torques)
-        per_friction[..., k] = compute_carried(supplied)
+        wrench_changes.append(balance.equations.subtract_torques(needed, torques))
 
     # The factors r_k: friction per unit of the load that is carried.
     laws = [component.magnitude for component in components]
     factors = loads.friction_coefficients * loads.evaluate_laws(
         laws, motion, timing.dq, timing.t
     )
-    solution = _solve_friction(FrictionEquation(without_friction, per_friction, factors))
+    has_teeth = any(pair.pressure_angle is not None for pair in mechanism.pairs)
+    is_settled = np.ones(len(frictionless_wrenches), dtype=bool)
+    equations = balance.equations
+    iterations = 0
+    for _ in range(MAX_TOOTH_SIDE_CHANGES):
+        # The loads a_kj without friction, and their changes b_kjl, l on the last axis.
+        without_friction = compute_carried(equations, frictionless_wrenches)
+        per_friction = np.stack(
+            [compute_carried(equations, change) for change in wrench_changes], axis=-1
+        )
+        solution = _solve_friction(
+            FrictionEquation(without_friction, per_friction, factors)
+        )
+        iterations += solution.iterations
+        if not has_teeth:
+            break
+        # The sides on which teeth press with this friction.
+        known_loads = np.where(solution.is_unknown[:, None], 0.0, solution.carried)
+        friction = (factors * known_loads)[:, None]
+        with_friction = replace(
+            driven,
+            timing=replace(
+                timing, ddq=timing.ddq + (friction @ acceleration_changes)[:, 0]
+            ),
+            torques=driven.torques + (friction @ input_torque_changes)[:, 0],
+            carried=known_loads,
+        )
+        balance = solve_equilibrium(with_friction, needs_forces)
+        is_same = balance.equations.unit_wrenches == equations.unit_wrenches
+        is_settled = balance.is_settled & np.all(is_same, axis=(1, 2))
+        if np.all(is_settled):
+            break
+        equations = balance.equations
     carried[is_finite] = solution.carried
-    is_unknown[is_finite] = solution.is_unknown
-    return CarriedLoads(carried, is_unknown, solution.iterations)
+    is_unknown[is_finite] = solution.is_unknown | ~is_settled
+    return CarriedLoads(carried, is_unknown, iterations)
 
 
 def _check_determined(

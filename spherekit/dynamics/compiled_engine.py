@@ -62,6 +62,7 @@ from spherekit.dynamics.taylor_integration import (
 from spherekit.errors import EngineError
 from spherekit.geometry.vectors import all_finite
 from spherekit.status import STATUS_MEANING, Status
+from spherekit.symbolic.taylor_integrator import CHATTERING_EVENT_COUNT
 
 MAX_RECIPROCAL_CONDITION_AT_CROSSING = 1e-3
 """Largest `reciprocal_condition` at the end of a run that counts as a crossing of curves.
@@ -81,7 +82,7 @@ fine steps. Smaller: a crossing can be missed.
 """
 
 MAX_START_RATE_RATIO = 0.5
-"""Largest sum of squared rates of new coordinates, relative to `MAX_RATE_SQUARES`.
+"""Largest sum of squared rates for new coordinates, relative to `MAX_RATE_SQUARES`.
 
 Larger: coordinates are changed again soon. Smaller: more configurations have no
 coordinates.
@@ -93,19 +94,23 @@ MIN_SINGULAR_VALUE = 1e-150
 NO_COORDINATES = (
     "no choice of pair variables determines the motion of all others accurately enough"
 )
-BY_NUMPY = 'use NumPy\'s simulate(engine="numpy"), or --engine numpy'
+BY_NUMPY = 'use the NumPy engine: simulate(engine="numpy"), or --engine numpy'
 
 STICKS = (
     "a load that is not smooth would reverse the motion at once, as dry friction does at "
     "rest, and sticking is not modelled; smooth the load, or simulate a shorter time"
 )
 
+TOO_MANY_EVENTS_MESSAGE = (
+    f"loads switch too often: there were {CHATTERING_EVENT_COUNT} events; make the loads "
+    "smooth, or simulate a shorter time"
+)
+
 END_BY_RUN_END: dict[RunEnd, tuple[EndKind, str]] = {
     "singularity": ("singularity", CROSSING_MESSAGE),
     "sticking": ("sticking", STICKS),
-    "too_many": ("too_fast", too_many_steps_message(MAX_TAYLOR_STEPS)),
 }
-"""Kind and message of the end of a simulation, for ends whose message has no numbers."""
+"""Kind and message of the end of a simulation, for ends that need no examination."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +120,8 @@ class CompiledRuns:
     A run is an integration of one compiled equation of motion. With one degree of freedom
     its coordinate is the arc length of the curve of configurations. With several degrees of
     freedom, its coordinates are some of the pair variables (joint angles). A new run begins
-    when these coordinates no longer determine the motion well.
+    when these coordinates no longer determine the motion well, or when the steps get a
+    smaller tolerance.
 
     Attributes
     ----------
@@ -224,7 +230,7 @@ def _integrate(
     previous_run: TaylorRun | None = None
     closure_residual = 0.0
     max_tolerance = MAX_COARSE_STEP_TOLERANCE
-    # One run for each choice of coordinates.
+    # One run for each choice of coordinates or tolerance.
     while True:
         # Compile the equation of these coordinates (none with one degree of freedom).
         coordinate_pairs = coordinates_at(problem, values)
@@ -430,7 +436,7 @@ def _collect_events(
     Parameters
     ----------
     problem
-        The problem. Its `switches` are times (s) at which loads change abruptly, known
+        The problem. Its `switches` are times (s) at which loads jump or have kinks, known
         before the simulation.
     path
         The states of the simulation, from which the inputs at each event are computed.
@@ -472,6 +478,7 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
     `END_BY_RUN_END` has the reasons that need no further examination. The others are:
 
     - The simulated time is over.
+    - There are too many steps, or too many events.
     - A pair (joint) reaches a limit.
     - The integration overflows, but the loads themselves are finite: a load changes too
       fast for a Taylor series, for example because of an exp.
@@ -491,6 +498,8 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
     if run.end in END_BY_RUN_END:
         kind, message = END_BY_RUN_END[run.end]
         return SimulationEnd(kind, run.end_time, message)
+    if run.end == "too_many":
+        return SimulationEnd("too_fast", run.end_time, _describe_excess(run))
     end_states = path.evaluate(np.array([run.end_time]))  # one row
     if run.end == "joint_limit":
         return _describe_joint_limit(problem, end_states, run)
@@ -506,6 +515,15 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
     # `no_step_end` uses this message unless the inertia vanishes.
     message = f"no step is short enough; {JUMP_MESSAGE}"
     return no_step_end(problem.equation, path, run.end_time, message)
+
+
+def _describe_excess(run: TaylorRun) -> str:
+    """Return the message of a run that ended after too many steps or events."""
+    # Too many events end a run at a switch only.
+    has_many_events = len(run.events) >= CHATTERING_EVENT_COUNT
+    if has_many_events and run.events[-1][1] == "switch":
+        return TOO_MANY_EVENTS_MESSAGE
+    return too_many_steps_message(MAX_TAYLOR_STEPS)
 
 
 def _describe_joint_limit(

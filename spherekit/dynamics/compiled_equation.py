@@ -275,7 +275,8 @@ def estimate_compile_seconds(
     Raises
     ------
     EngineError
-        If heyoka is not installed, or the profile of a contact can't be compiled.
+        If heyoka is not installed, or a load or the profile of a contact can't be
+        compiled.
     """
     # These calls raise the errors that compiling would raise, for loads, for profiles of
     # contacts, and if heyoka is not installed. Their results are not needed.
@@ -475,6 +476,9 @@ def _make_sticking_test(
 
     def sticks(state: Floats, time: float, parameters: Floats) -> bool:
         """Return whether the condition moves back to zero with the changed load."""
+        # The integrator drops the parameters after the last one that the equation uses.
+        dropped = layout.switch_parameters + len(layout.switch_conditions) - len(parameters)
+        parameters = np.pad(parameters, (0, dropped))
         # One column: `switch_function` computes several states at once.
         inputs = np.concatenate([state, [time], parameters])[:, None]
         # The signs of all conditions are the last parameters.

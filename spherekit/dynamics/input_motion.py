@@ -18,8 +18,8 @@ def only_column(columns: Floats) -> Floats:
     if columns.shape[-1] != 1:
         raise SolveError(
             "this attribute exists only for mechanisms with one input, but there are "
-            f"{columns.shape[-1]} inputs; use inputs, input_rates, input_accelerations or "
-            "torques instead"
+            f"{columns.shape[-1]} inputs; use the attribute with all inputs instead, such "
+            "as inputs for q, or torques for tau"
         )
     return columns[..., 0]
 

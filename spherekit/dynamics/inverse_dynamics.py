@@ -18,6 +18,7 @@ from spherekit.dynamics.coordinates import (
 from spherekit.dynamics.generalised_forces import Loads
 from spherekit.dynamics.inertia import Inertia, driving_torques, inertia
 from spherekit.dynamics.input_motion import InputMotion, only_column
+from spherekit.dynamics.simulation_start import variable_of
 from spherekit.dynamics.transmitted_forces import DrivenState
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
@@ -143,9 +144,9 @@ class InverseSolution(InputMotion):
     """The driving torques of a motion, at n times in one or more assembly modes.
 
     The rows are the times of the first assembly mode, then those of the next one, and so
-    on. An assembly mode is one of the ways to assemble the links at the same inputs. Failed
-    rows are NaN. Quantities that do not depend on loads are NaN in rows whose `rate_status`
-    is not OK.
+    on. An assembly mode is one of the ways to assemble the links at the same inputs. The
+    torques of failed rows are NaN. Inertia, `values` and rates are NaN in rows whose
+    `rate_status` is not OK.
 
     Attributes
     ----------
@@ -171,7 +172,8 @@ class InverseSolution(InputMotion):
     values
         (n, variables) pair variables (rad).
     motion
-        The configurations with their derivatives with respect to the inputs.
+        The configurations with their derivatives with respect to the inputs. Failed rows
+        are not NaN throughout.
     residual
         (n,) closure residual (rad).
     status
@@ -180,8 +182,9 @@ class InverseSolution(InputMotion):
         (n,) status of the rates of the links per unit rate of the inputs. The inertia
         matrix follows from these rates.
     carried
-        (n, k) sums of the bearing forces (N) for each of the k loads that are friction of
-        bearings. The friction is proportional to these sums. None without such loads.
+        (n, k) loads that k pairs with friction carry: sums of the bearing forces (N), or
+        moments (N m) of the normal forces of contacts. The friction is proportional to
+        these loads. 0 in rows without motion. None without such friction.
     rounds
         Number of iterations by which `carried` was computed.
     """
@@ -306,6 +309,7 @@ class InverseSolution(InputMotion):
         """(n, variables) rates of the pair variables per unit rate of the input."""
         return only_column(np.moveaxis(self.rates, 1, 2))
 
+    @checked(SolveError)
     def torque_at(self, pair: str) -> Floats:
         """Return the torque (n,) in N m that would drive the motion at another R pair.
 
@@ -313,7 +317,7 @@ class InverseSolution(InputMotion):
         torque is not finite at dead centres of the pair, where a torque at the pair cannot
         move the mechanism.
         """
-        (variable,) = self.mechanism.variables_of(self.mechanism.pair_number[pair])
+        variable = variable_of(self.mechanism, pair)
         with np.errstate(divide="ignore", invalid="ignore"):
             return self.tau / self.pair_rates[:, variable]
 
@@ -339,7 +343,7 @@ def inverse_dynamics(
         With several inputs, a mapping from their names to laws, or a rotation of an output
         in time (`spherekit.time_optimal`), which has its own assembly mode.
     times
-        (k,) increasing times, s.
+        (k,) one or more increasing times, s.
     input_pair
         Name of the driven pair. This and the following parameters are as in
         `spherekit.trace`. They have no effect if `law` is a rotation of an output, which
@@ -352,7 +356,8 @@ def inverse_dynamics(
     Raises
     ------
     ModelError, PlanError, SolveError
-        Before any sample is computed. Samples that cannot be reached get a status.
+        If an argument is wrong, or a reaction that causes friction is not determined.
+        Samples that cannot be reached get a status.
 
     Examples
     --------
@@ -364,10 +369,10 @@ def inverse_dynamics(
     """
     mechanism = mechanism_of(mechanism)
     t = np.atleast_1d(np.asarray(times, dtype=float))
-    if t.ndim != 1 or not (all_finite(t) and np.all(np.diff(t) > 0.0)):
+    if t.ndim != 1 or not (len(t) and all_finite(t) and np.all(np.diff(t) > 0.0)):
         raise SolveError(
             f"{mechanism.name}: times: expected a one-dimensional array of finite times "
-            "in s, each later than the one before"
+            "in s, one or more, each later than the one before"
         )
     # Without masses and loads every torque is zero, which is taken for an error.
     need_terms(mechanism)
@@ -404,9 +409,14 @@ def _driven(
     Raises
     ------
     SolveError
-        If there are fewer laws than inputs.
+        If there are fewer laws than inputs, or none for `input_pair`.
     """
     if isinstance(law, Mapping):
+        if input_pair is not None and input_pair not in law:
+            raise SolveError(
+                f'{mechanism.name}: input_pair "{input_pair}" has no law; give one by its '
+                "name, or leave input_pair out"
+            )
         laws = law
     else:
         mechanism = driven_at(mechanism, input_pair)
@@ -501,7 +511,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
             carried=friction.carried,
         )
         solution = replace(solution, rounds=friction.iterations)
-    # Rows without rates are NaN in all arrays.
+    # Values, rates and frames are NaN in rows without rates.
     for array in (solution.values, coordinates.rates, coordinates.frames):
         array[status != Status.OK] = np.nan
     return solution
@@ -563,7 +573,7 @@ def balancing(
     locked
         (n,) whether the friction of bearings is not determined.
     carried
-        (n, k) sums of bearing forces, to which friction is proportional; see
+        (n, k) loads of bearings and contacts, to which friction is proportional; see
         `InverseSolution`. None leaves this friction out.
     """
     sample, assembly_mode, inputs, residual = rows

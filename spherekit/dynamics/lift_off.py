@@ -53,7 +53,8 @@ def end_at_lift_off(simulation: Simulation) -> Simulation:
 
     At this time the links would lift off. If no one-sided contact would have to pull, the
     simulation is returned unchanged. Pushes are computed at some times of each step, so
-    short pulls between these times can be missed.
+    short pulls between these times can be missed. A push that is not determined does not
+    end the simulation.
 
     Raises
     ------
@@ -83,20 +84,21 @@ def end_at_lift_off(simulation: Simulation) -> Simulation:
     blocks = [
         compute_pushes(block) for block in np.array_split(t, 1 + len(t) // STATES_PER_BLOCK)
     ]
+    # (n, contacts)
     pushes = np.concatenate([block.pushes for block in blocks])
     reactions = np.concatenate([block.largest_reaction for block in blocks])
     # A pull is compared with the largest reaction so far. The first steps always count.
     scale = np.fmax.accumulate(reactions)
     scale = np.maximum(scale, scale[: FIRST_LIFT_OFF_STEPS * PROBES_PER_STEP][-1])
-    is_pulling = np.any(pushes < -MAX_SIMULATED_PULL * scale[:, None], axis=1)
-    pulling_rows = np.flatnonzero(is_pulling)
+    is_pulling = pushes < -MAX_SIMULATED_PULL * scale[:, None]
+    pulling_rows = np.flatnonzero(np.any(is_pulling, axis=1))
     if not len(pulling_rows):
         return simulation
-    # The first time at which a contact pulls, and the contact that pulls most.
+    # The first time at which contacts pull, and these contacts.
     row = pulling_rows[0]
-    contact = np.argmin(pushes[row])
-    name = mechanism.pairs[one_sided[contact]].name
+    contacts = np.flatnonzero(is_pulling[row]).tolist()
     if row == 0:
+        name = mechanism.pairs[one_sided[contacts[0]]].name
         raise SolveError(
             f"{mechanism.name}: contact {name}, which is one_sided, would have to pull at "
             "the start; press it together with a spring, start more slowly, or leave "
@@ -104,15 +106,25 @@ def end_at_lift_off(simulation: Simulation) -> Simulation:
         )
     from scipy.optimize import brentq
 
-    # The push vanishes between this time and the one before.
-    lift_off_time = float(t[row - 1])
-    if pushes[row - 1, contact] > 0.0:
-        lift_off_time = brentq(
+    def find_lift_off(contact: int) -> float:
+        """Return the time at which the push of a contact vanishes.
+
+        It lies between the first time at which contacts pull and the time before.
+        """
+        if not pushes[row - 1, contact] > 0.0:
+            return float(t[row - 1])
+        zero = brentq(
             lambda x: compute_pushes(np.array([x])).pushes[0, contact],
-            lift_off_time,
+            t[row - 1],
             t[row],
             xtol=LIFT_OFF_TOLERANCE_S,
         )
+        return float(zero)
+
+    # The contact that lifts off first ends the simulation.
+    times = [find_lift_off(contact) for contact in contacts]
+    lift_off_time = min(times)
+    name = mechanism.pairs[one_sided[contacts[times.index(lift_off_time)]]].name
     end = SimulationEnd(
         "lift_off",
         lift_off_time,

@@ -46,7 +46,7 @@ coordinates are changed, and equations compiled, more often.
 
 
 def total_moment_of_inertia(mechanism: Mechanism) -> float:
-    """Return the sum of the largest principal moments of inertia of all links, kg m2."""
+    """Return the sum of the largest moments of inertia of all moving links, kg m2."""
     link_tensors = [
         tensor for link, tensor in link_inertia_tensors(mechanism).items() if link
     ]

@@ -6,8 +6,9 @@ The error is estimated from the last Legendre coefficients of the rates.
 
 `spherekit.dynamics.collocation_step` has the steps and their zeros. Determinants are those
 of `CollocationStep.closure_determinants` at the nodes of a step. The matrix is the Jacobian
-of the loop-closure equations, with the rates of the pair variables along the motion as
-further rows. Its determinant changes sign where curves of configurations cross.
+of the loop-closure equations, with the rates of the pair variables per unit rate of each
+coordinate as further rows. Its determinant changes sign where curves of configurations
+cross.
 """
 
 import time
@@ -110,10 +111,10 @@ Larger: more steps are rejected. Smaller: more steps.
 """
 
 MAX_STEP_GROWTH = 1.4
-"""Largest ratio of a step to the one before."""
+"""Largest factor by which a step changes the length that is tried next."""
 
 MIN_STEP_SHRINKAGE = 0.35
-"""Smallest ratio of a step to the one before or the one that it replaces."""
+"""Smallest factor by which an accepted or rejected step changes the length tried next."""
 
 NOISE_RATIO = 0.2
 """Ratio of the last coefficients to the largest later one from which they are noise.
@@ -246,15 +247,15 @@ class Collocation:
     start_state
         (states,) the state at the start.
     scales
-        (states,) sizes of the state, by which errors are divided: 1 rad for variables, and
-        the momentum and the energy at unit speed.
+        (states,) smallest sizes by which errors of the state are divided: 1 rad for
+        variables, and the momentum and twice the energy at unit speed.
     determinant_record
         Size and sign, after the last step, of the determinant whose sign changes where
         curves of configurations cross.
     is_near_crossing
-        Whether a crossing may be near: a singularity in which two curves of configurations
-        intersect. Steps are then made with a tolerance of at most
-        `MAX_CROSSING_TOLERANCE_RAD`.
+        Whether a crossing may be near at which the simulation would end: a singularity in
+        which two curves of configurations intersect. Steps are then made with a tolerance
+        of at most `MAX_CROSSING_TOLERANCE_RAD`.
     max_closure_residual
         Largest closure residual that was removed between steps, rad.
     noisy_steps
@@ -288,7 +289,7 @@ class Collocation:
         self.scales = _make_state_scales(problem, len(self.start_state))
         # A determinant that changes its sign where curves of configurations cross.
         self.determinant_record = ClosureDeterminantRecord()
-        # Whether this determinant was small in the last step.
+        # Whether a crossing at which the simulation would end may be in the last step.
         self.is_near_crossing = False
         self.max_closure_residual = 0.0
         # Number of successive short steps with rates that are mostly rounding errors. Many
@@ -302,9 +303,9 @@ class Collocation:
         self._progress_times: list[tuple[float, float]] = [(0.0, 0.0)]
 
     def advance(self) -> bool:
-        """Compute one step, and return whether the integration continues after it.
+        """Compute the next step, if there is one, and return whether `end` is still None.
 
-        The method also reports progress, and sets `end` if this was the last step.
+        The method also reports progress, and sets `end` when the integration ends.
         """
         started = time.perf_counter()
         # Steps with numbers that are not finite are rejected, so NumPy need not warn.
@@ -402,7 +403,7 @@ class Collocation:
         )
 
     def _integrate(self) -> Generator[float, None, SimulationEnd]:
-        """Take all steps, yield the time (s) after each of them, and return the end.
+        """Take all steps, yield the time (s) after each whole step, and return the end.
 
         A step is accepted if its error is at most the tolerance. If not, a shorter step
         from the same state is tried.
@@ -579,7 +580,7 @@ class Collocation:
             (states,) state at the start.
         previous
             The step that ends at `start`. Its series is continued as the first guess of
-            the iteration. None after a kink of a load.
+            the iteration. None if there is none to continue, see `_guess_rates`.
         """
         equation = self.equation
         t = start + 0.5 * length * (GAUSS_NODES + 1.0)
@@ -631,7 +632,7 @@ class Collocation:
             if equation.freedoms == 1
             else self.rate_weights[None],
         )
-        # The error stays infinite if the iteration failed or a contact does not exist.
+        # The error stays infinite if the iteration failed or a node has no rates.
         if has_converged and np.all(dynamics.motion.status == Status.OK):
             error = float(np.max(_truncation_errors(step) / scale)) / tolerance
         if error <= 1.0 and not self._passes_probes(step, scale, tolerance):
@@ -657,8 +658,8 @@ class Collocation:
         state
             (states,) state at the start.
         previous
-            The step before. None if its polynomial does not continue: after a kink of a
-            load, or in new coordinates.
+            The step before. None in the first step, and if its polynomial does not
+            continue: after a kink of a load, or in new coordinates.
         """
         if previous is None:
             dynamics = self._evaluate_dynamics(np.array([start]), state[None])
@@ -946,7 +947,7 @@ class Collocation:
           a "singularity" if the simulation ends there;
         - configurations in which the inputs do not determine the motion: a single input
           reverses there;
-        - moments of rest.
+        - moments of rest, if there is one input.
 
         Parameters
         ----------
@@ -1036,7 +1037,7 @@ class Collocation:
         step
             The last rejected step.
         error
-            The remaining error of the iteration for this step, divided by the tolerance.
+            The estimated error of this step, divided by the tolerance; see `StepAttempt`.
         dynamics
             Motion and forces at the nodes of this step.
         """
@@ -1052,7 +1053,10 @@ class Collocation:
         # `is_near_crossing` was set if the closure determinant became small.
         if self.is_near_crossing or condition < MIN_CROSSING_CONDITION:
             return SimulationEnd("singularity", t, CROSSING_MESSAGE)
-        message = f"no step is short enough (iteration error {error:.2g}); {JUMP_MESSAGE}"
+        message = (
+            f"no step is short enough (the error is {error:.2g} times the tolerance); "
+            f"{JUMP_MESSAGE}"
+        )
         if not self.steps:
             # There are no earlier steps with which the inertia could be compared.
             return SimulationEnd("too_fast", t, message)
@@ -1088,7 +1092,7 @@ class StepAttempt:
 def _make_state_scales(problem: Problem, state_size: int) -> Floats:
     """Return the typical sizes (state_size,) of the quantities in a state.
 
-    Errors are divided by these sizes, so that they can be compared:
+    Errors are divided by these sizes, or by the state if it is larger:
 
     - Pair variables (joint angles): 1 rad.
     - Momenta: sqrt(B), the largest momentum p = R u at unit rates u of the coordinates. R
@@ -1169,7 +1173,7 @@ def _length_factor(error: float, iterations: int) -> float:
         return MIN_STEP_SHRINKAGE
     factor = STEP_SAFETY * max(error, EPS) ** (-1.0 / NODE_COUNT)
     # The number of iterations grows faster than the length. After many iterations, shorter
-    # steps therefore need less computing time, so the length must not grow.
+    # steps therefore need less computing time, so the length is reduced.
     has_many_iterations = iterations > MANY_ITERATIONS
     largest_factor = STEP_SAFETY if has_many_iterations else MAX_STEP_GROWTH
     return min(max(factor, MIN_STEP_SHRINKAGE), largest_factor)

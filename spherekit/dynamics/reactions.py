@@ -7,9 +7,9 @@ The Newton-Euler equation of each moving link about the centre O is
 The moment of a pair has a part along the vectors of its variables, which loads and drives
 determine, and the reaction, which does no work. Forces through O have no moment about O.
 These forces follow from the equations of the forces on all links, if the file says which
-pairs let their links slide along the axis, and where centres of mass are. Every pair that
-does not slide holds its links at O. Each loop of R pairs leaves three such forces
-undetermined.
+pairs let their links slide along the axis, and where centres of mass and contacts are.
+Every R pair that does not slide holds its links at O. If none slides, each loop of R pairs
+leaves three such forces undetermined.
 """
 
 from collections.abc import Mapping
@@ -96,17 +96,20 @@ class Reactions(JointReactions):
         A mechanism file lists the bearings of a pair among its loads, because they cause
         friction. The keys are the names of these loads.
 
-        The bearings together exert the moment and the force that the pair transmits. A
-        component is NaN if the equations of equilibrium leave it undetermined. The z
-        component is NaN if the file does not say how the bearings share the force along the
-        axis.
+        Two bearings together exert the moment across the axis and the force that the pair
+        transmits. A single one exerts the moment, and the force along the axis. A component
+        is NaN if the equations of equilibrium leave it undetermined. The z component is NaN
+        if the file does not say how the bearings share the force along the axis.
         """
         forces_on_bearings: dict[str, Floats] = {}
         for load in self._bearing_loads:
             pair = self._pair_number(load)
             moment = self.moments[:, pair]
             force = self.forces[:, pair]
-            forces_on_bearings[load.name] = load.supported_loads(moment, force)
+            forces = load.supported_loads(moment, force)
+            # The axial force of a floating bearing is 0 so far, also in failed rows.
+            forces[self.torques.status != Status.OK] = np.nan
+            forces_on_bearings[load.name] = forces
         return forces_on_bearings
 
     @property
@@ -243,8 +246,10 @@ def reactions(motion: Motion) -> Reactions:
     )
     # `push` is the force of a contact along its normal times the radius. If it is negative,
     # the contact would have to pull. Pulls that are small compared with the largest moment
-    # of the row may be rounding.
+    # of the row may be rounding. Teeth with a pressure angle press on one of their two
+    # sides, so they never pull.
     largest_moment = max_abs(np.nan_to_num(result.moments), axis=(1, 2))
     is_pulling = result.push < -MAX_ROW_PULL * largest_moment[:, None]
-    result.status[is_pulling] = Status.LIFT_OFF
+    has_sides = np.array([pair.pressure_angle is not None for pair in mechanism.pairs])
+    result.status[is_pulling & ~has_sides] = Status.LIFT_OFF
     return result

@@ -44,7 +44,15 @@ MAX_TOOTH_SIDE_CHANGES = 6
 is found.
 
 Each solution assumes the sides that the one before showed. If teeth still change sides in
-the last one, the reactions are reported as not determined.
+the last one, the reactions and the friction due to them are reported as not determined.
+"""
+
+MAX_UNLOADED_TOOTH_RATIO = 1e-11
+"""Moment of gear teeth, relative to the largest moment of reactions on a link or in a pair,
+below which the teeth count as unloaded, so that they may press on either side.
+
+Larger: the sides of lightly loaded teeth are wrong. Smaller: rounding keeps the sides of
+unloaded teeth from being found.
 """
 
 MAX_UNDETERMINED_PART = 1e-7
@@ -89,9 +97,9 @@ class DrivenState(ArrayRows):
     carried
         (n, k) loads that k pairs with friction carry, in the order of
         `Loads.friction_components`; their friction is proportional to these loads. The load
-        of an R pair (revolute joint) is the sum of the forces (N) on its bearings. The load
-        of a sliding contact is the moment (N m) of its normal force about the centre O.
-        None without such friction.
+        of an R pair (revolute joint) is the sum of the sizes of the forces (N) on its
+        bearings. The load of a sliding contact is the size of the moment (N m) of its
+        normal force about the centre O. None without such friction.
     """
 
     mechanism: Mechanism
@@ -123,7 +131,8 @@ class JointReactions:
         (n,) largest moment (N m) by which the equation of equilibrium of a link is missed.
     slides
         (n, links) whether a link can be displaced from the centre O, because no pair
-        prevents it.
+        prevents it. False if forces were not requested, and for links with inertia whose
+        centre of mass is not known.
     """
 
     wrenches: Floats
@@ -156,12 +165,13 @@ class Equilibrium:
     Attributes
     ----------
     reaction_wrenches
-        (n, links, 6) for each link the wrench, in ground axes, that the reactions of all
-        its pairs together have to exert on it.
+        (n, links, 6) for each moving link the wrench, in ground axes, that the reactions
+        of all its pairs together have to exert on it.
     torques
         (n, pairs) the known torques of loads and drives at the pairs, N m.
     reactions
-        (n, columns) sizes of the reactions, one column per reaction (N m or N).
+        (n, columns) sizes of the reactions, one column per reaction, N m. Forces are
+        multiplied by a length and so become moments.
     residual
         (n,) largest error of an equation, N m. Errors of forces are multiplied by a length
         and so become moments.
@@ -209,6 +219,7 @@ class NewtonEuler:
         (n, columns) whether a reaction is not determined.
     slides
         (n, links) whether a link can be displaced from O, because no pair prevents it.
+        False without equations of forces on the link.
     unit_torque_wrenches
         (pairs, 6) wrench, in pair axes, of a torque of 1 N m of a load or drive at a pair.
         The torque is about the axis of an R pair. At a contact it is the wrench of a force
@@ -571,7 +582,7 @@ def _contact_forces(moments: Floats, distance: float) -> Floats:
 
 
 def links_without_centre(mechanism: Mechanism) -> list[str]:
-    """Return the moving links with inertia whose centre of mass is not known."""
+    """Return the moving links with inertia whose mass or centre of mass is not known."""
     return [
         mass.link
         for mass in mechanism.masses
@@ -583,7 +594,8 @@ def _list_equations(mechanism: Mechanism, forces: bool) -> Bools:
     """Return a mask (links, 6) of the components of moment and force with an equation.
 
     These are the equations of equilibrium of the links. The ground (link 0) has no
-    equations. A link without a known centre of mass has no equations of forces.
+    equations. A link with inertia whose centre of mass is not known has no equations of
+    forces.
 
     Parameters
     ----------
@@ -635,7 +647,7 @@ def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
     for load in mechanism.loads:
         if isinstance(load, Bearings) and load.floats:
             floating_pairs.add(load.pair)
-        if isinstance(load, ContactFriction):
+        if isinstance(load, ContactFriction) and load.friction_coefficient > 0.0:
             contacts_with_friction.add(load.pair)
     columns = []
     for pair_number, pair in enumerate(mechanism.pairs):
@@ -788,7 +800,7 @@ def _solve_reactions(driven: DrivenState, forces: bool) -> JointReactions:
     balance = solve_equilibrium(driven, forces)
     equations = balance.equations
     equilibrium = balance.equilibrium
-    # A pair transmits its reactions, and the torque of loads and drives about its axis.
+    # A pair transmits its reactions, and the torque of loads and drives at it.
     wrenches = equations.sum_wrenches(equilibrium.reactions)
     wrenches += equilibrium.torques[..., None] * equations.unit_torque_wrenches
     # With redundant constraints, some components can balance each other without loads. The
@@ -892,7 +904,15 @@ def _find_contradicted_sides(
     has_sides = np.array([pair.pressure_angle is not None for pair in pairs])
     wrenches = equations.sum_wrenches(equilibrium.reactions)
     moment_about_y = wrenches[..., 1]
-    return (moment_about_y * sides < 0.0) & has_sides
+    # The moments of unloaded teeth are rounding errors of the other moments.
+    # Loads on the ground (link 0) are not balanced by reactions.
+    moments_on_links = equilibrium.reaction_wrenches[:, 1:, :MOMENT_COMPONENTS]
+    largest_moment = np.maximum(
+        max_abs(wrenches[..., :MOMENT_COMPONENTS], axis=(1, 2)),
+        max_abs(moments_on_links, axis=(1, 2)),
+    )
+    min_moment = MAX_UNLOADED_TOOTH_RATIO * largest_moment[:, None]
+    return (moment_about_y * sides < -min_moment) & has_sides
 
 
 def acceleration_wrenches(
@@ -984,7 +1004,7 @@ class AppliedLoads:
         (n, links, 6) wrenches of loads on links, in ground axes: the moment about the
         centre O, then the force.
     torques
-        (n, pairs) torques of loads and drives about pair axes, N m.
+        (n, pairs) torques of loads and drives at pairs, N m.
     """
 
     link_wrenches: Floats
@@ -995,9 +1015,9 @@ def sum_applied_loads(driven: DrivenState) -> AppliedLoads:
     """Return the sums of all loads and driving torques on links and at pairs (joints).
 
     A load consists of components, each with a magnitude. A component at a pair is a torque
-    about its axis. Other components act on links, with a moment about the centre O and a
-    force in proportion to the magnitude. A wrench has the moment (N m) in its components 0
-    to 2 and the force (N) in 3 to 5.
+    about its axis, or about the normal of a contact. Other components act on links, with a
+    moment about the centre O and a force in proportion to the magnitude. A wrench has the
+    moment (N m) in its components 0 to 2 and the force (N) in 3 to 5.
 
     Parameters
     ----------

@@ -210,8 +210,8 @@ class Integrator:
             time = float(adaptive.time)
             self.seen_events.append((index, time))
             # The sign is 0 if the rate of the function is zero. The parameter stays the
-            # same.
-            if sign:
+            # same. heyoka drops parameters after the last one that occurs in an expression.
+            if sign and event.switch < len(adaptive.pars):
                 adaptive.pars[event.switch] = sign
             # If dry friction holds a body at rest, the motion would switch to and fro
             # without progress. `event.sticks` tests for this. The copies protect the
