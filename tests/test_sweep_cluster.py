@@ -473,7 +473,13 @@ def test_a_worker_without_spherekit_is_told(machines, tmp_path):
 
 def test_no_scheduler_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(dask_cluster, "CONNECT_SECONDS", 0.5)
-    for address in ("tcp://127.0.0.1:1", "nonsense://x", "127.0.0.1:99999"):
+    addresses = (
+        "tcp://127.0.0.1:1",
+        "nonsense://x",
+        "127.0.0.1:99999",
+        "tls://127.0.0.1:1",  # encryption is not configured
+    )
+    for address in addresses:
         with pytest.raises(DesignError, match="no scheduler answers"):
             sweep_on_cluster(tmp_path / "designs", address)
     with pytest.raises(DesignError, match="give the argument folder"):

@@ -304,3 +304,10 @@ def null_vector(jacobian):
     _, sizes, vectors = np.linalg.svd(jacobian)
     assert np.sum(sizes > 1e-9) == jacobian.shape[1] - 1
     return vectors[-1]
+
+
+def test_a_design_that_never_closes_states_how_complete_its_search_is():
+    vary = {"links.rod.arc": [1.0], "links.rod_b.arc": [1.0]}
+    (row,) = sk.sweep(second_rod(), vary, "a=max(q)", samples=5).frame().iloc
+    assert row["status"] == "NEVER_CLOSES"
+    assert row["claim"] == "sampled"

@@ -20,11 +20,13 @@ from spherekit.cli.main import main
 from spherekit.designs import sweep_identity
 from spherekit.designs.dask_cluster import PartComputer
 from spherekit.designs.design_space import DesignSpace, parse_variation
+from spherekit.designs.figures_of_merit import DesignTable
 from spherekit.designs.sweep_parts import run_sweep
-from spherekit.errors import DesignError, OutputError
+from spherekit.errors import DesignError, FileError, OutputError
 from spherekit.files.mechanism_reader import read
 from spherekit.files.number_change import document_of, number_path, with_numbers
 from spherekit.files.schema import check
+from spherekit.files.study import Study
 from spherekit.runs import resource_checks, run_identity
 from spherekit.tables.table import SAMPLE, Column, Table
 
@@ -140,6 +142,36 @@ def test_figures_of_the_kernel_and_of_an_analysis_share_a_sweep():
     assert working_rows["most"].isna().all()
 
 
+@pytest.mark.parametrize("figures", [[], ["most=max(abs(rate_43_by_51))"]])
+def test_figures_of_working_modes_remain_with_a_stated_assembly_mode(figures):
+    """Working modes belong to no assembly mode, and a run of the study has them all."""
+    vary = {"links.2.arc": [60.0]}
+    figures = ["area=max(workspace.areas part=whole: size)", *figures]
+    all_rows = sk.sweep("five_bar", vary, figures, samples=(5, 5)).frame()
+    study = Study("stated", sk.load("five_bar"), samples=(5, 5), assembly_mode=1)
+    rows = sk.sweep(study, vary, figures).frame()
+    assert set(rows["status"]) == {"OK"}
+    assert list(rows["area"].dropna()) == list(all_rows["area"].dropna())
+    assert len(rows["area"].dropna()) == 4
+    other_rows = rows[rows["area"].isna()]
+    assert list(other_rows["mode"]) == ["-"] * (len(figures) - 1)
+
+
+def test_a_design_with_working_modes_is_said_not_to_close_in_the_stated_mode():
+    study = Study("stated", sk.load("five_bar"), samples=(5, 5), assembly_mode=1)
+    space = DesignSpace.from_variations([parse_variation("links.2.arc", [60.0], "deg")])
+    figures = ["area=max(workspace.areas part=whole: size)", "a=max(theta_43)"]
+    sweep = sweep_of(study, space, figures, [])
+    labels = ["+", "working -", "working +"]
+    is_working_mode = [False, True, True]
+    table = DesignTable.from_columns(
+        [0, 0, 0], ["area", "a"], mode=labels, is_working_mode=is_working_mode
+    )
+    remaining = sweep._rows_of_wanted_mode(table)
+    assert list(remaining.mode) == ["working -", "working +", "-"]
+    assert list(remaining.status) == ["OK", "OK", "NEVER_CLOSES"]
+
+
 @pytest.mark.parametrize(
     "name, link, arc, modes", [("four_bar", "3", 25.0, 2), ("stephenson", "5", 16.0, 4)]
 )
@@ -252,6 +284,35 @@ def test_tables_that_do_not_fit_on_the_disk_are_refused(tmp_path, monkeypatch):
         sweep_doubled_input(vary, tmp_path)
     with pytest.raises(OutputError, match="choose another folder"):
         sweep_doubled_input(vary)
+
+
+def test_a_full_disk_keeps_no_parts_in_a_temporary_folder(tmp_path, monkeypatch):
+    vary = {"links.2.arc": list(np.linspace(10.0, 40.0, 40))}
+    monkeypatch.setattr(
+        resource_checks.shutil, "disk_usage", lambda _: SimpleNamespace(free=1000)
+    )
+    with pytest.raises(OutputError, match="parts that are written are kept"):
+        sweep_doubled_input(vary, tmp_path)
+    with pytest.raises(OutputError) as refusal:
+        sweep_doubled_input(vary)
+    assert "kept" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("name", ["tables/doubled", "designs"])
+def test_a_table_without_the_file_of_a_part_is_refused(name, tmp_path):
+    vary = {"links.2.arc": list(np.linspace(10.0, 40.0, 20))}
+    result = sweep_doubled_input(vary, tmp_path)
+    assert len(result.table("doubled")) == 20 * 2 * 5
+    (tmp_path / name / "part-000001.parquet").unlink()
+    with pytest.raises(FileError, match="a file of part 1 is missing"):
+        result.table("doubled")
+
+
+def test_tables_of_designs_that_all_fail_are_said_to_be_missing_for_this_reason():
+    result = sweep_doubled_input({"links.2.arc": [45.0]})
+    assert result.table_names == ()
+    with pytest.raises(DesignError, match="All designs have failed or are left out"):
+        result.table("doubled")
 
 
 def test_the_command_writes_tables_and_prints_their_folder(tmp_path, capsys):

@@ -34,7 +34,7 @@ from spherekit.designs.figures_of_merit import DesignSamples
 from spherekit.designs.sweep_identity import DEFINITION_FILE
 from spherekit.designs.sweep_parts import run_sweep
 from spherekit.designs.synthesis_modes import SynthesisMode
-from spherekit.errors import ModelError, OutputError
+from spherekit.errors import DesignError, ModelError, OutputError
 from spherekit.files.library import find
 from spherekit.files.number_change import document_of
 from spherekit.files.study import Study
@@ -221,6 +221,46 @@ def follower_poles():
     """Return the rows of a run for the pole of the cam's follower in its frame."""
     poles = sk.run("shaped_cam", "poles", samples=7).frame("poles")
     return poles[(poles["link"] == "follower") & (poles["relative_to"] == "frame")]
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "pair"),
+    [
+        ("double_butterfly", "pairs.D.longitude", "D"),
+        ("roller_cam", "links.frame.arc", "follower_pivot"),
+    ],
+)
+def test_a_stated_assembly_mode_is_that_of_a_run(name, key, pair):
+    """Kernels that track solutions or replace contacts have other modes than a run."""
+    value = design_variable(document_of(name), key).value
+    study = Study("stated", sk.load(name), samples=3, assembly_mode=0)
+    largest = sk.run(study, "poles").frame("motion")[f"theta_{pair}"].max()
+    (row,) = sk.sweep(study, {key: [value]}, f"a=max(theta_{pair})").frame().iloc
+    assert row["status"] == "OK"
+    assert np.radians(row["a"]) == pytest.approx(largest, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "mode_count"),
+    [
+        ("eight_bar_01", "pairs.78.longitude", 1),  # dyads
+        ("double_butterfly", "pairs.D.longitude", 1),  # a kernel would track solutions
+        ("miura_unit", "pairs.h23.value", 1),  # redundant constraints
+        ("four_bar", "links.2.arc", 2),  # sizes, no reference pose
+    ],
+)
+def test_without_a_search_a_sweep_has_the_modes_of_a_run(name, key, mode_count):
+    """Only the mode of the reference pose is computed, or all if there is no such pose."""
+    variable = design_variable(document_of(name), key)
+    study = Study("unsearched", sk.load(name), samples=3, search=False)
+    pair = sk.load(name).pairs[-1].name
+    motion = sk.run(study, "poles").frame("motion")
+    largest = motion.groupby("assembly_mode")[f"theta_{pair}"].max()
+    frame = sk.sweep(study, {key: [variable.value] * 2}, f"a=max(theta_{pair})").frame()
+    assert set(frame["status"]) == {"OK"}
+    assert len(largest) == mode_count
+    for _, rows in frame.groupby("design"):
+        assert np.radians(sorted(rows["a"])) == pytest.approx(sorted(largest), rel=1e-9)
 
 
 def test_impossible_designs_are_rows_with_a_reason():
@@ -517,6 +557,59 @@ def test_a_folder_takes_only_the_sweep_that_it_holds(tmp_path):
     (tmp_path / DEFINITION_FILE).unlink()
     with pytest.raises(OutputError, match="does not identify the sweep"):
         sweep(samples=5, folder=tmp_path)
+
+
+def test_a_folder_does_not_mix_ways_of_crossing(tmp_path):
+    """The designs are analysed one by one in both ways, so their parts are alike."""
+    vary = {"pairs.contact.profiles.cam.cosines.1": [4.0]}
+    sweep = partial(sk.sweep, "shaped_cam", vary, "max(q)", samples=3, folder=tmp_path)
+    sweep(crossings="end", workers=1)
+    with pytest.raises(OutputError, match="crossings: end there, pass now"):
+        sweep(crossings="pass", workers=1)
+
+
+@pytest.mark.parametrize("is_kept", [True, False])
+def test_a_stopped_sweep_is_said_to_continue_only_in_a_folder(
+    is_kept, tmp_path, monkeypatch
+):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("spherekit.designs.sweep.Sweep.write_part", stop)
+    folder = tmp_path if is_kept else None
+    with pytest.raises(KeyboardInterrupt) as interrupt:
+        sk.sweep("four_bar", {"links.2.arc": [20.0]}, "max(q)", folder=folder, workers=1)
+    notes = getattr(interrupt.value, "__notes__", [])
+    assert len(notes) == int(is_kept)
+    assert all("the same command continues from there" in note for note in notes)
+
+
+@pytest.mark.parametrize("name", ["four_bar", "roller_cam", "bevel_pair"])
+def test_a_sweep_without_figures_suggests_one_that_exists(name):
+    """The last pair of a mechanism may be a contact, which has no angle."""
+    document = document_of(name)
+    key = "pairs.contact.profiles.cam.radius" if name == "roller_cam" else None
+    if key is None:
+        key = next(f"links.{link}.arc" for link in document.data["links"])
+    space = DesignSpace.from_variations([parse_variation(key, [30.0], "deg")])
+    with pytest.raises(DesignError) as refusal:
+        sweep_of(name, space, ())
+    suggestion = re.search('"(swing=.*?)"', str(refusal.value))[1]
+    assert sweep_of(name, space, [suggestion], samples=3).units()["swing"] == "deg"
+
+
+def test_angles_of_loads_and_profiles_have_units_in_a_sweep(tmp_path):
+    path = tmp_path / "acted.toml"
+    four_bar_text = find("four_bar").read_text()
+    path.write_text(four_bar_text[: four_bar_text.index("[mass.2]")] + ACTED)
+    vary = {"loads.back.rest": [20.0], "mass.3.mass": [2.0]}
+    assert sk.sweep(path, vary, "max(q)", samples=3).frame().attrs["units"] == {
+        "loads_back_rest": "deg",
+        "max_q": "deg",
+    }
+    vary = {"pairs.contact.profiles.cam.radius": [25.0]}
+    units = sk.sweep("roller_cam", vary, "max(q)", samples=3).frame().attrs["units"]
+    assert units["pairs_contact_profiles_cam_radius"] == "deg"
 
 
 @pytest.mark.many

@@ -4,6 +4,7 @@ A synthesis varies numbers of a mechanism within ranges to make an objective lea
 conditions. It evaluates many designs and improves the best ones ("starts").
 """
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from spherekit.designs.figure_gradients import FigureGradients
 from spherekit.designs.linkage_comparison import is_same_linkage
 from spherekit.designs.synthesis_modes import SynthesisMode
 from spherekit.designs.synthesis_requirements import select_nondominated
-from spherekit.errors import FileError
+from spherekit.errors import DesignError, FileError
 from spherekit.files.library import find
 
 EXAMPLES = Path(__file__).parent.parent / "examples" / "synthesis"
@@ -587,3 +588,119 @@ def test_a_linkage_is_found_again_by_the_path_of_a_point_of_its_coupler(tmp_path
     result = sk.synthesize(tmp_path / "path.toml", designs=512, starts=3)
     assert result.objectives[0, 0] < 1e-6
     assert result.values[0] == pytest.approx([*target_numbers.values()], abs=1e-4)
+
+
+def synthesize_swing(tmp_path, minimise, *conditions):
+    """Synthesize a four-bar with two varied arcs, and the swing of its rocker as figure."""
+    path = tmp_path / "synthesis.toml"
+    path.write_text(
+        f"""
+format = 1
+mechanism = "four_bar"
+samples = 31
+minimise = "{minimise}"
+where = {list(conditions)}
+vary = {{ "links.2.arc" = [10.0, 90.0], "links.4.arc" = [40.0, 90.0] }}
+figures = {{ sw = "swing(theta_41)" }}
+"""
+    )
+    return sk.synthesize(path, designs=16, starts=1)
+
+
+@pytest.mark.parametrize("condition", ["closes < 0.9", "sw > 60*closes"])
+def test_descents_keep_to_conditions_on_the_fraction_of_closed_samples(condition, tmp_path):
+    """A small swing needs a short crank, and the mechanism then closes at all inputs."""
+    result = synthesize_swing(tmp_path, "sw", condition)
+    for row, mode in enumerate(result.modes):
+        crank_arc, rocker_arc = result.values[row].tolist()
+        sizes = {"links.2.arc": [crank_arc], "links.4.arc": [rocker_arc]}
+        frame = sk.sweep("four_bar", sizes, "sw=swing(theta_41)", samples=31).frame()
+        (found,) = frame[frame["mode"] == mode].to_dict("records")
+        assert found["sw"] == pytest.approx(result.objectives[row, 0], rel=1e-6)
+        if condition.startswith("closes"):
+            assert found["closes"] < 0.9
+        else:
+            assert found["sw"] > 60.0 * found["closes"] - 1e-6
+
+
+def test_large_objectives_do_not_lead_to_undefined_designs(tmp_path):
+    """An objective of ten millions has no value where the crank is below 20 degrees."""
+    objective = "1e7 + 1e3*links_2_arc + 1e-9*sqrt(links_2_arc - 20)"
+    result = synthesize_swing(tmp_path, objective)
+    assert np.all(result.values[:, 0] >= 20.0)
+    assert np.all(np.isfinite(result.objectives))
+
+
+def test_infinite_derivatives_of_an_objective_are_taken_for_zero(tmp_path):
+    """The root of a size has an infinite derivative at the lower end of its range."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = synthesize_swing(tmp_path, "sw + sqrt(links_2_arc - 10)", "closes > 0.99")
+    assert result.values[0, 0] == pytest.approx(10.0, abs=1e-6)
+
+
+def test_a_condition_without_columns_holds_in_all_rows(tmp_path):
+    with pytest.raises(
+        DesignError, match=r"1 < 2 holds in (\d+) of \1 rows, 2 < 1 .* 0 of"
+    ):
+        synthesize_swing(tmp_path, "sw", "1 < 2", "2 < 1")
+
+
+def test_designs_of_a_front_meet_conditions_that_exclude_equality(tmp_path):
+    """Many designs close at all samples, which ``closes < 1`` excludes."""
+    path = tmp_path / "front.toml"
+    path.write_text(
+        """
+format = 1
+mechanism = "four_bar"
+samples = 13
+minimise = ["peak", "-sw"]
+where = ["closes < 1"]
+vary = { "links.2.arc" = [15, 100], "links.4.arc" = [30, 60] }
+figures = { peak = "max(abs(torque))", sw = "range(theta_41)" }
+"""
+    )
+    result = sk.synthesize(path, designs=256, starts=1)
+    columns = result.synthesis.sweep.tabulate_designs(
+        result.values.T, np.arange(len(result.values))
+    )
+    for number, mode in enumerate(result.modes):
+        is_row = (columns["design"] == number) & (columns["mode"] == mode)
+        assert columns["closes"][is_row] < 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "minimise"),
+    [
+        ("objective", '"-objective"'),
+        ("objective_2", '["objective_2", "links_2_arc"]'),
+        ("match", '"match"'),
+    ],
+)
+def test_a_figure_with_the_name_of_a_column_of_the_result_is_refused(
+    name, minimise, tmp_path
+):
+    path = tmp_path / "synthesis.toml"
+    path.write_text(
+        f"""
+format = 1
+mechanism = "four_bar"
+samples = 7
+minimise = {minimise}
+vary = {{ "links.2.arc" = [15, 30] }}
+figures = {{ {name} = "max(abs(torque))" }}
+match = {{ quantity = "theta_41", at = [0], values = [100] }}
+"""
+    )
+    with pytest.raises(DesignError, match=f'two columns would be called "{name}"'):
+        sk.synthesize(path, designs=4, starts=1)
+
+
+def test_a_synthesis_without_starts_is_refused():
+    path = EXAMPLES / "torque.toml"
+    with pytest.raises(DesignError, match="starts = 0: give at least 1"):
+        sk.synthesize(path, designs=4, starts=0)
+
+
+def test_a_synthesis_is_shown_by_the_name_of_its_class(tmp_path):
+    assert repr(synthesize_swing(tmp_path, "sw")).startswith("Synthesis(")

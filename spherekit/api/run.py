@@ -1,13 +1,18 @@
 """`spherekit.run`: the runner, with results that can be drawn and recorded."""
 
+import os
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import WRAPPER_ASSIGNMENTS, cached_property, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
+import numpy as np
+
 from spherekit.conventions import Facts
 from spherekit.display.figures.collector import Collector
+from spherekit.files.study_reader import study_of
 from spherekit.runs import runner
 from spherekit.runs.run_result import Columns, RunResult
 from spherekit.tables.table import Table
@@ -152,6 +157,12 @@ def with_signature_of(
 
 def _run(*arguments: Any, **options: Any) -> RunResult:
     """Run analyses, and return a result that can also draw and record the run."""
+    # The run may be repeated after the user has changed its file, lists or arrays.
+    subjects, others = arguments[:1], arguments[1:]
+    arguments = (*map(_read_subject, subjects), *map(_copy_container, others))
+    options = {name: _copy_container(value) for name, value in options.items()}
+    if "subject" in options:
+        options["subject"] = _read_subject(options["subject"])
     result = runner.run(*arguments, **options)
     view_options = {
         name: value
@@ -160,6 +171,16 @@ def _run(*arguments: Any, **options: Any) -> RunResult:
     }
     views = _RunViews(result.summary["mechanism"], arguments, view_options)
     return replace(result, views=views)
+
+
+def _read_subject(subject: Any) -> Any:
+    """Return the study of a file; other subjects, such as a mechanism, are unchanged."""
+    return study_of(subject) if isinstance(subject, str | os.PathLike) else subject
+
+
+def _copy_container(value: Any) -> Any:
+    """Return a copy of a list, a dictionary or an array; other values are unchanged."""
+    return copy(value) if isinstance(value, list | dict | np.ndarray) else value
 
 
 run = with_signature_of(runner.run, _run)

@@ -1,6 +1,7 @@
 """Sweeps: figures of merit or tables of many designs, stated by names and texts."""
 
 import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -28,7 +29,7 @@ from spherekit.resources import usable_cores
 from spherekit.runs.figure_of_merit import FigureOfMerit, parse_merit
 from spherekit.runs.registry import create_analysis
 from spherekit.runs.run_result import Columns
-from spherekit.runs.sampling import make_sampling
+from spherekit.runs.sampling import check_time, make_sampling
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -112,8 +113,8 @@ def sweep(
     -------
     SweepResult
         The result has a row for each design and assembly mode. A design that is impossible,
-        or that cannot be assembled at any sample, has one row. The column `status` of this
-        row has the reason.
+        or that cannot be assembled at any sample, has one row. The columns `status` and
+        `reason` of this row say why.
 
     Raises
     ------
@@ -187,7 +188,10 @@ def sweep_of(
     Raises
     ------
     DesignError
-        If an analysis has no figures of merit, or tables are requested without an analysis.
+        If an analysis is requested twice or contributes nothing, two texts give different
+        figures one name, or tables are requested without an analysis.
+    AnalysisError, FileError
+        If a text is no figure of merit, or the times of the study do not fit together.
     """
     study = study_of(subject)
     study = replace(study, mechanism=driven_at(study.mechanism))
@@ -195,6 +199,7 @@ def sweep_of(
         study = replace(study, samples=samples, path=None)
     if crossings is not None:
         study = replace(study, crossings=crossings)
+    check_time(study)
     document = _document(study.mechanism, subject if source is None else source)
     angle_unit: AngleUnit = document.data["angle_unit"]
     for variation in space.variations:
@@ -204,20 +209,37 @@ def sweep_of(
                 "not an angle; leave the unit out"
             )
 
-    # Later figures of merit replace earlier ones of the same name.
+    for name, count in Counter(analysis.name for analysis in analyses).items():
+        if count > 1:
+            raise DesignError(
+                f"{name}: the analysis is requested {count} times in one sweep; request it "
+                "once, with values joined by + (poles:only=31+42), or use two sweeps"
+            )
+
+    # Figures of the user replace those of analyses, and later ones of analyses replace
+    # earlier ones, of the same name.
     merits: dict[str, FigureOfMerit] = {}
+    user_merits = [parse_merit(text, angle_unit) for text in reduce]
+    read_analyses = {merit.of_table[0] for merit in user_merits if merit.table}
     for analysis in analyses:
         analysis_merits = analysis.merits(study.mechanism)
-        if not analysis_merits and not tables:
+        if not (analysis_merits or tables or analysis.name in read_analyses):
             raise DesignError(
                 f"{analysis.name} defines no figures of merit for "
-                f"{study.mechanism.name}; give some with the argument reduce, or "
-                "request tables"
+                f"{study.mechanism.name}; give some of its tables with the argument "
+                "reduce, or request tables"
             )
         for merit in analysis_merits:
             merits[merit.name] = merit
-    for text in reduce:
-        merit = parse_merit(text, angle_unit)
+    text_of_name: dict[str, str] = {}
+    for text, merit in zip(reduce, user_merits, strict=True):
+        first_text = text_of_name.setdefault(merit.name, text)
+        if first_text != text and merits[merit.name] != merit:
+            raise DesignError(
+                f'{study.mechanism.name}: "{first_text}" and "{text}" would both be called '
+                f'"{merit.name}"; give one of them another name: '
+                "NAME=REDUCTION(EXPRESSION)"
+            )
         merits[merit.name] = merit
     if tables and not analyses:
         raise DesignError(
@@ -274,8 +296,8 @@ def _labels_of_mode(study: Study) -> Names:
         return ()
     # A sweep numbers modes over the ranges of the inputs. With a law of time for the
     # inputs, or a simulation from a start, the analysis would cover other inputs, and modes
-    # could have other numbers. So laws and start are removed from the study.
-    at_rest = replace(study, start=None, laws={}, duration=None)
+    # could have other numbers. So laws, start and torque are removed from the study.
+    at_rest = replace(study, start=None, torque=None, laws={}, duration=None)
     # The position analysis of a study that states a mode has only this mode.
     (mode,) = make_sampling(at_rest).position_analysis.assembly_modes
     number = str(mode.number)

@@ -82,7 +82,8 @@ def minimize_largest(
         (n,) first point. A limit that is violated at this point may remain violated by as
         much.
     min_decrease
-        The method ends when the predicted decrease of the maximum is smaller.
+        The method ends when the predicted decrease of the maximum in a small box is
+        smaller.
 
     Returns
     -------

@@ -188,7 +188,8 @@ def _connect(address: str) -> "Iterator[Client]":
     try:
         try:
             client = Client(address, timeout=CONNECT_SECONDS)
-        except (OSError, ValueError) as problem:
+        except (OSError, ValueError, TypeError) as problem:
+            # Dask raises TypeError for a protocol that is not configured, such as tls.
             raise DesignError(f"{address}: no scheduler answers ({problem})") from None
         try:
             yield client

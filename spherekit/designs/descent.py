@@ -28,7 +28,7 @@ CONSTRAINT_TOLERANCE = 1e-9
 """A constraint counts as satisfied if it is violated by less, relative to its size."""
 
 UNDEFINED_OBJECTIVE = 1e6
-"""Objective, and violation of constraints, where a design is undefined.
+"""Smallest objective, and violation of constraints, where a design is undefined.
 
 It is so large that a line search turns back.
 """
@@ -44,10 +44,10 @@ MIN_RELATIVE_DECREASE = 0.1 * OBJECTIVE_TOLERANCE
 """A descent ends if no objective decreases by more, relative to the same scale."""
 
 MAX_DESCENT_ROUNDS = 12
-"""Largest number of times that a descent is started again from its end."""
+"""Largest number of descents in turn, each from the end of the one before."""
 
 MAX_OTHER_STARTS = 3
-"""Number of other points from which a design of a front is challenged.
+"""Largest number of other points from which a design of a front is challenged.
 
 They are the points that come nearest to being better than the design.
 """
@@ -92,11 +92,13 @@ class DescentValues:
     Attributes
     ----------
     functions
-        The values of all objectives and conditions, and their gradients with respect to the
-        coordinates of the design (0 to 1 in the range of each variable). The value of a
-        condition is positive if it is violated.
+        The values of all objectives and smooth conditions, and their gradients with respect
+        to the coordinates of the design (0 to 1 in the range of each variable). The value
+        of a condition is positive if it is violated.
     closing_fraction
         Fraction of the samples at which the mechanism can be assembled in this mode.
+    meets_closing_conditions
+        Whether the conditions that depend on this fraction are met.
     figures
         (figures,) figures of merit (numbers that rate a design), with angles in the unit
         (deg or rad) of the mechanism file.
@@ -104,6 +106,7 @@ class DescentValues:
 
     functions: LinearisedFunctions
     closing_fraction: float
+    meets_closing_conditions: bool
     figures: Floats
 
 
@@ -161,8 +164,8 @@ class Descent:
         (n,) labels of their assembly modes (ways to assemble the links).
     scales
         (k,) scale of each objective, by which objectives are compared. With several
-        objectives, the scale is the largest minus the smallest value of the n designs. A
-        single objective has its smallest absolute value as scale.
+        objectives, the scale is the largest minus the smallest value of the n designs. If
+        this is 0, and for a single objective, it is the smallest absolute value.
     """
 
     def __init__(
@@ -211,13 +214,16 @@ class Descent:
         ]
         self._objective_count = len(expressions)
         # A condition less < more becomes less - more, which must not be positive.
-        # Conditions on "closes", the fraction of samples at which a mode closes, are left
-        # out, because the fraction is not smooth.
+        # Conditions on "closes", the fraction of samples at which a mode closes, are
+        # checked separately, because the fraction is not smooth.
         expressions += [
             convert_to_graph(condition.less, nodes_by_name)
             - convert_to_graph(condition.more, nodes_by_name)
             for condition in sweep.conditions
             if "closes" not in condition.names
+        ]
+        self._closing_conditions = [
+            condition for condition in sweep.conditions if "closes" in condition.names
         ]
         self._functions_and_slopes = with_derivatives(
             expressions, [*symbols_by_name.values()]
@@ -234,7 +240,7 @@ class Descent:
 
     @staticmethod
     def _objective_scales(objectives: Floats) -> Floats:
-        """Return the `scales` (k,) for objectives (n, k); 1 for objectives that are 0."""
+        """Return the `scales` (k,) for objectives (n, k); 1 where they would be 0."""
         widths = np.ptp(objectives, axis=0)
         has_front = (widths > 0.0) & (objectives.shape[1] > 1)
         smallest = np.min(np.abs(objectives), axis=0)
@@ -309,7 +315,8 @@ class Descent:
         # depend on this figure.
         inner_slopes = np.nan_to_num(np.concatenate([variable_slopes, figure_slopes]))
 
-        expressions = self._evaluate_expressions(np.concatenate([values, figures]))
+        arguments = np.concatenate([values, figures])
+        expressions = self._evaluate_expressions(arguments)
         # (expressions, variables) by the chain rule. `partial_slopes` (arguments,
         # expressions) has the derivatives with respect to the variables and figures.
         gradients = expressions.partial_slopes.T @ inner_slopes
@@ -324,7 +331,13 @@ class Descent:
         )
         # `closing_fraction` is the fraction of samples at which the mechanism can be
         # assembled.
-        return DescentValues(functions, figure_values.closing_fraction, figures)
+        closing_fraction = figure_values.closing_fraction
+        columns = dict(zip(self.sweep.names, arguments, strict=True))
+        columns["closes"] = closing_fraction
+        meets_closing_conditions = all(
+            condition.find_met(columns) for condition in self._closing_conditions
+        )
+        return DescentValues(functions, closing_fraction, meets_closing_conditions, figures)
 
     def _evaluate_expressions(self, arguments: Floats) -> ExpressionValues:
         """Return objectives and conditions at values of their arguments, with derivatives.
@@ -341,9 +354,9 @@ class Descent:
         # argument.
         outputs = outputs.reshape(len(arguments) + 1, -1)
         slopes = outputs[1:]  # (arguments, expressions)
-        # A derivative that does not exist is NaN and becomes 0, so that the optimiser
-        # ignores the argument.
-        partial_slopes = np.where(np.isnan(slopes), 0.0, slopes)
+        # A derivative that does not exist is NaN or infinite. It becomes 0, so that the
+        # optimiser ignores the argument.
+        partial_slopes = np.where(np.isfinite(slopes), slopes, 0.0)
         return ExpressionValues(values=outputs[0], partial_slopes=partial_slopes)
 
     def objectives(self, x: Floats, mode: SynthesisMode) -> Floats:
@@ -366,18 +379,21 @@ class Descent:
 
         Returns
         -------
-        (variables,) the last point, or the first one if the last one is not better.
+        (variables,) the last point, or the first one if the last one is worse or violates a
+        constraint.
         """
         from scipy.optimize import minimize
 
         start = self.evaluate(x, mode)
         start_objectives = start.functions.objectives
+        # An undefined design must be worse than the start.
+        undefined_objective = max(UNDEFINED_OBJECTIVE, 2.0 * abs(start_objectives[0]))
 
         def objective(y: Floats) -> tuple[float, Floats]:
             """Return the first objective and its gradient."""
             functions = self.evaluate(y, mode).functions
             if not np.isfinite(functions.objectives[0]):
-                return UNDEFINED_OBJECTIVE, np.zeros_like(y)
+                return undefined_objective, np.zeros_like(y)
             return functions.objectives[0], functions.objective_gradients[0]
 
         def slack(y: Floats) -> Floats:
@@ -418,7 +434,10 @@ class Descent:
         end: Floats = np.clip(result.x, 0.0, 1.0)
         is_better = objective(end)[0] <= objective(x)[0]
         tolerances = CONSTRAINT_TOLERANCE * (1.0 + np.abs(slack(x)))
-        meets_constraints = np.all(slack(end) >= -tolerances)
+        meets_constraints = (
+            np.all(slack(end) >= -tolerances)
+            and self.evaluate(end, mode).meets_closing_conditions
+        )
         return end if is_better and meets_constraints else x
 
     def approach_aim(
@@ -437,7 +456,8 @@ class Descent:
             variable in its range (0 to 1).
         mode
             The assembly mode (way to assemble the mechanism). Designs that can be assembled
-            in this mode at fewer samples of the inputs than the first design are refused.
+            in this mode at fewer samples of the inputs than the first design are refused,
+            and so are designs that violate a condition on ``closes``.
         aim
             (k,) aims of the objectives.
 
@@ -462,6 +482,8 @@ class Descent:
             values = self.evaluate(y, mode)
             # The mechanism can be assembled at fewer samples than at the start.
             if values.closing_fraction < min_closing_fraction:
+                return None
+            if not values.meets_closing_conditions:
                 return None
             functions = values.functions
             scaled = LinearisedFunctions(
@@ -519,7 +541,7 @@ class Descent:
         """Look for a design that is better than a local optimum in all objectives.
 
         Descents from other starts aim at the objectives of the optimum. If one ends below
-        all of them, its end replaces the optimum, and the search begins anew.
+        all of them, the optimum near its end replaces this one, and the search begins anew.
 
         Parameters
         ----------
@@ -586,7 +608,7 @@ class Descent:
         is_same_mode = self.modes == optimum.mode.label
         points = [self.points[is_same_mode]]
         objectives = [self._row_objectives[is_same_mode]]
-        # The modes of optima are compared by their configurations.
+        # The modes of optima are compared by `continues_in`.
         for candidate in optima:
             if candidate.mode.continues_in(optimum.mode):
                 points.append(candidate.x[None, :])

@@ -45,13 +45,19 @@ class Condition:
         return self.less.names | self.more.names
 
     def evaluate_sides(self, columns: Columns) -> tuple[Floats, Floats]:
-        """Return the values (rows,) of `less` and of `more` for the rows of a table."""
+        """Return the values (rows,) of `less` and of `more` for the rows of a table.
+
+        A side without columns has a single value.
+        """
         less = self.less.evaluate({name: columns[name] for name in self.less.names})
         more = self.more.evaluate({name: columns[name] for name in self.more.names})
         return less, more
 
     def find_met(self, columns: Columns) -> Bools:
-        """Return a mask (rows,) of the rows of a table that meet the condition."""
+        """Return a mask (rows,) of the rows of a table that meet the condition.
+
+        A condition without columns has a single value.
+        """
         less, more = self.evaluate_sides(columns)
         with np.errstate(invalid="ignore"):
             if self.allows_equality:

@@ -40,7 +40,7 @@ from spherekit.designs.varied_mechanism import OTHER_FORM, VariedMechanism
 from spherekit.errors import CountError, DesignError, SpherekitError
 from spherekit.files.toml_document import Document
 from spherekit.geometry.vectors import all_finite, max_abs
-from spherekit.mechanism.elements import SizeGeometry
+from spherekit.mechanism.elements import PoseGeometry, SizeGeometry
 from spherekit.mechanism.load_dependence import check_torque_tables_cover
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import plan_assembly
@@ -73,7 +73,7 @@ SINGLE_DESIGN_PART_SIZE = 16
 """Designs in a part of a sweep if designs are analysed one by one."""
 
 MIN_TRACKED_DESIGNS = 256
-"""Smallest number of designs in a part of a sweep if modes are tracked.
+"""Smallest number of designs in a part of a sweep if modes are tracked and memory permits.
 
 Smaller: tracking so few designs together takes longer for each.
 """
@@ -147,7 +147,7 @@ class DesignEvaluator:
 
     All designs have the same links and pairs, and differ in varied numbers. A kernel is a
     function that evaluates many designs at once. A kernel serves if the varied numbers are
-    sizes of R pairs, masses or loads.
+    sizes of R pairs, masses or loads, or if links can replace all contacts.
 
     The kernel is in closed form if every group of links that are placed together is a dyad
     (two links and three R pairs). If not, all complex solutions of the closure equations
@@ -167,6 +167,9 @@ class DesignEvaluator:
         The figures of merit.
     samples
         The samples of the inputs over which the figures are reduced.
+    needs_modes_of_runs
+        Whether assembly modes need the signs or numbers that they have in runs. No kernel
+        that tracks solutions or replaces contacts is then used.
 
     Attributes
     ----------
@@ -185,6 +188,7 @@ class DesignEvaluator:
         variables: Sequence[DesignVariable],
         merits: Sequence[FigureOfMerit],
         samples: DesignSamples,
+        needs_modes_of_runs: bool = False,
     ) -> None:
         """Prepare the evaluation of many designs (choices of sizes) of one mechanism.
 
@@ -201,12 +205,15 @@ class DesignEvaluator:
             The figures of merit: numbers by which designs are compared.
         samples
             The inputs at which each design is evaluated.
+        needs_modes_of_runs
+            Whether assembly modes need the same signs or numbers as in a run of a design.
         """
         self.document = document
         self.mechanism = mechanism
         self.inputs = samples.inputs
         self.variables = tuple(variables)
         self.samples = samples
+        self._needs_modes_of_runs = needs_modes_of_runs
         # Reads the figures and computes them from quantities of the kernel.
         self.figures = KernelFigures(mechanism, merits, samples)
         # A file may state a torque as a table over time. An error is raised if samples have
@@ -261,6 +268,10 @@ class DesignEvaluator:
             return None, None
         expressions = self.varied_mechanism.make_expressions()
         tracking_start = None
+        replaces_contacts = self.varied_mechanism.equivalent_linkage is not None
+        has_modes_of_runs = expressions.has_closed_form and not replaces_contacts
+        if self._needs_modes_of_runs and not has_modes_of_runs:
+            return None, None
         if not expressions.has_closed_form:
             tracking_start = self._find_tracking_start(expressions)
             if tracking_start is None:
@@ -281,6 +292,9 @@ class DesignEvaluator:
             # Assembly modes pass crossings of their configuration curves. The signs of
             # dyads change at a crossing, at inputs that differ from design to design.
             return False
+        if self._needs_reference_mode_only:
+            # A kernel does not know which mode of a design has the reference pose.
+            return False
         if self._is_over_constrained:
             # There are more closure equations than unknowns. The kernel would not notice
             # sizes for which some equations do not hold.
@@ -299,6 +313,16 @@ class DesignEvaluator:
         varied_mechanism = self.varied_mechanism
         has_linkage = varied_mechanism.equivalent_linkage is not None
         return has_linkage and not varied_mechanism.varies_outputs
+
+    @property
+    def _needs_reference_mode_only(self) -> bool:
+        """Whether only the assembly mode of the reference pose is computed.
+
+        The reference pose is the configuration that the file describes. If the file gives
+        sizes of links instead, all modes are computed, as in a run.
+        """
+        has_reference_pose = isinstance(self.mechanism.geometry, PoseGeometry)
+        return has_reference_pose and not self.samples.search
 
     @cached_property
     def _is_over_constrained(self) -> bool:
@@ -384,7 +408,7 @@ class DesignEvaluator:
         # has a value at each sample. `rows` has a row for each sample.
         sample_count = len(self.figures.rows)
         values_per_design = len(self.figures.merits) * sample_count
-        fitting_count = MAX_FIGURE_VALUES // values_per_design + 1
+        fitting_count = max(1, MAX_FIGURE_VALUES // values_per_design)
         block_size = min(DESIGNS_PER_BLOCK, fitting_count)
         if self.tracks_solutions:
             # Tracking solutions of the closure equations from design to design needs more
@@ -770,7 +794,7 @@ class DesignEvaluator:
 
         An assembly mode is one way to assemble the mechanism. The search uses the same
         samples of the inputs for all designs: a path, or a grid over the ranges of the
-        inputs.
+        inputs. If the samples say so, only the mode of the reference pose is found.
         """
         input_grid = self.samples.input_grid
         sampling: dict[str, Any] = {"path": input_grid.q}
@@ -780,6 +804,7 @@ class DesignEvaluator:
             mechanism,
             self.inputs,
             **sampling,
+            search=self.samples.search,
             # What a mode does where its configuration curve crosses another curve: "pass"
             # follows the smooth curve.
             crossings=self.samples.crossings,
@@ -1045,7 +1070,10 @@ class DesignEvaluator:
         A row for each assembly mode in which the loops close, or one row if they never
         close.
         """
-        if not self._is_over_constrained and self.samples.crossings == "end":
+        tries_all_signs = (
+            self.samples.crossings == "end" and not self._needs_reference_mode_only
+        )
+        if not self._is_over_constrained and tries_all_signs:
             assembly = plan_assembly(mechanism.with_inputs(*self.inputs))
             if assembly.has_closed_form:
                 closed_form_kernel = DesignKernel(
@@ -1059,6 +1087,7 @@ class DesignEvaluator:
         motion = design_motion.motion
         has_shaped_profiles = self.varied_mechanism.has_shaped_profiles
         modes = position_analysis.assembly_modes
+        claim = position_analysis.claim.guarantee.value
         kernel: DesignKernel | RedundantKernel
         # `by_rank`: constraints are redundant, and independent ones are chosen.
         if position_analysis.by_rank:
@@ -1071,6 +1100,7 @@ class DesignEvaluator:
                     self.figures.names,
                     status=NEVER_CLOSES,
                     reason=NEVER_CLOSES_REASON,
+                    claim=claim,
                 )
             expressions_of_modes = [
                 self._make_expressions(mechanism, configuration, is_redundant=True)
@@ -1084,7 +1114,6 @@ class DesignEvaluator:
                 mechanism, first_configuration, is_redundant=False
             )
             kernel = DesignKernel(expressions, self.figures.columns, compiled=False)
-        claim = position_analysis.claim.guarantee.value
         # The kernel of one design takes no sizes, hence the 0; it has one column per mode.
         table = self.figures.evaluate_modes(
             kernel,

@@ -1,8 +1,8 @@
 """Functions that evaluate quantities of all designs of one topology at once.
 
-The sizes of the designs are arguments of these functions. A row of their arguments is one
-sample of one design in one assembly mode. Everything that depends only on the sizes is
-computed once for each design (`prepare`) and not again at every row (`evaluate`).
+The sizes of the designs are arguments of these functions. A column of their arguments is
+one sample of one design in one assembly mode. Everything that depends only on the sizes is
+computed once for each design (`prepare`) and not again at every sample (`evaluate`).
 """
 
 from collections.abc import Sequence
@@ -54,7 +54,8 @@ class DesignKernel:
     1. the `reach_count` numbers, which are not negative if every dyad (two links with
        three R pairs) closes,
     2. the `columns`,
-    3. their derivatives with respect to each size (`gradients`),
+    3. their derivatives with respect to each size, then each number of the profiles except
+       the second derivative of the curvature (`gradients`),
     4. how much the rates violate the equations of the loops
        (`DesignExpressions.relative_loop_residual`).
 
@@ -65,8 +66,8 @@ class DesignKernel:
     columns
         Names of quantities, as in `row_quantities`.
     gradients
-        Whether derivatives of the columns with respect to the sizes are computed. The loops
-        stay closed while the sizes change.
+        Whether derivatives of the columns with respect to the sizes and profiles are
+        computed. The loops stay closed while these change.
     compiled
         Whether heyoka compiles the functions, if it is installed. Functions that are not
         compiled run on NumPy arrays.
@@ -87,7 +88,7 @@ class DesignKernel:
     Raises
     ------
     EngineError
-        If the mechanism does not have one of the quantities.
+        If the mechanism does not have one of the quantities, or there are no `gradients`.
     """
 
     def __init__(

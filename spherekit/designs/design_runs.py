@@ -43,7 +43,10 @@ RUN_MODE_PREFIX = "run"
 ASSEMBLY = "assembly_mode"
 """Column of tables with the number of the assembly mode."""
 
-MODE_COLUMNS = (ASSEMBLY, "working_mode")
+WORKING = "working_mode"
+"""Column of tables with the label of the working mode."""
+
+MODE_COLUMNS = (ASSEMBLY, WORKING)
 """Columns of tables that say to which mode a row belongs."""
 
 
@@ -399,6 +402,7 @@ class DesignRuns:
             design=np.zeros(len(modes)),
             merits=(),
             mode=labels,
+            is_working_mode=[mode.column == WORKING for mode in modes],
             closes=closes,
             claim=_claim_of_search(run),
         )
@@ -671,7 +675,8 @@ def _column_units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Uni
     Raises
     ------
     DesignError
-        If there is no such table, or if it lacks a column by which the figure selects rows.
+        If there is no such table, if it lacks a column by which the figure selects rows, or
+        if the figure names a pair that is not driven.
     """
     analysis, table = merit.of_table
     # Quantities of the table "motion" are used without naming a table, as in
@@ -680,6 +685,11 @@ def _column_units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Uni
         raise DesignError(
             f"{merit.name}: {analysis}.{table}: {analysis} is not an analysis; write "
             "ANALYSIS.TABLE, or, for quantities of the motion, the expression alone"
+        )
+    if merit.place not in ("", *study.mechanism.input_pairs):
+        raise DesignError(
+            f"{merit.name}: {merit.place} is not driven. Driven pairs: "
+            f"{listing(study.mechanism.input_pairs)}"
         )
     (chosen,) = (candidate for candidate in analyses if candidate.name == analysis)
     # The columns depend on the mechanism, such as one column for each input.

@@ -81,12 +81,16 @@ class DesignSamples:
         another mode. With ``"end"`` it keeps the signs of its dyads. A dyad is two links
         with three R pairs, and its sign is one of two ways to assemble it. With ``"pass"``
         the mode follows the smooth curve.
+    search
+        Whether modes other than that of the reference pose are searched. Without a
+        reference pose they are always searched.
     """
 
     inputs: Names
     rows: Floats
     shape: tuple[int, ...]
     crossings: Crossings = "end"
+    search: bool = True
 
     @staticmethod
     def from_study(study: Study) -> "DesignSamples":
@@ -124,8 +128,8 @@ class DesignSamples:
         else:
             samples = DesignSamples._sample_ranges(mechanism, study)
         # Also store how assembly modes (ways to assemble the mechanism) continue where
-        # their curves of configurations cross.
-        return replace(samples, crossings=study.crossings)
+        # their curves of configurations cross, and whether all modes are searched.
+        return replace(samples, crossings=study.crossings, search=study.search)
 
     @staticmethod
     def _sample_times(
@@ -256,6 +260,9 @@ class DesignTable(ArrayRows):
         (n,) index of the design among those that were evaluated together.
     mode
         (n,) label of the assembly mode, empty if the design closes in none.
+    is_working_mode
+        (n,) whether `mode` is the label of a working mode (way to assemble the links at a
+        fixed pose of the output) instead.
     closes
         (n,) fraction of the samples at which the design closes in this mode.
     status
@@ -270,6 +277,7 @@ class DesignTable(ArrayRows):
 
     design: Integers
     mode: NDArray[np.object_]
+    is_working_mode: Bools
     closes: Floats
     status: NDArray[np.object_]
     reason: NDArray[np.object_]
@@ -281,6 +289,7 @@ class DesignTable(ArrayRows):
         design: Any,
         merits: Mapping[str, Floats] | Sequence[str],
         mode: Any = "",
+        is_working_mode: Any = False,
         closes: Any = 0.0,
         status: Any = OK,
         reason: Any = "",
@@ -300,6 +309,8 @@ class DesignTable(ArrayRows):
             their names are given, all figures are NaN.
         mode
             Label of the assembly mode.
+        is_working_mode
+            Whether it is the label of a working mode instead.
         closes
             Fraction of the samples of the inputs at which the mechanism can be assembled.
         status, reason
@@ -317,6 +328,7 @@ class DesignTable(ArrayRows):
         return DesignTable(
             design=numbers,
             mode=as_column(mode),
+            is_working_mode=as_column(is_working_mode, bool),
             closes=as_column(closes, float),
             status=as_column(status),
             reason=as_column(reason),

@@ -38,6 +38,7 @@ from spherekit.designs.figures_of_merit import NEVER_CLOSES, DesignSamples, Desi
 from spherekit.errors import DesignError, OutputError
 from spherekit.files.study import Study
 from spherekit.files.toml_document import Document
+from spherekit.files.units import angle_paths
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.processor import processor_identity
 from spherekit.runs.contract import AbstractAnalysis
@@ -166,11 +167,11 @@ class Sweep:
         has_results = self.merits or self.tables
         if not has_results:
             quantities = row_quantities(self.mechanism)
-            last_pair = list(self.mechanism.pair_number)[-1]
+            last_angle = [name for name in quantities if name.startswith("theta_")][-1]
             raise DesignError(
                 f"{self.mechanism.name}: no figure of merit is requested; add an analysis "
                 "that defines some, such as -a poles, or an expression of your own, such "
-                f'as --reduce "swing=swing(theta_{last_pair})". Quantities: '
+                f'as --reduce "swing=swing({last_angle})". Quantities: '
                 f"{listing(quantities, 20)}"
             )
         check_variables(self.document, self.variables)
@@ -234,7 +235,13 @@ class Sweep:
         if self.samples is not None:
             merits = [merit for merit in self.merits if not merit.table]
             kernel_evaluator = DesignEvaluator(
-                self.document, self.mechanism, self.variables, merits, self.samples
+                self.document,
+                self.mechanism,
+                self.variables,
+                merits,
+                self.samples,
+                # `mode_labels` are those of a run.
+                needs_modes_of_runs=bool(self.mode_labels),
             )
         if self.study is None:
             # A sweep without a study has samples.
@@ -280,6 +287,8 @@ class Sweep:
             "file": hashlib.sha256(text.encode()).hexdigest(),
             "input": ", ".join(self.mechanism.input_pairs),
             "samples": hashlib.sha256(self._sampling_bytes).hexdigest(),
+            "crossings": None if self.samples is None else self.samples.crossings,
+            "search": self.searches_modes,
             "angle_unit": self.angle,
             "vary": [
                 {
@@ -321,6 +330,12 @@ class Sweep:
         return {SWEEP_NOTE: self.identity, PART_NOTE: number}
 
     @property
+    def searches_modes(self) -> bool:
+        """Whether assembly modes other than that of a reference pose are searched."""
+        sources = (self.samples, self.study)
+        return all(source is None or source.search for source in sources)
+
+    @property
     def degrees(self) -> bool:
         """Whether the tables of runs have angles in degrees."""
         return self.study is not None and self.study.degrees
@@ -349,9 +364,15 @@ class Sweep:
         return merit.unit(row_quantities(self.mechanism))
 
     def units(self) -> Units:
-        """Return the unit of each column that has one; angles are in the file's unit."""
+        """Return the units of angles that vary (the file's unit) and of figures of merit.
+
+        The unit of a figure is empty if it is not known.
+        """
+        angles = angle_paths(self.document)
         units = {
-            variable.name: self.angle for variable in self.variables if variable.is_angle
+            variable.name: self.angle
+            for variable in self.variables
+            if variable.is_angle or variable.path in angles
         }
         units |= {merit.name: self._unit(merit) for merit in self.merits}
         # Figures in rad are converted to the unit of the file.
@@ -490,7 +511,7 @@ class Sweep:
         Returns
         -------
         The columns by name, with angles in the unit of the file. If the sweep is for one
-        assembly mode only, the rows of other modes are left out.
+        assembly mode only, the rows of other assembly modes are left out.
         """
         # `mode_labels` is empty if all modes are requested.
         if self.mode_labels:
@@ -525,17 +546,21 @@ class Sweep:
 
         An assembly mode is one way to assemble the mechanism. A design that cannot be
         assembled in this mode gets one row. Its status is `NEVER_CLOSES`, and its figures
-        of merit (numbers that rate a design) are NaN.
+        of merit (numbers that rate a design) are NaN. Rows of working modes (ways to
+        assemble it at a fixed pose of the output) belong to no assembly mode and remain.
         """
         # A mode can have several labels, such as "0" and its signs "+-". `mode_labels` has
-        # all labels of the wanted mode. A row with an empty label belongs to a design that
-        # failed in all modes.
-        is_wanted = np.isin(design_table.mode, ["", *self.mode_labels])
-        remaining = design_table.rows(is_wanted)
+        # all labels of the wanted mode. A row with an empty label is for all modes, such as
+        # the row of a design that failed.
+        has_wanted_label = np.isin(design_table.mode, ["", *self.mode_labels])
+        is_working_mode = design_table.is_working_mode
+        remaining = design_table.rows(is_working_mode | has_wanted_label)
         figure_names = list(design_table.merits)
-        # A row for each design of which no row is left.
+        # A row for each design of which only rows of other assembly modes were found.
+        of_assembly_modes = design_table.rows(~is_working_mode)
+        of_wanted_mode = design_table.rows(~is_working_mode & has_wanted_label)
         missing = DesignTable.from_columns(
-            design=np.setdiff1d(design_table.design, remaining.design),
+            design=np.setdiff1d(of_assembly_modes.design, of_wanted_mode.design),
             merits=figure_names,
             mode=self.mode_labels[0],
             status=NEVER_CLOSES,

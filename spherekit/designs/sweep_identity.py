@@ -59,7 +59,7 @@ def working_folder(folder: Path, definition: Facts) -> Iterator[str]:
     ------
     OutputError
         If the folder has parts of another sweep or of another version of the software, or
-        files that no sweep has written.
+        symbolic links, or if its working folder has files that no sweep has written.
     """
     definition_path = folder / DEFINITION_FILE
     work_path = folder / WORKING_FOLDER

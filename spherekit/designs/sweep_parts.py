@@ -22,7 +22,7 @@ from spherekit.conventions import AnyPath, Names
 from spherekit.designs.sweep import DESIGNS_FOLDER, PROCESSOR_NOTE, TABLES_FOLDER, Sweep
 from spherekit.designs.sweep_identity import working_folder
 from spherekit.designs.worker_processes import compute_in_processes
-from spherekit.errors import DesignError, OutputError
+from spherekit.errors import DesignError, FileError, OutputError
 from spherekit.progress import ProgressReporter
 from spherekit.runs.resource_checks import need_disk
 from spherekit.runs.run_result import Columns
@@ -43,10 +43,6 @@ LOCK_FILE = ".sweep.lock"
 
 TEMPORARY_PREFIX = "spherekit-sweep-"
 """Beginning of the names of temporary folders, which are deleted with their result."""
-
-DISK_FULL_ADVICE = (
-    "parts that are written are kept; choose another folder, or fewer designs or samples"
-)
 
 
 @dataclass(frozen=True)
@@ -171,12 +167,12 @@ class SweepResult:
         """Return the table of designs of all parts as one pandas frame.
 
         Each row is one design in one assembly mode (way to assemble the mechanism).
-        ``attrs["units"]`` has the unit of each column that has one.
+        ``attrs["units"]`` has the units of angles that vary and of figures of merit.
 
         Raises
         ------
         FileError
-            If the file of a part is damaged, or does not belong to this sweep.
+            If the file of a part is missing or damaged, or does not belong to this sweep.
         """
         # The notes in a file must say that it is this part of this sweep.
         part_numbers = range(self.sweep.part_count)
@@ -228,15 +224,18 @@ class SweepResult:
         DesignError
             If there is no such table.
         FileError
-            If the file of a part is damaged, or does not belong to this sweep.
+            If a file of a part is missing or damaged, or a file of the table does not
+            belong to this sweep.
+        OutputError
+            If the file of a table of designs does not belong to this sweep.
         """
         tables = self._tables()
         if name not in tables:
-            advice = (
-                f"Tables: {listing(tables)}"
-                if tables
-                else "A sweep keeps tables only if it is called with tables=True"
-            )
+            advice = "A sweep keeps tables only if it is called with tables=True"
+            if tables:
+                advice = f"Tables: {listing(tables)}"
+            elif self.sweep.tables:
+                advice = "All designs have failed or are left out"
             raise DesignError(
                 f'{self.sweep.mechanism.name}: the sweep has no table "{name}"'
                 f"{nearest(name, tables) or '.'} {advice}"
@@ -254,13 +253,26 @@ class SweepResult:
         """Return the paths of the files of each table of the runs.
 
         The outer keys are the names of the tables, and the inner keys the numbers of the
-        parts. A part (group of successive designs) has one file of each table, unless none
-        of its designs has a row in it.
+        parts. A part (group of successive designs) has one file of each table, unless all
+        of its designs have failed or are left out.
+
+        Raises
+        ------
+        FileError
+            If a file of a part is missing, or a file of a table of designs is damaged.
+        OutputError
+            If the file of a table of designs does not belong to this sweep.
         """
         tables: dict[str, dict[int, Path]] = {}
         for number in range(self.sweep.part_count):
+            paths = self.sweep.files_of(self._store, number)
+            if not paths:
+                raise FileError(
+                    f"{self._store}: a file of part {number} is missing; run the same "
+                    "command again to compute the part"
+                )
             # The first file has the table of designs.
-            for path in self.sweep.files_of(self._store, number)[1:]:
+            for path in paths[1:]:
                 tables.setdefault(path.parent.name, {})[number] = path
         return tables
 
@@ -335,7 +347,7 @@ def run_sweep(
     with ExitStack() as cleanup:
         if user_folder is None:
             cleanup.callback(shutil.rmtree, parts_folder, ignore_errors=True)
-        progress = _Progress(sweep, parts_folder)
+        progress = _Progress(sweep, parts_folder, keeps_parts=user_folder is not None)
         progress.compute(workers, elsewhere)
         result = SweepResult(
             sweep, user_folder, progress.computed, progress.processors, parts_folder, draw
@@ -378,6 +390,8 @@ class _Progress:
         The sweep.
     parts_folder
         Absolute path of the folder with the finished parts.
+    keeps_parts
+        Whether the folder stays if the sweep ends early.
     computed
         Number of parts that this command has computed so far.
     processors
@@ -385,10 +399,11 @@ class _Progress:
         it has computed; see `SweepResult`.
     """
 
-    def __init__(self, sweep: Sweep, parts_folder: Path) -> None:
+    def __init__(self, sweep: Sweep, parts_folder: Path, keeps_parts: bool) -> None:
         """Begin before any part of the sweep is counted; see the class."""
         self.sweep = sweep
         self.parts_folder = parts_folder
+        self.keeps_parts = keeps_parts
         self.computed = 0
         self.processors: dict[str, list[int]] = {}
         self._stored_bytes = 0
@@ -417,7 +432,8 @@ class _Progress:
             If the folder has parts of another sweep, is locked or cannot be written, if the
             disk is too small, or if a part is missing at the end.
         KeyboardInterrupt
-            If the user stops the command. A note says how many parts are finished.
+            If the user stops the command. If the parts are kept, a note says how many are
+            finished.
         """
         sweep = self.sweep
         reporter = ProgressReporter(f"{sweep.mechanism.name}: sweep")
@@ -457,11 +473,12 @@ class _Progress:
                         total=sweep.space.count,
                     )
             except KeyboardInterrupt as interrupt:
-                all_parts = counted(sweep.part_count, "part")
-                interrupt.add_note(
-                    f"{len(self._done_parts)} of {all_parts} are in {self.parts_folder}, "
-                    "and the same command continues from there"
-                )
+                if self.keeps_parts:
+                    all_parts = counted(sweep.part_count, "part")
+                    interrupt.add_note(
+                        f"{len(self._done_parts)} of {all_parts} are in "
+                        f"{self.parts_folder}, and the same command continues from there"
+                    )
                 raise
             finally:
                 parts.close()  # ends the worker processes, or disconnects from the cluster
@@ -515,12 +532,13 @@ class _Progress:
         """
         if self.sweep.tables:
             total_bytes = self._stored_bytes * self.sweep.part_count / len(self._done_parts)
+            kept_text = "parts that are written are kept; " if self.keeps_parts else ""
             need_disk(
                 self.parts_folder,
                 written_bytes=self._stored_bytes,
                 total_bytes=total_bytes,
                 subject=f"the tables of {counted(self.sweep.space.count, 'design')}",
-                advice=DISK_FULL_ADVICE,
+                advice=f"{kept_text}choose another folder, or fewer designs or samples",
             )
 
     @property

@@ -79,7 +79,8 @@ class Synthesis:
     explored
         Number of designs of the sweep.
     feasible
-        Number of rows of the sweep (assembly modes of designs) that meet the conditions.
+        Number of rows of the sweep (assembly modes of designs) that meet the conditions and
+        have finite objectives.
     before
         (k,) the smallest value of each objective among the rows that meet the conditions.
     tolerance
@@ -115,12 +116,11 @@ class Synthesis:
     @property
     def headings(self) -> list[str]:
         """The names of the columns of objectives."""
-        count = len(self.synthesis.minimise)
-        return ["objective"] if count == 1 else [f"objective_{k + 1}" for k in range(count)]
+        return self.synthesis.headings
 
     def __repr__(self) -> str:
         best = " and ".join(f"{value:.6g}" for value in np.min(self.objectives, axis=0))
-        return f"Sized({counted(len(self.objectives), 'design')}, least {best})"
+        return f"Synthesis({counted(len(self.objectives), 'design')}, least {best})"
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ class ExploredDesigns:
     objectives
         (n, k) the values of the k objectives, which are minimised, in these rows.
     feasible_count
-        Number of all rows of the sweep that meet the conditions.
+        Number of all rows of the sweep that meet the conditions and have finite objectives.
     """
 
     rows: Columns
@@ -175,16 +175,16 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
     Before the descents, an evolution (NSGA-II, Deb and others 2002, by pymoo) improves this
     front. After them, descents from other starts try to find a better design for each point
     of the front. Descents follow exact gradients: SciPy's SLSQP, and cutting planes where
-    objectives have kinks. Each descent keeps its assembly mode and the inputs at which this
-    mode closes.
+    objectives have kinks. Each descent keeps its assembly mode, and the fraction of inputs
+    at which this mode closes does not decrease.
 
     Parameters
     ----------
     specification
         The requirements, with the designs of the sweep.
     starts
-        Number of descents with one objective. With several objectives there are
-        `FRONT_POINTS_PER_START` times as many for each mode.
+        Largest number of descents with one objective, at least 1. With several objectives
+        there are up to `FRONT_POINTS_PER_START` times as many for each mode.
 
     Returns
     -------
@@ -193,10 +193,12 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
     Raises
     ------
     DesignError
-        If no design meets the conditions, or there are no gradients.
+        If no design meets the conditions, there are no gradients, or `starts` is below 1.
     EngineError
         If no compiled function can evaluate the designs.
     """
+    if starts < 1:
+        raise DesignError(f"starts = {starts}: give at least 1")
     sweep = specification.sweep
     evaluator = _require_gradients(specification)
     progress = ProgressReporter(f"{sweep.mechanism.name}: synthesis")
@@ -278,6 +280,8 @@ def _require_gradients(specification: Specification) -> DesignEvaluator:
       assembly modes (ways to assemble the mechanism) follow the smooth curve.
     - A contact curve is not a circle, and a number varies that is neither a size of a link
       nor a number of such a curve.
+    - The study states an assembly mode, and groups are no dyads or contacts are replaced.
+    - The study requests only the assembly mode of the reference pose, and the file has one.
 
     Raises
     ------
@@ -294,7 +298,9 @@ def _require_gradients(specification: Specification) -> DesignEvaluator:
             "only with respect to dimensions of links and numbers under "
             "pairs.PAIR.profiles. Gradients do not exist with redundant constraints, with "
             "groups of more than 7 "
-            'bodies or 64 solutions, or with crossings "pass"'
+            'bodies or 64 solutions, with crossings "pass", with search = false and a '
+            "reference pose, or, unless all groups are dyads of R pairs, with a stated "
+            "assembly mode"
         )
     if evaluator.has_unsigned_modes and len(specification.minimise) > 1:
         raise DesignError(
@@ -332,7 +338,7 @@ def _explore_designs(
     Raises
     ------
     DesignError
-        If no row meets the conditions. The message says why.
+        If no row meets the conditions and has finite objectives. The message says why.
     """
     sweep = specification.sweep
     rows_of_parts = []

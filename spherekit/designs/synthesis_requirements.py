@@ -30,8 +30,11 @@ POPULATION_SIZE = 60
 MISSING_DESIGN_VIOLATION = 1e6
 """Objectives and violation of the conditions of a design that does not have the mode.
 
-These numbers are so large that the evolution prefers every design that has the mode.
+The evolution prefers every design that has the mode and violates conditions by less.
 """
+
+TINY_VIOLATION = 1e-12
+"""Violation of a condition ``less < more`` whose two sides are equal."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,8 @@ class Specification:
     Raises
     ------
     DesignError
-        If an objective is not an expression of figures and variables.
+        If an objective is not an expression of figures and variables, or a figure has the
+        name of another column of the result.
     """
 
     sweep: Sweep
@@ -88,6 +92,19 @@ class Specification:
 
     def __post_init__(self) -> None:
         _ = self.objectives
+        reserved_names = {*self.headings, *([MATCH] if self.matched else [])}
+        for merit in self.sweep.merits:
+            if merit.name in reserved_names:
+                raise DesignError(
+                    f'{self.sweep.mechanism.name}: two columns would be called "'
+                    f'{merit.name}"; give the figure of merit another name'
+                )
+
+    @property
+    def headings(self) -> list[str]:
+        """The names of the columns of objectives in the result."""
+        count = len(self.minimise)
+        return ["objective"] if count == 1 else [f"objective_{k + 1}" for k in range(count)]
 
     @cached_property
     def objectives(self) -> tuple[Expression, ...]:
@@ -138,7 +155,8 @@ class Specification:
 
         An assembly mode is one way to assemble the mechanism. A condition of the user is an
         inequality ``less < more``. The amount of its violation is less - more, if this is
-        positive. The amounts of all conditions are added, although their units may differ.
+        positive. Equality that is not allowed is a tiny violation. The amounts of all
+        conditions are added, although their units may differ.
 
         Parameters
         ----------
@@ -160,7 +178,8 @@ class Specification:
             # A condition with NaN on one side counts as infinitely violated.
             less, more = condition.evaluate_sides(rows)
             excess = np.nan_to_num(less - more, nan=np.inf)
-            violations += np.maximum(excess, 0.0)
+            least_violation = np.where(condition.find_met(rows), 0.0, TINY_VIOLATION)
+            violations += np.maximum(excess, least_violation)
         return ModeScores(
             rows["design"][has_mode], objectives[has_mode], violations[has_mode]
         )
@@ -175,7 +194,7 @@ class Specification:
         """
         designs = self.sweep.space.compute_designs(0, MAX_EXPLAINED_DESIGNS)
         # `add_match` adds the column "match", the error at the precision points. Objectives
-        # and conditions may contain it.
+        # may contain it.
         rows = self.add_match(self._tabulate(designs))
         status = rows["status"]
         reasons = []
@@ -195,7 +214,9 @@ class Specification:
         row_count = len(closing["status"])
         if row_count:
             for condition in self.sweep.conditions:
-                met_count = np.sum(condition.find_met(closing))
+                # A condition without columns has a single value for all rows.
+                is_met = np.broadcast_to(condition.find_met(closing), row_count)
+                met_count = np.sum(is_met)
                 reasons.append(
                     f"{condition.text} holds in {met_count} of {counted(row_count, 'row')}"
                 )
@@ -303,7 +324,7 @@ class PopulationScorer:
 
         An assembly mode is one way to assemble the mechanism. Designs that cannot be
         assembled in the mode get large values, and so do designs with objectives that are
-        not finite. So all other designs are preferred.
+        not finite. So other designs are preferred, unless they violate conditions by more.
 
         Parameters
         ----------
