@@ -23,7 +23,9 @@ from spherekit.designs.design_variables import (
 )
 from spherekit.errors import SpherekitError
 from spherekit.exchange.formula_maker import formulas
+from spherekit.files.mechanism_reader import read
 from spherekit.files.number_change import document_of
+from spherekit.files.toml_document import parse
 from spherekit.symbolic.expression_evaluation import array_function
 
 SEVERAL = ["four_bar", "double_butterfly", "shaped_cam", "five_bar", "planetary_bevel"]
@@ -264,6 +266,18 @@ def test_formulas_have_the_angles_and_coefficients_of_evaluate(name):
                 earlier, later = sorted((first, second), key=links.index)
                 expected = evaluated.velocity_coefficient(f"{later}/{earlier}")
                 assert np.abs(values) == pytest.approx(np.abs(expected), abs=1e-12)
+
+
+def test_default_coefficients_are_relative_to_the_ground():
+    """A link x_1 is not taken for the ground 1, although its name ends in the same way."""
+    text = (ROOT / "mechanisms" / "four_bar.toml").read_text()
+    text = text.partition("[mass")[0].replace("[links.3]", "[links.x_1]")
+    mechanism = read(parse(text.replace('"3"', '"x_1"'), "made"))
+    assert mechanism.links == ("1", "2", "x_1", "4")
+    names = [name for name in formulas(mechanism).results if "coefficient" in name]
+    links = ("2", "x_1", "4")
+    velocities = [f"velocity_coefficient_{link}_1" for link in links]
+    assert names == velocities + [f"acceleration_coefficient_{link}_1" for link in links]
 
 
 def test_fewer_results_take_fewer_operations():

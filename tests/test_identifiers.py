@@ -9,6 +9,7 @@ import keyword
 import re
 import shutil
 import subprocess
+import sys
 from dataclasses import replace
 from functools import cache
 
@@ -222,6 +223,18 @@ def test_modules_of_python_run_with_each_name():
         function = space[identifiers.PYTHON_NAME_RULES.identifier(name)]
         np.testing.assert_allclose(function(*POINT)[0], expected_angle(), atol=1e-12)
         assert space["np"] is np and isinstance(space["MODES"], dict)
+
+
+def test_names_of_functions_do_not_depend_on_the_shell():
+    """IPython and others add names to `builtins`; functions of these names keep them."""
+    program = (
+        "import builtins; builtins.display = print\n"
+        "from spherekit.exchange.identifiers import PYTHON_NAME_RULES\n"
+        "print(PYTHON_NAME_RULES.identifier('display'))"
+    )
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert done.stdout == "display\n"
 
 
 def test_functions_of_casadi_have_names_that_casadi_allows():

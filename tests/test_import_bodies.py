@@ -113,6 +113,31 @@ def test_what_a_ball_joint_had_is_said(tmp_path):
     assert "actuator twist left out: it drives a ball joint" in found.text
 
 
+def test_a_range_of_a_ball_joint_is_a_limit_that_is_lost(tmp_path):
+    found = import_text(tmp_path, SERIAL.format(ball=' range="0 30"', rest=""))
+    assert "ball joint neck: its limit left out" in found.text
+
+
+def test_actuators_of_ball_joints_are_left_out_with_their_sensors(tmp_path):
+    rest = (
+        '<actuator><motor joint="neck" gear="0 0 1 0 0 0"/>'
+        '<motor name="twist" joint="neck" gear="0 1 0 0 0 0"/></actuator>'
+        '<sensor><actuatorfrc actuator="twist"/></sensor>'
+    )
+    text = SERIAL.format(ball="", rest=rest)
+    found = import_text(tmp_path, text)
+    left_out = [note.partition(" left out")[0] for note in found.notes if "drives" in note]
+    assert left_out == ["actuator actuator0", "actuator twist"]
+
+
+def test_hinges_of_a_ball_joint_have_names_of_their_own(tmp_path):
+    text = SERIAL.format(ball="", rest="").replace('"yaw"', '"neck_y"')
+    found = import_text(tmp_path, text)
+    names = [pair.name for pair in found.mechanism.pairs]
+    assert names == ["neck_y", "neck_x", "neck_y_2", "neck_z"]
+    assert "is three hinges, neck_x, neck_y_2, neck_z" in found.text
+
+
 def test_a_ball_joint_away_from_the_centre_is_refused(tmp_path):
     text = PARALLEL_WRIST.replace('name="centre" type="ball"', 'type="ball" pos="0 0 0.01"')
     with pytest.raises(sk.SpherekitError, match="do not meet in one point") as refused:
@@ -194,12 +219,71 @@ def test_meshes_may_be_missing_where_inertias_are_given(tmp_path):
         ("", "", 'mass="0"', []),
         ("", "", 'density="0"', []),
         ('inertiafromgeom="true"', INERTIAL.format(3), "", ["fork", "hand"]),
+        ('inertiagrouprange="0 1"', "", 'group="2"', []),
     ],
 )
 def test_a_mass_that_is_in_a_missing_mesh_is_named(compiler, hand, geom, named, tmp_path):
     text = MESHED.format(compiler=compiler, fork=INERTIAL.format(2), hand=hand, geom=geom)
     found = import_text(tmp_path, text)
     assert re.findall(r"the mass of body (\w+) lacks that of mesh", found.text) == named
+
+
+def test_a_body_without_name_whose_mesh_is_missing_has_its_number(tmp_path):
+    text = MESHED.format(compiler="", fork=INERTIAL.format(2), hand="", geom="")
+    found = import_text(tmp_path, text.replace('<body name="hand">', "<body>"))
+    assert "the mass of body body2 lacks that of mesh hand" in found.text
+
+
+def test_contacts_and_sensors_of_missing_meshes_are_left_out(tmp_path):
+    text = MESHED.format(
+        compiler="", fork=INERTIAL.format(2), hand=INERTIAL.format(3), geom='name="palm"'
+    )
+    text = text.replace("<worldbody>", '<worldbody><geom name="floor" size="1"/>')
+    text = text.replace(
+        "</mujoco>",
+        '<contact><pair geom1="floor" geom2="palm"/></contact>'
+        '<sensor><framepos objtype="geom" objname="palm"/></sensor></mujoco>',
+    )
+    pairs = import_text(tmp_path, text).mechanism.pairs
+    assert [pair.name for pair in pairs] == ["yaw", "pitch"]
+
+
+# Numbers that are not finite
+
+HAND = """<mujoco model="one"><compiler angle="radian" {compiler}/><worldbody>
+<body name="hand"><joint name="turn" axis="0 0 1"/>{inertial}<geom size="0.1" {geom}/>
+</body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("number", ["nan", "inf"])
+@pytest.mark.parametrize(
+    "tensor", ["{} 1 1 0 0 0", "1 1 {} 0 0 0", "1 1 1 {} 0 0", "1 1 1 0 0 {}"]
+)
+def test_a_tensor_that_is_not_finite_is_refused(number, tensor, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes a log there.
+    tensor = tensor.format(number)
+    inertial = f'<inertial pos="0 0 1" mass="2" fullinertia="{tensor}"/>'
+    text = HAND.format(compiler="", inertial=inertial, geom="")
+    with pytest.raises(sk.SpherekitError, match=f"body hand: found {number}, expected fin"):
+        import_text(tmp_path, text)
+    # MuJoCo does not use the tensor here.
+    text = HAND.format(compiler='inertiafromgeom="true"', inertial=inertial, geom="")
+    assert len(import_text(tmp_path, text).mechanism.masses) == 1
+
+
+@pytest.mark.parametrize(
+    ("inertial", "geom"),
+    [
+        ('<inertial pos="nan 0 1" mass="2" diaginertia="1 1 1"/>', ""),
+        ('<inertial pos="0 0 1" mass="nan" diaginertia="1 1 1"/>', ""),
+        ("", 'density="nan"'),
+    ],
+)
+def test_a_mass_that_is_not_finite_is_refused(inertial, geom, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = HAND.format(compiler="", inertial=inertial, geom=geom)
+    with pytest.raises(sk.SpherekitError, match="body hand: found nan, expected finite"):
+        import_text(tmp_path, text)
 
 
 # Outputs
@@ -231,3 +315,16 @@ TREE = """<mujoco model="tree"><worldbody><body name="neck"><joint name="yaw" ax
 def test_the_last_links_of_a_tree_are_outputs(tmp_path):
     mechanism = import_text(tmp_path, TREE).mechanism
     assert [output.link for output in mechanism.outputs] == ["left", "right"]
+
+
+@pytest.mark.parametrize("object_type", ["body", "xbody"])
+@pytest.mark.parametrize("reference", ["", 'reftype="{}" refname="neck"'])
+def test_links_whose_orientation_is_read_are_outputs(object_type, reference, tmp_path):
+    sensor = (
+        f'<framequat name="view" objtype="{object_type}" objname="left" '
+        f"{reference.format(object_type)}/>"
+    )
+    text = TREE.replace("</mujoco>", f"<sensor>{sensor}</sensor></mujoco>")
+    (output,) = import_text(tmp_path, text).mechanism.outputs
+    assert (output.name, output.link) == ("view", "left")
+    assert output.relative_to == ("neck" if reference else "ground")

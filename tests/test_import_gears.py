@@ -12,6 +12,8 @@ from helpers.refusals import HERE
 
 import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.errors import FileError
+from spherekit.exchange.gear_couplings import Coupling, ImportedPair, find_gears
 
 pytest.importorskip("mujoco")
 
@@ -96,6 +98,59 @@ def test_a_differential_by_tendons_keeps_its_equations(name, tmp_path):
     for factors in sums_of_tendons(text):
         total = sum(factor * rates[joint] for joint, factor in factors.items())
         assert total == pytest.approx(np.zeros(2), abs=1e-12)
+
+
+def test_couplings_of_equal_names_all_become_gears(tmp_path):
+    """An equality named like the tendon of a nameless equality does not replace it."""
+    text = with_tendons(*COUPLINGS["sum and difference"])
+    text = text.replace('<tendon tendon1="t1"/>', '<tendon name="t0" tendon1="t1"/>')
+    mechanism = import_text(tmp_path, text).mechanism
+    gears = [pair.name for pair in mechanism.pairs if pair.type == "Cr"]
+    assert gears == ["t0", "t0_2"]
+    rates = rates_of_pairs(mechanism)
+    assert rates["pitch"] == pytest.approx([0.5, 0.5], abs=1e-13)
+    assert rates["roll"] == pytest.approx([0.5, -0.5], abs=1e-13)
+
+
+@pytest.mark.parametrize("number", ["nan", "inf"])
+def test_a_factor_that_is_not_finite_is_refused_with_its_tendon(
+    number, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes a log there.
+    text = DIFFERENTIAL.replace('coef="-2"', f'coef="{number}"', 1)
+    with pytest.raises(FileError, match=f"tendon sum: found {number}, expected finite"):
+        import_text(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    ("element", "old", "new"),
+    [
+        ("joint pitch", r'(name="pitch"[^>]* axis=)"[^"]*"', r'\1"0 0 inf"'),
+        ("joint pitch", r'(name="pitch")', r'\1 ref="nan"'),
+        ("equality 0", "<equality>", '<equality><joint joint1="roll" polycoef="inf"/>'),
+    ],
+)
+def test_numbers_that_are_not_finite_are_refused_with_their_element(
+    element, old, new, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    text, count = re.subn(old, new, DIFFERENTIAL, count=1)
+    assert count == 1
+    with pytest.raises(FileError, match=f"{element}: found (nan|inf), expected finite"):
+        import_text(tmp_path, text)
+
+
+def test_gears_of_an_idler_do_not_replace_a_coupling_of_their_name():
+    """Three wheels on one axis at two ratios; the second is named as an idler's gears."""
+    x_axis, z_axis = np.eye(3)[[0, 2]]
+    hinges = [
+        ImportedPair("carrier", (0, 1), x_axis, 0.0, 0),
+        *(ImportedPair(f"wheel_{k}", (1, k + 1), z_axis, 0.0, k) for k in (1, 2, 3)),
+    ]
+    couplings = [Coupling("a", {1: 1.0, 2: 2.0}), Coupling("a_idler", {2: 1.0, 3: 2.0})]
+    found = find_gears(hinges, couplings, first_new_link=5)
+    assert len(found.idlers) == 2
+    assert [*found.gears] == ["a", "a_idler_2", "a_idler", "a_idler_idler"]
 
 
 def test_the_usual_differential_by_the_command(tmp_path, capsys):

@@ -335,6 +335,94 @@ def test_a_mechanism_without_masses_is_held_by_servos():
     assert data.joint("12").qpos[0] == pytest.approx(0.8, abs=1e-3)
 
 
+def test_servos_keep_a_pose_outside_of_the_range_of_the_input():
+    """The control range contains the exported angle, so MuJoCo does not cut it off."""
+    mechanism = load_without_loads("stephenson")
+    short_range = replace(mechanism.inputs[0], start=0.2, stop=1.0)
+    mechanism, values = find_pose(replace(mechanism, inputs=(short_range,)), inputs=1.5)
+    model, data = load_model(MujocoModel(mechanism, values).text)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_step(model, data, 1000)
+    assert data.joint("12").qpos[0] == pytest.approx(1.5, abs=1e-6)
+
+
+def test_a_model_without_masses_has_none_of_the_loads_that_are_left_out():
+    loads = (
+        sk.Spring("coil", "41", 3.0, 0.2),
+        sk.Damper("damper", "32", 0.1),
+        sk.Friction("bearing", "43", 0.1, 0.2, 0.1),
+    )
+    mechanism = replace(sk.load("four_bar"), masses=(), loads=loads)
+    written = MujocoModel(*find_pose(mechanism, inputs=0.7))
+    for load in loads:
+        assert any(note.startswith(f"load {load.name} left out") for note in written.notes)
+    model, _ = load_model(written.text)
+    for numbers in (model.jnt_stiffness, model.dof_damping, model.dof_frictionloss):
+        assert not np.any(numbers)
+
+
+@pytest.mark.parametrize("law", ["-0.2*sign(dtheta_41)", "0.1*sign(theta_41 - 1)"])
+def test_a_torque_with_a_jump_is_left_out_and_named(law):
+    """The derivative of a sign is zero, but its torque is not constant."""
+    load = sk.PairTorque("brake", "41", law)
+    mechanism = replace(sk.load("four_bar"), loads=(load,))
+    written = MujocoModel(*find_pose(mechanism, inputs=0.7))
+    assert any(note.startswith("load brake left out") for note in written.notes)
+    assert load_model(written.text)[0].nu == 1  # the motor of the input
+
+
+def test_notes_name_only_elements_that_the_model_has():
+    """Springs have no actuators, dampers no sites, so none of them has another name."""
+    loads = (sk.Spring("21", "41", 1.0), sk.Damper("rocker", "41", 0.1))
+    mechanism = replace(sk.load("four_bar"), loads=loads)
+    assert not [
+        note for note in MujocoModel(*find_pose(mechanism)).notes if "is called" in note
+    ]
+
+
+@pytest.mark.parametrize("name", ["bevel_pair", "five_bar", "stephenson"])
+def test_a_pose_beside_zero_is_exact(name):
+    """Bodies are turned by 1e-8 rad as well, of which the cosine is 1 up to rounding."""
+    mechanism = replace(sk.load(name), loads=())
+    inputs = [1e-8] * len(mechanism.inputs)
+    mechanism, values = find_pose(mechanism, inputs=inputs)
+    _, data = load_model(MujocoModel(mechanism, values).text)
+    closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
+    rotations = closure.linearise(values[None]).rotations[0]
+    assert largest_rotation_gap(mechanism, data, rotations) < 1e-14
+
+
+CAM_MASSES = """
+[mass.cam]
+tensor = [[0.03, 0, 0], [0, 0.03, 0], [0, 0, 0.03]]
+[mass.follower]
+tensor = [[0.03, 0, 0], [0, 0.03, 0], [0, 0, 0.03]]
+"""
+
+
+@pytest.mark.parametrize("taken", ["cam_shaft", "follower_pivot", "follower"])
+def test_a_body_between_circles_has_a_name_of_its_own(taken):
+    """It would have the name of a pair or link that is called centres_contact."""
+    text = dumps(sk.load("flat_cam")) + CAM_MASSES
+    text = re.sub(rf"\b{taken}\b(?! =)", "centres_contact", text)
+    mechanism = read_text(text, "x.toml")
+    written = MujocoModel(*find_pose(mechanism))
+    model, _ = load_model(written.text)
+    assert model.body("centres_contact_2").id > 0
+    assert model.joint("centres_contact_2").id > 0
+
+
+def test_the_inertia_of_a_body_between_circles_is_said():
+    """The body has 1e-6 of the inertia, and the loop that it closes is soft."""
+    mechanism = read_text(dumps(sk.load("flat_cam")) + CAM_MASSES, "x.toml")
+    (note,) = [
+        note
+        for note in MujocoModel(*find_pose(mechanism)).notes
+        if "centres_contact" in note
+    ]
+    assert "1e-06 of the largest inertia" in note and "not exact" in note
+
+
 def test_poses_take_an_input_for_each_freedom(tmp_path):
     target = tmp_path / "m.xml"
     arguments = ["export", "five_bar", "--to", "mjcf", "-o", str(target), "--at=80,80"]

@@ -72,8 +72,8 @@ More: modes that exist at few inputs are found; fewer: the search is faster.
 class MotionArguments:
     """The arguments of formulas that describe a motion, and their symbols.
 
-    The arguments are inputs (rad). Rates, accelerations, the time or torques are added if
-    results depend on them.
+    The arguments are inputs (rad). Rates, accelerations, the time, whole turns of pairs or
+    torques are added if results depend on them.
 
     Attributes
     ----------
@@ -104,9 +104,9 @@ def formulas(
     quantities
         Names of quantities, as `row_quantities` lists them, or patterns such as
         ``"theta_*"``. By default they are angles, velocity coefficients of links relative
-        to the ground (angular velocity per unit rate of an input) and transmission angles.
-        If the mechanism has masses, the inertia, its derivative and the driving torque are
-        added.
+        to the ground (angular velocity per unit rate of an input), their derivatives and
+        transmission angles. If the mechanism has masses, the inertia and the driving torque
+        are added, with one input also the derivative of the inertia.
     vary
         Keys of the mechanism file, such as ``"links.2.arc"``. Their numbers become
         arguments of the formulas.
@@ -315,8 +315,9 @@ def _list_quantities(
     inputs
         Names of the driven pairs.
     quantities
-        Requested names or patterns. None stands for the default: pair angles, velocity
-        coefficients relative to ground, transmission angles, inertia and torques.
+        Requested names or patterns. None stands for the default: pair angles, velocity and
+        acceleration coefficients relative to ground, transmission angles, inertia and
+        torques.
     """
     all_names = row_quantities(mechanism)
     if quantities is not None:
@@ -327,7 +328,11 @@ def _list_quantities(
         return list(dict.fromkeys(requested_names))
     patterns = [
         "theta_*",
-        f"*_coefficient_*_{mechanism.ground}",
+        *(f"velocity_coefficient_{link}_{mechanism.ground}" for link in mechanism.links),
+        *(
+            f"acceleration_coefficient_{link}_{mechanism.ground}"
+            for link in mechanism.links
+        ),
         "transmission_angle_*",
         "B",  # equivalent inertia of one input
         "dB_dq",  # its derivative with respect to the input

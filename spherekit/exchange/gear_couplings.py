@@ -21,6 +21,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.errors import ModelError
+from spherekit.exchange.identifiers import unique_names
 from spherekit.geometry.triangle import arc
 from spherekit.geometry.vectors import unit_rows
 from spherekit.mechanism.graph import find_spanning_tree
@@ -328,7 +329,7 @@ def find_gears(
 
     A coupling that is the equation of two gears by itself gives these gears its name. The
     names of all other couplings go to gears that follow from combinations of couplings, in
-    the order of the search.
+    the order of the search. Equal names are told apart by numbers.
 
     Parameters
     ----------
@@ -354,20 +355,17 @@ def find_gears(
     chosen_by_name: dict[str, GearEquation] = {}
     chosen_rows = np.empty((0, len(hinges)))
     # First choose gears for couplings that are gears by themselves: these keep their names.
-    for coupling, equation in zip(couplings, equations, strict=True):
-        if coupling.name in chosen_by_name:
-            continue
+    names = unique_names(coupling.name for coupling in couplings)
+    for coupling_name, equation in zip(names, equations, strict=True):
         for candidate in candidates:
             if _find_rank([equation, candidate.equation]) > 1:
                 continue
             if _find_rank([*chosen_rows, equation]) > len(chosen_rows):
-                chosen_by_name[coupling.name] = candidate
+                chosen_by_name[coupling_name] = candidate
                 chosen_rows = np.vstack([chosen_rows, candidate.equation])
                 break
     # Then choose further independent gears, with the names of the other couplings.
-    free_names = [
-        coupling.name for coupling in couplings if coupling.name not in chosen_by_name
-    ]
+    free_names = [name for name in names if name not in chosen_by_name]
     for candidate in candidates:
         if _find_rank([*chosen_rows, candidate.equation]) > len(chosen_rows):
             chosen_by_name[free_names.pop(0)] = candidate
@@ -385,8 +383,9 @@ def find_gears(
         idler_link = first_new_link + len(idlers)
         idlers.append(IdlerWheel(idler_link, candidate.carrier, candidate.idler_axis))
         first_mesh, second_mesh = candidate.construct_gears(idler_link)
+        (idler_name,) = unique_names([f"{name}_idler"], taken=[*names, *gears])
         gears[name] = first_mesh
-        gears[f"{name}_idler"] = second_mesh
+        gears[idler_name] = second_mesh
     return CoupledGears(gears, idlers)
 
 

@@ -5,7 +5,6 @@ functions or macros of a language, begin with a digit, or are used by the source
 Such a name gets ``m_`` in front. The head of a source states each change.
 """
 
-import builtins
 import keyword
 import re
 import tomllib
@@ -68,10 +67,11 @@ class NameRules:
         return name
 
     def is_taken(self, name: str) -> bool:
-        """Return whether a text cannot be used as a name in the generated source code.
+        """Return whether letters, digits and underscores cannot be used as a name.
 
-        The text cannot be used if it is no name at all, a word of the language, or the name
-        of an argument, an intermediate term or a helper function in the generated sources.
+        They cannot be used if they are empty, begin with a character that names cannot
+        begin with, or are a word or in a family of the language, or the name of an
+        argument, an intermediate term or a helper function in the generated sources.
         """
         return bool(
             not name
@@ -83,15 +83,10 @@ class NameRules:
         )
 
 
-# Libraries add names with underscores to `builtins` when they are imported. The name of a
-# function must not depend on that, so the pattern of Python below excludes all of them.
-_PYTHON = frozenset(
-    [
-        *keyword.kwlist,
-        *keyword.softkwlist,
-        *(name for name in dir(builtins) if not name.startswith("_")),
-    ]
-)
+# Libraries add names to `builtins`, as IPython adds `display`. The name of a function must
+# not depend on that, so a list has the names that Python itself defines. The pattern of
+# Python below excludes all names that begin with two underscores.
+_PYTHON = frozenset([*keyword.kwlist, *keyword.softkwlist]) | _WORDS["python_builtins"]
 _C = _WORDS["c_keywords"] | _WORDS["c_library"]
 
 C_NAME_RULES = NameRules(_C, _C_MACROS, underscores=False)

@@ -18,6 +18,7 @@ from spherekit.exchange.short_decimals import (
 )
 from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.inertia import shift_to_sphere_centre
+from spherekit.wording import listing
 
 TENSOR_ROUNDING = 2e-12
 """Largest change of an element of a tensor, relative to its largest element.
@@ -57,6 +58,22 @@ class ImportedDynamics:
         self._mj_model = linkage.foreign_model.mj_model
         self._mj_data = linkage.foreign_model.mj_data
         self.mass_comments: dict[str, str] = {}
+        # Damping (N m s/rad) and armature (kg m2) by joint. All joints of the model are
+        # hinges. Actuators at a hinge can add to both, with the gear ratio squared.
+        self._damping = self._mj_model.dof_damping.copy()
+        self._armature = self._mj_model.dof_armature.copy()
+        for actuator in self._list_actuators_at_joints():
+            joint = self._mj_model.actuator_trnid[actuator][0]
+            factor = self._mj_model.actuator_gear[actuator][0] ** 2
+            self._damping[joint] += factor * self._mj_model.actuator_damping[actuator]
+            self._armature[joint] += factor * self._mj_model.actuator_armature[actuator]
+
+    def _list_actuators_at_joints(self) -> list[int]:
+        """Return the numbers of the actuators at hinges."""
+        at_joint = self._linkage.foreign_model.mujoco.mjtTrn.mjTRN_JOINT
+        is_at_joint = self._mj_model.actuator_trntype == at_joint
+        numbers: list[int] = np.flatnonzero(is_at_joint).tolist()
+        return numbers
 
     # Masses
 
@@ -65,7 +82,7 @@ class ImportedDynamics:
 
         The result has a table for each link with inertia, by the name of the link. The
         table has the inertia tensor about the centre of the sphere, and mass and centre of
-        mass if the model states them.
+        mass if the model states them or gravity acts.
 
         The tensor of a link is the sum over its bodies and over rotors. A rotor is a moment
         of inertia that MuJoCo adds about a hinge.
@@ -74,41 +91,45 @@ class ImportedDynamics:
         # (3, 3) tensor of the rotor, by number of the link that has one.
         rotors = self._find_rotors()
         for link in self._linkage.links[1:]:
-            bodies = self._find_bodies_with_mass(link)
-            if bodies:
+            bodies = self._find_bodies_with_inertia(link)
+            if bodies or link in rotors:  # a rotor may be the only inertia of the link
                 table = self._add_up_bodies(link, bodies, rotors.get(link))
                 tables[self._linkage.link_name(link)] = table
-            elif link in rotors:  # the rotor is the only inertia of the link
-                tensor_rows = _tensor_rows(rotors[link])
-                tables[self._linkage.link_name(link)] = {"tensor": tensor_rows}
         return tables
 
-    def _find_bodies_with_mass(self, link: int) -> list[int]:
-        """Return the bodies with mass that are parts of a link."""
-        body_count = self._mj_model.nbody
+    def _find_bodies_with_inertia(self, link: int) -> list[int]:
+        """Return the bodies with mass or moments of inertia that are parts of a link."""
+        mj_model = self._mj_model
+        has_moments = np.any(mj_model.body_inertia > MASSLESS_KG, axis=1)
+        has_inertia = (mj_model.body_mass > MASSLESS_KG) | has_moments
         return [
             body
-            for body in range(body_count)
-            if self._linkage.link_by_body[body] == link
-            and self._mj_model.body_mass[body] > MASSLESS_KG
+            for body in range(mj_model.nbody)
+            if self._linkage.link_by_body[body] == link and has_inertia[body]
         ]
+
+    def _find_masses(self, bodies: list[int]) -> Floats:
+        """Return the masses (bodies,) of some bodies (kg), 0 for bodies without mass."""
+        masses = self._mj_model.body_mass[bodies]
+        return np.where(masses > MASSLESS_KG, masses, 0.0)
 
     def _add_up_bodies(self, link: int, bodies: list[int], rotor: Floats | None) -> Table:
         """Return the table of the inertia of a link: the sum over its bodies.
 
         The table has the inertia tensor about the centre of the sphere, the mass and the
         centre of mass. Mass and centre are omitted if spherekit invented the masses when it
-        exported the model.
+        exported the model, or if the model has none. Gravity needs them, so a link without
+        mass gets a tiny mass at the centre of the sphere if gravity acts.
 
-        MuJoCo can compensate the weight of a body by a force. Such a body counts as if its
-        mass were at the centre of the sphere, where its weight has no moment.
+        MuJoCo can compensate the weight of a body by a force. Such mass counts as if it
+        were at the centre of the sphere, where its weight has no moment.
 
         Parameters
         ----------
         link
             Number of the link.
         bodies
-            Numbers of its bodies with mass.
+            Numbers of its bodies with inertia; none if it has only the rotor.
         rotor
             (3, 3) tensor (kg m2) of a rotor that turns with the link, or None.
         """
@@ -118,16 +139,25 @@ class ImportedDynamics:
         table: Table = {"tensor": _tensor_rows(tensor)}
         if self._has_invented_masses(bodies):
             return table
-        total_mass = np.sum(self._mj_model.body_mass[bodies])
+        name = self._linkage.link_name(link)
+        total_mass = np.sum(self._find_masses(bodies))
+        if total_mass == 0.0:
+            if self._linkage.foreign_model.gravity is not None:
+                table["mass"] = MASSLESS_KG
+                table["centre"] = [0.0, 0.0, 0.0]
+                self.mass_comments[name] = "The model has no mass for it, only inertia."
+            return table
         centre = self._find_centre_of_weight(bodies)
         # Coordinates are rounded like numbers as large as the radius of gyration, since the
         # centre itself can be zero.
         gyration_radius = np.sqrt(np.trace(tensor) / total_mass)
         table["mass"] = round_to_short_decimal(total_mass, scale=total_mass)
         table["centre"] = [round_to_short_decimal(x, gyration_radius) for x in centre]
-        if np.any(self._is_weightless(bodies)):
-            self.mass_comments[self._linkage.link_name(link)] = (
+        if np.any(self._mj_model.body_gravcomp[bodies]):
+            self.mass_comments[name] = (
                 "Its weight is compensated: its centre counts as the sphere's."
+                if np.all(self._is_weightless(bodies))
+                else "Its weight is partly compensated: its centre is moved accordingly."
             )
         return table
 
@@ -159,14 +189,13 @@ class ImportedDynamics:
         # Column k of R is multiplied by moment k.
         scaled_rotations = rotations * principal_moments[:, None]
         tensors = scaled_rotations @ np.swapaxes(rotations, 1, 2)
-        masses = self._mj_model.body_mass[bodies]
+        masses = self._find_masses(bodies)
         arms = self._find_arms(bodies)
         shifted_tensors = [
             shift_to_sphere_centre(tensor, mass, arm)
             for tensor, mass, arm in zip(tensors, masses, arms, strict=True)
         ]
-        tensor: Floats = np.sum(shifted_tensors, axis=0)
-        return tensor
+        return sum(shifted_tensors, np.zeros((3, 3)))
 
     def _find_arms(self, bodies: list[int]) -> Floats:
         """Return the vectors (bodies, 3) from the sphere's centre to centres of mass, m."""
@@ -178,17 +207,18 @@ class ImportedDynamics:
 
         A mechanism file has one mass and one centre of mass for a link. The weight of the
         link has a moment about the centre of the sphere, which follows from these two. In
-        MuJoCo, a link can consist of several bodies, and some may be weightless. The mass
-        of weightless bodies is placed at the centre of the sphere here, so that its weight
-        has no moment. Without weightless bodies the result is the centre of mass.
+        MuJoCo, a link can consist of several bodies, and the weight of some may be
+        compensated, as a whole or in part. The mass that is compensated is placed at the
+        centre of the sphere here, so that its weight has no moment. Without compensation
+        the result is the centre of mass.
 
         Returns
         -------
         (3,) vector from the centre of the sphere, m.
         """
-        masses = self._mj_model.body_mass[bodies]
+        masses = self._find_masses(bodies)
         # Weightless bodies get the mass 0 here. The total mass includes these bodies.
-        masses_with_weight = masses * ~self._is_weightless(bodies)
+        masses_with_weight = masses * (1.0 - self._mj_model.body_gravcomp[bodies])
         arms = self._find_arms(bodies)  # from the sphere's centre to the centres of mass
         centre: Floats = masses_with_weight @ arms / np.sum(masses)
         return centre
@@ -199,19 +229,20 @@ class ImportedDynamics:
         MuJoCo can add a moment of inertia (armature) about the axis of a hinge, such as the
         inertia of a motor's rotor. If the hinge is on the ground, a thin disc that turns
         with the link has the same effect. The moments of the disc about the other two axes
-        are half as large. If the hinge is on a moving link, no rigid body has this effect,
-        so the armature is left out with a note.
+        are half as large. If the hinge joins two moving links, no rigid body has this
+        effect, so the armature is left out with a note.
         """
         rotors: dict[int, Floats] = {}
         for pair in self._linkage.pairs:
             # A pair that only closes a loop is not a joint of the model and has the number
             # -1.
             is_joint = pair.joint >= 0
-            armature = self._mj_model.dof_armature[pair.joint] if is_joint else 0.0
-            first_link, second_link = pair.links
-            if armature and first_link == 0:
+            armature = self._armature[pair.joint] if is_joint else 0.0
+            if armature and 0 in pair.links:
+                # The ground, link 0, is the second link if its body is welded to the world.
+                moving_link = max(pair.links)
                 disc = 0.5 * armature * (np.eye(3) + np.outer(pair.axis, pair.axis))
-                rotors[second_link] = rotors.get(second_link, np.zeros((3, 3))) + disc
+                rotors[moving_link] = rotors.get(moving_link, np.zeros((3, 3))) + disc
             elif armature:
                 self._linkage.notes.append(
                     f"armature of joint {pair.name} left out, {armature:g} kg m2: the link "
@@ -257,15 +288,46 @@ class ImportedDynamics:
             if pair.joint >= 0:
                 yield from self._list_joint_loads(pair)
         yield from self._list_actuator_loads()
+        self._note_lost_loads()
+
+    def _note_lost_loads(self) -> None:
+        """Add a note on each spring, damper or drag that a mechanism file can't have."""
+        mj_model = self._mj_model
+        notes = self._linkage.notes
         # All joints of the model are hinges, so a joint and its velocity (dof) have the
         # same number. Terms of higher order than linear can't be imported.
+        nonlinear_joints = {
+            int(mj_model.actuator_trnid[actuator][0])
+            for actuator in self._list_actuators_at_joints()
+            if np.any(mj_model.actuator_dampingpoly[actuator])
+        }
         for joint, joint_name in enumerate(self._linkage.foreign_model.joint_names):
-            has_nonlinear_spring = np.any(self._mj_model.jnt_stiffnesspoly[joint])
-            has_nonlinear_damper = np.any(self._mj_model.dof_dampingpoly[joint])
-            if has_nonlinear_spring or has_nonlinear_damper:
-                self._linkage.notes.append(
+            has_nonlinear_spring = np.any(mj_model.jnt_stiffnesspoly[joint]) or (
+                mj_model.jnt_stiffness[joint] and mj_model.jnt_springyield[joint]
+            )
+            has_nonlinear_damper = np.any(mj_model.dof_dampingpoly[joint])
+            if has_nonlinear_spring or has_nonlinear_damper or joint in nonlinear_joints:
+                notes.append(
                     f"joint {joint_name}: spring or damper left out where not linear"
                 )
+        parts_of_tendons = {
+            "spring": (mj_model.tendon_stiffness, mj_model.tendon_stiffnesspoly),
+            "damper": (mj_model.tendon_damping, mj_model.tendon_dampingpoly),
+            "dry friction": (mj_model.tendon_frictionloss,),
+            "armature": (mj_model.tendon_armature,),
+            "limit": (mj_model.tendon_limited,),
+        }
+        for tendon in range(mj_model.ntendon):
+            lost = [
+                f"its {word}"
+                for word, arrays in parts_of_tendons.items()
+                if any(np.any(array[tendon]) for array in arrays)
+            ]
+            if lost:
+                name = element_name(mj_model.tendon(tendon), "tendon", tendon)
+                notes.append(f"tendon {name}: {listing(lost)} left out")
+        if mj_model.opt.density or mj_model.opt.viscosity:
+            notes.append("forces of the surrounding fluid left out")
 
     def _list_joint_loads(self, pair: ImportedPair) -> Iterator[tuple[str, Table]]:
         """Yield the name and table of each load at the joint of a pair.
@@ -280,7 +342,7 @@ class ImportedDynamics:
         joint = pair.joint
         name = pair.name
         stiffness = _round_alone(mj_model.jnt_stiffness[joint])  # N m/rad
-        viscous = _round_alone(mj_model.dof_damping[joint])  # N m s/rad
+        viscous = _round_alone(self._damping[joint])  # N m s/rad
         dry = _round_alone(mj_model.dof_frictionloss[joint])  # N m
         if stiffness:
             rest_angle = round_to_short_degrees(mj_model.qpos_spring[joint])
@@ -315,36 +377,68 @@ class ImportedDynamics:
 
         The force of an actuator may follow a control signal. At a hinge, such an actuator
         becomes an input of the mechanism and is no load; elsewhere it is left out. An
-        actuator without control signal is a load if it exerts a torque at a hinge, or a
-        constant force or moment at a point of a body (a site). Other actuators are left
-        out. The user gets a note on all that is lost.
+        actuator without control signal is a load if it exerts a torque at a hinge that is
+        linear in angle and rate, or a constant force or moment at a point of a body (a
+        site). Other actuators are left out. The user gets a note on all that is lost.
         """
         mj_model = self._mj_model
         kinds = self._linkage.foreign_model.mujoco.mjtTrn
-        for actuator in range(mj_model.nu):
+        pair_by_joint = {pair.joint: pair for pair in self._linkage.pairs}
+        for actuator in range(mj_model.nactuator):
             transmission = mj_model.actuator_trntype[actuator]
             is_at_joint = transmission == kinds.mjTRN_JOINT
             is_at_site = transmission == kinds.mjTRN_SITE
             name = element_name(mj_model.actuator(actuator), "actuator", actuator)
-            if self._is_controlled(actuator):
+            if self._linkage.foreign_model.is_controlled(actuator):
                 self._note_lost_control(actuator, name, is_at_joint)
-            elif is_at_joint:
-                yield name, self._write_pair_torque(actuator)
-            elif is_at_site and self._is_constant_wrench(actuator):
-                for table in self._write_wrench(actuator):
+                continue
+            bias = self._find_bias(actuator)
+            joint, _ = mj_model.actuator_trnid[actuator]
+            if self._is_disabled(actuator):
+                self._linkage.notes.append(
+                    f"actuator {name} left out: the file disables it"
+                )
+            elif is_at_joint and joint not in pair_by_joint:
+                self._linkage.notes.append(
+                    f"actuator {name} left out: its joint cannot turn"
+                )
+            elif is_at_joint and bias is not None:
+                pair = pair_by_joint[joint]
+                yield name, self._write_pair_torque(actuator, name, bias, pair.name)
+            elif is_at_site and bias is not None and self._is_constant(actuator, bias):
+                for table in self._write_wrench(actuator, bias[0]):
                     yield name, table
             else:
                 self._linkage.notes.append(
                     f"actuator {name} left out: it is not a constant load"
                 )
 
-    def _is_controlled(self, actuator: int) -> bool:
-        """Return whether the force of a MuJoCo actuator depends on a control signal.
+    def _is_disabled(self, actuator: int) -> bool:
+        """Return whether the file disables an actuator: all of them, or its group."""
+        options = self._mj_model.opt
+        bits = self._linkage.foreign_model.mujoco.mjtDisableBit
+        group = int(self._mj_model.actuator_group[actuator])
+        # MuJoCo can disable the groups 0 to 30.
+        is_group_disabled = 0 <= group <= 30 and options.disableactuator >> group & 1
+        return bool(options.disableflags & int(bits.mjDSBL_ACTUATION) or is_group_disabled)
 
-        The force is gain * control + bias, where only the bias may depend on the motion. A
-        gain other than zero means that control changes the force.
+    def _find_bias(self, actuator: int) -> Floats | None:
+        """Return the constant, length and rate factor (3,) of a force without control.
+
+        The force is bias[0] + bias[1] * length + bias[2] * rate. The result is None if the
+        force is not linear, as that of a muscle. A constant force is limited to its range.
         """
-        return bool(np.any(self._mj_model.actuator_gainprm[actuator]))
+        mj_model = self._mj_model
+        kinds = self._linkage.foreign_model.mujoco.mjtBias
+        kind = mj_model.actuator_biastype[actuator]
+        if kind == kinds.mjBIAS_NONE:
+            return np.zeros(3)
+        if kind != kinds.mjBIAS_AFFINE:
+            return None
+        bias: Floats = mj_model.actuator_biasprm[actuator][:3].copy()
+        if mj_model.actuator_forcelimited[actuator] and not np.any(bias[1:]):
+            bias[0] = np.clip(bias[0], *mj_model.actuator_forcerange[actuator])
+        return bias
 
     def _note_lost_control(self, actuator: int, name: str, is_at_joint: bool) -> None:
         """Add a note on what is lost of an actuator that is driven by a control signal.
@@ -365,14 +459,18 @@ class ImportedDynamics:
             return
         # In MuJoCo, the feedback is bias[0] + bias[1] * length + bias[2] * rate, where the
         # length of the actuator is proportional to the angle of the hinge.
-        has_feedback = np.any(self._mj_model.actuator_biasprm[actuator][:3])
+        kinds = self._linkage.foreign_model.mujoco.mjtBias
+        has_bias = self._mj_model.actuator_biastype[actuator] != kinds.mjBIAS_NONE
+        has_feedback = has_bias and np.any(self._mj_model.actuator_biasprm[actuator][:3])
         # When spherekit exports a mechanism without masses, it makes up masses and adds
         # feedback. The loss of this feedback needs no note.
         is_added_by_export = self._linkage.foreign_model.has_made_up_masses
         if has_feedback and not is_added_by_export:
             self._linkage.notes.append(f"feedback of actuator {name} left out")
 
-    def _write_pair_torque(self, actuator: int) -> Table:
+    def _write_pair_torque(
+        self, actuator: int, name: str, bias: Floats, pair_name: str
+    ) -> Table:
         """Return the table of an actuator's torque, linear in a pair angle and its rate.
 
         In MuJoCo, an actuator at a hinge acts like a cable of the length L = g theta, with
@@ -381,17 +479,24 @@ class ImportedDynamics:
 
             g b0 + g^2 b1 theta + g^2 b2 dtheta.
 
-        The table has this formula as text. Summands that are zero are left out.
+        The table has this formula as text. Summands that are zero are left out. Limits of
+        the torque are left out with a note.
 
         Parameters
         ----------
-        actuator
-            Number of an actuator at a hinge, without control.
+        actuator, name
+            Number and name of an actuator at a hinge, without control.
+        bias
+            (3,) b0, b1 and b2.
+        pair_name
+            Name of the pair.
         """
-        joint, _ = self._mj_model.actuator_trnid[actuator]
-        gear = self._mj_model.actuator_gear[actuator][0]
-        bias = self._mj_model.actuator_biasprm[actuator][:3]
-        pair_name = next(pair.name for pair in self._linkage.pairs if pair.joint == joint)
+        mj_model = self._mj_model
+        joint, _ = mj_model.actuator_trnid[actuator]
+        is_force_limited = mj_model.actuator_forcelimited[actuator] and np.any(bias[1:])
+        if is_force_limited or mj_model.jnt_actfrclimited[joint]:
+            self._linkage.notes.append(f"limits of the torque of actuator {name} left out")
+        gear = mj_model.actuator_gear[actuator][0]
         factors = round_components(gear * bias * [1.0, gear, gear])
         multiplied_names = ("", f"*theta_{pair_name}", f"*dtheta_{pair_name}")
         summands = [
@@ -401,7 +506,7 @@ class ImportedDynamics:
         ]
         return {"pair": pair_name, "torque": " + ".join(summands) or "0"}
 
-    def _is_constant_wrench(self, actuator: int) -> bool:
+    def _is_constant(self, actuator: int, bias: Floats) -> bool:
         """Return whether an actuator at a site is a constant force or moment.
 
         A mechanism file can only have such loads, constant in the axes of their link or of
@@ -413,11 +518,11 @@ class ImportedDynamics:
         ----------
         actuator
             Number of an actuator at a site. No control signal changes its force.
+        bias
+            (3,) the constant, and the factors of the length of the actuator and its rate,
+            which depend on the motion.
         """
         mj_model = self._mj_model
-        # The force is bias[0] + bias[1] * length + bias[2] * rate. The length of the
-        # actuator and its rate depend on the motion.
-        bias = mj_model.actuator_biasprm[actuator]
         has_feedback = np.any(bias[1:3])
         if has_feedback:
             return False
@@ -429,7 +534,7 @@ class ImportedDynamics:
         reference_body = mj_model.site_bodyid[reference_site]
         return bool(mj_model.body_weldid[reference_body] == 0)
 
-    def _write_wrench(self, actuator: int) -> Iterator[Table]:
+    def _write_wrench(self, actuator: int, magnitude: float) -> Iterator[Table]:
         """Yield the tables of the constant force and moment of an actuator at a site.
 
         A site is a frame on a body. A force or moment of zero is left out. Force and moment
@@ -439,7 +544,9 @@ class ImportedDynamics:
         Parameters
         ----------
         actuator
-            Number of an actuator for which `_is_constant_wrench` is true.
+            Number of an actuator for which `_is_constant` is true.
+        magnitude
+            Size of its force.
         """
         mj_model = self._mj_model
         # The actuator acts at `site`. A `reference_site` of -1 means that there is none.
@@ -451,9 +558,7 @@ class ImportedDynamics:
         rotation = self._mj_data.site_xmat[axes_site].reshape(3, 3)
         link = self._linkage.link_by_body[mj_model.site_bodyid[site]]
         # MuJoCo multiplies the size of an actuator's force by six numbers, its gear. This
-        # gives the components of the force and then those of the moment. The size is stored
-        # as the first number of `biasprm`; the others are 0 for a constant force.
-        magnitude = mj_model.actuator_biasprm[actuator][0]
+        # gives the components of the force and then those of the moment.
         wrench = mj_model.actuator_gear[actuator] * magnitude
         # From the centre of the sphere to the point at which the force acts (m).
         arm = self._mj_data.site_xpos[site] - self._linkage.centre

@@ -62,12 +62,13 @@ def choose_inputs(linkage: ImportedLinkage) -> Table:
             inputs.append(number)
             equations = extended_equations
     added_names = [pairs[k].name for k in inputs if k not in driven_pairs]
+    dependent_names = [pairs[k].name for k in driven_pairs if k not in inputs]
     if added_names:
+        counted = "independent actuators" if dependent_names else "actuators"
         linkage.notes.append(
             f"{numbered('input', added_names)} without actuator: there are more freedoms "
-            "than actuators"
+            f"than {counted}"
         )
-    dependent_names = [pairs[k].name for k in driven_pairs if k not in inputs]
     if dependent_names:
         linkage.notes.append(
             f"actuator of {listing(dependent_names)} left out: the others determine the "
@@ -106,9 +107,10 @@ def _find_half_width(
     unlimited_inputs
         The inputs without a range of their own.
     """
-    if linkage.loop_points or not unlimited_inputs:
-        return float(np.pi)
     pairs = linkage.pairs
+    has_loops = any(pair.joint < 0 for pair in pairs)
+    if has_loops or not unlimited_inputs:
+        return float(np.pi)
     # The rates of all pairs while each input in turn has the rate 1 and the others rest.
     # Couplings (linear equations between rates) may be redundant, so the equations are
     # solved by least squares.
@@ -177,7 +179,7 @@ def find_outputs(linkage: ImportedLinkage) -> Table:
     Parameters
     ----------
     linkage
-        The links and pairs of the imported mechanism.
+        The links and pairs (joints), before idler wheels are added between gears.
     """
     outputs: Table = {}
     for observed_link in linkage.foreign_model.observed_links:
@@ -194,7 +196,9 @@ def find_outputs(linkage: ImportedLinkage) -> Table:
         if observed_link.point is not None:
             # The direction from the centre of the sphere to the observed point.
             arm = observed_link.point - linkage.centre
-            table["xyz"] = round_relative_to_one(arm / np.linalg.norm(arm))
+            radius = np.linalg.norm(arm)
+            if radius > linkage.least_radius:
+                table["xyz"] = round_relative_to_one(arm / radius)
         outputs[linkage.make_unique_name(observed_link.name, outputs)] = table
     if not outputs:
         for link in _find_last_links(linkage):

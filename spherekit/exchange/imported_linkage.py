@@ -85,6 +85,9 @@ class ImportedLinkage:
         (3,) centre of the sphere (m, world axes).
     centre_distance
         Largest distance (m) of an axis from the centre.
+    least_radius
+        Distance (m) from the centre up to which a point counts as the centre, since its
+        direction is only rounding.
     joint_limits
         Ends of the range (rad) of each limited joint, by its number.
     notes
@@ -138,6 +141,9 @@ class ImportedLinkage:
         self.loop_points = self._group_loop_points()  # points at which loops are closed
         # The centre (3,), and the largest distance (m) of an axis from it.
         self.centre, self.centre_distance = self._find_centre(max_distance)
+        self.least_radius = max(
+            self.centre_distance, CENTRE_TOLERANCE * self._measure_size()
+        )
         # Each ball joint was replaced by three hinges. These hinges are left out if other
         # pairs connect the two links.
         self._removed_hinges = self._find_redundant_ball_hinges()
@@ -286,8 +292,8 @@ class ImportedLinkage:
         Raises
         ------
         FileError
-            If the axes are parallel, or do not meet in a point. The message lists the
-            distances of all axes.
+            If all joints are locked, or the axes are parallel or do not meet in a point.
+            In the last case the message lists the distances of all axes.
         """
         lines = self._list_axis_lines()  # the axes in the pose of the model
         if not lines:
@@ -373,7 +379,8 @@ class ImportedLinkage:
                 )
             else:
                 connections.append(links)
-                self.notes.append(f"ball joint {ball} is three hinges, {ball}_x, _y and _z")
+                names = listing(self.foreign_model.joint_names[hinge] for hinge in hinges)
+                self.notes.append(f"ball joint {ball} is three hinges, {names}")
         return removed_hinges
 
     def _list_connections_without_balls(self) -> list[tuple[int, int]]:
@@ -397,9 +404,8 @@ class ImportedLinkage:
         ]
         for links, loop_points in self.loop_points.items():
             radii = [np.linalg.norm(point.point - self.centre) for point in loop_points]
-            # A common point at the centre does not constrain the links. `centre_distance`
-            # (m) is the error of the centre.
-            if max(radii) > self.centre_distance:
+            # A common point at the centre does not constrain the links.
+            if max(radii) > self.least_radius:
                 connections.append(links)
         return connections
 
@@ -491,9 +497,8 @@ class ImportedLinkage:
             arms = np.array([point.point for point in points]) - self.centre
             radii = np.linalg.norm(arms, axis=1)
             farthest = np.argmax(radii)
-            # `centre_distance` is the error of the centre. A point that is nearer to the
-            # centre has no reliable direction.
-            if radii[farthest] <= self.centre_distance:
+            # A point that is nearer to the centre has no reliable direction.
+            if radii[farthest] <= self.least_radius:
                 self.notes.append(
                     f"loop {points[farthest].name} left out: it holds the centre, which "
                     "does not move"

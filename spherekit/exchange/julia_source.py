@@ -20,7 +20,7 @@ ERROR_CONDITIONS = {
     "acos": "abs(x) > 1",
     "log": "x < 0",
 }
-"""Conditions in which functions of Julia raise an error, instead of returning NaN."""
+"""Conditions on finite x in which functions of Julia raise an error, instead of NaN."""
 
 JULIA = Language(
     name="Julia",

@@ -104,6 +104,7 @@ class ImportedFile:
         # of hinges) determine the rates of all other hinges. Idler wheels are added later:
         # no coupling determines their hinges, so the hinges would become inputs.
         inputs = choose_inputs(linkage)
+        outputs = find_outputs(linkage)
         # Couplings become gears. Coaxial wheels do not touch, so an idler wheel is put
         # between them.
         gear_train = self._find_gears()
@@ -126,7 +127,7 @@ class ImportedFile:
             "links": links,
             "pairs": joints | contacts,
             "inputs": inputs,
-            "outputs": find_outputs(linkage),
+            "outputs": outputs,
             "mass": masses,
             "loads": loads,
             "joint_limits": {

@@ -1,5 +1,6 @@
 """A mechanism as a MuJoCo model (MJCF): bodies, hinges, loops, loads and appearance."""
 
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 from xml.etree import ElementTree
@@ -8,7 +9,11 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.escaping import xml_comment
-from spherekit.exchange.body_inertia import BodyInertia, radial_lines
+from spherekit.exchange.body_inertia import (
+    BodyInertia,
+    find_link_inertias,
+    radial_lines,
+)
 from spherekit.exchange.mjcf_loads import Attributes, convert_loads
 from spherekit.exchange.mjcf_names import name_elements
 from spherekit.exchange.rigid_bodies import (
@@ -114,7 +119,7 @@ class MujocoModel:
     link, which has a part of the link's inertia and is welded to it. Inputs have motors
     (N m). If the mechanism has no masses, inputs have servos instead, whose controls are
     angles (rad). Links are drawn on a sphere whose radius is the distance of the farthest
-    centre of mass, or 1 m if there are no masses.
+    stated centre of mass, or 1 m if none is stated.
 
     Parameters
     ----------
@@ -160,7 +165,10 @@ class MujocoModel:
         """
         self._mechanism = mechanism
         self._timestep = timestep
-        self._loads = convert_loads(mechanism)
+        # If the export invents the masses, forces mean nothing, so all loads are left out.
+        has_made_up_masses = find_link_inertias(mechanism).are_made_up
+        loaded_mechanism = replace(mechanism, loads=()) if has_made_up_masses else mechanism
+        self._loads = convert_loads(loaded_mechanism)
         loaded_pairs = self._loads.loaded_pairs
         self._rigid_bodies = construct_rigid_bodies(mechanism, values, loaded_pairs)
         self._radius = self._choose_radius()  # of the sphere on which links are drawn, m
@@ -186,7 +194,14 @@ class MujocoModel:
         children = [hinge.child for hinge in self._rigid_bodies.hinges]
         body_names = list(dict.fromkeys([*mechanism.links, *children]))
         link_by_twin_pair = {hinge.pair: hinge.child for hinge in self._loaded_loop_hinges}
-        self._names = name_elements(mechanism, body_names, link_by_twin_pair)
+        actuator_loads = self._loads.actuator_loads
+        self._names = name_elements(
+            mechanism,
+            body_names,
+            link_by_twin_pair,
+            actuator_loads=[load.name for load, _ in actuator_loads],
+            site_loads=[load.name for load, given in actuator_loads if "site" in given],
+        )
         self._link_shapes = link_shapes(mechanism)
         self.notes = tuple(self._write_notes())
 
@@ -234,8 +249,7 @@ class MujocoModel:
             }
         for load_name, reason in reason_by_omitted_load.items():
             notes.append(f"load {load_name} left out: {reason}")
-        if not has_made_up_masses:
-            notes += self._loads.approximations
+        notes += self._loads.approximations
         limited_pairs = listing(joint_limit.pair for joint_limit in mechanism.joint_limits)
         if limited_pairs:
             notes.append(
@@ -351,14 +365,10 @@ class MujocoModel:
         """
         radius = self._radius
         light_distance = LIGHT_DISTANCE_RATIO * radius
-        gravity = self._loads.gravity
-        if self._rigid_bodies.has_made_up_masses:
-            # The weights of invented masses have no meaning, so gravity is zero.
-            gravity = np.zeros(3)
         text = MODEL_TEMPLATE.format(
             name=self._mechanism.name,
             timestep=self._timestep,
-            gravity=_format_numbers(gravity),
+            gravity=_format_numbers(self._loads.gravity),
             extent=_format_drawn(EXTENT_RATIO * radius),
             arc=_format_drawn(LINK_RADIUS_RATIO * radius),
             pin=_format_drawn(PIN_RADIUS_RATIO * radius),
@@ -631,14 +641,16 @@ class MujocoModel:
             Element of the model to which the actuators are added.
         """
         rigid_bodies = self._rigid_bodies
-        has_made_up_masses = rigid_bodies.has_made_up_masses
         # Estimate of the inertia that a servo moves: the sum of the traces of all tensors.
         total_inertia = sum(np.trace(body.tensor) for body in rigid_bodies.bodies)
         # A servo with this stiffness follows its angle at the rate `SERVO_RATE_PER_S`,
         # which is the root of stiffness over inertia. Two digits are enough.
         servo_stiffness = float(f"{total_inertia * SERVO_RATE_PER_S**2:.2g}")
+        value_by_pair = {hinge.pair: hinge.value for hinge in rigid_bodies.hinges}
         for driven in self._mechanism.inputs:
-            if has_made_up_masses:
+            if rigid_bodies.has_made_up_masses:
+                # The exported pose may be outside of the range of the input.
+                angles = (*driven.range, value_by_pair[driven.pair])
                 _add(
                     actuators,
                     "position",
@@ -646,12 +658,10 @@ class MujocoModel:
                     joint=driven.pair,
                     kp=servo_stiffness,
                     dampratio="1",
-                    ctrlrange=driven.range,
+                    ctrlrange=(min(angles), max(angles)),
                 )
             else:
                 _add(actuators, "motor", name=driven.pair, joint=driven.pair)
-        if has_made_up_masses:
-            return
         for load, attributes in self._loads.actuator_loads:
             # A force or moment acts at a site, a marked point of a body. The components of
             # the force or moment can be in the axes of another site, "refsite". The
@@ -679,7 +689,8 @@ def _set_rotation(body: Element, rotation: Floats) -> None:
     is not written, because it is MuJoCo's default.
     """
     x, y, z, w = quaternion(rotation[None])[0]
-    if abs(w) < 1.0:
+    # `w` is no measure: it is 1 up to rounding for all rotations below 3e-8 rad.
+    if max_abs((x, y, z)) > WRITTEN_ZERO_RATIO:
         body.set("quat", _format_numbers((w, x, y, z)))
 
 

@@ -24,7 +24,7 @@ from spherekit.mechanism.load_kinds import (
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.symbolic.expression_derivatives import differentiate
 from spherekit.symbolic.expression_evaluation import array_function
-from spherekit.symbolic.expression_graph import has_variables, symbols
+from spherekit.symbolic.expression_graph import has_variables, iterate_nodes, symbols
 from spherekit.symbolic.parsed_expressions import convert_to_graph
 
 Attributes = dict[str, Any]
@@ -332,8 +332,10 @@ def _compute_affine_factors(
     }
     function = convert_to_graph(law, expression_pair_by_name)
     slopes = [differentiate([function], {variable: 1.0})[0] for variable in variables]
-    # The function is affine if its derivatives are constant.
-    if any(map(has_variables, slopes)):
+    # The function is affine if its derivatives are constant, and it has no jump. The
+    # derivative of a sign is zero.
+    jumps = [node for node in iterate_nodes([function]) if node.operation == "sign"]
+    if any(map(has_variables, [*slopes, *jumps])):
         return None
     # Where all variables are zero, the function is c0. The slopes are the other factors.
     evaluate = array_function([function, *slopes], variables)

@@ -66,14 +66,18 @@ class ModelNames:
 
 
 def name_elements(
-    mechanism: Mechanism, links: Sequence[str], twins: Mapping[str, str]
+    mechanism: Mechanism,
+    links: Sequence[str],
+    twins: Mapping[str, str],
+    actuator_loads: Sequence[str],
+    site_loads: Sequence[str],
 ) -> ModelNames:
     """Return names for the elements of a MuJoCo model.
 
     MuJoCo requires different names for elements of one kind. If a name is taken, the later
-    element gets another name. Each load gets the names of two sites (marked points): its
-    own name for the site at which it acts, and ``LOAD_axes`` for a site with the ground
-    axes.
+    element gets another name. Each force or moment gets the names of two sites (marked
+    points): its own name for the site at which it acts, and ``LOAD_axes`` for a site with
+    the ground axes.
 
     Parameters
     ----------
@@ -84,26 +88,29 @@ def name_elements(
     twins
         The links that have a second body (twin), by the pair (joint) that moves the twin. A
         weld between the twin and the first body closes the loop through this pair.
+    actuator_loads, site_loads
+        Names of the loads that actuators exert, and of the forces and moments among them.
     """
     outputs = [output.name for output in mechanism.outputs]
-    loads = [load.name for load in mechanism.loads]
     inputs = mechanism.input_pairs
     requested_twin_names = [f"{link}_at_{pair}" for pair, link in twins.items()]
-    requested_axes_names = [f"{load}_axes" for load in loads]
+    requested_axes_names = [f"{load}_axes" for load in site_loads]
     # Names of one kind are chosen together in one list, which is divided afterwards. MuJoCo
     # calls its own first body `WORLD`, so that name is taken.
     body_names = unique_names([*links, *requested_twin_names], taken=[WORLD])
-    site_names = unique_names([*outputs, *loads, *requested_axes_names])
+    site_names = unique_names([*outputs, *site_loads, *requested_axes_names])
     # Inputs come first, so that their actuators have the names of their pairs.
-    actuator_names = unique_names([*inputs, *loads])
+    actuator_names = unique_names([*inputs, *actuator_loads])
     output_site_names = site_names[: len(outputs)]
-    load_site_names = site_names[len(outputs) : len(outputs) + len(loads)]
-    axes_site_names = site_names[len(outputs) + len(loads) :]
+    load_site_names = site_names[len(outputs) : len(outputs) + len(site_loads)]
+    axes_site_names = site_names[len(outputs) + len(site_loads) :]
     return ModelNames(
         bodies=dict(zip(links, body_names[: len(links)], strict=True)),
         twins=dict(zip(twins, body_names[len(links) :], strict=True)),
         output_sites=dict(zip(outputs, output_site_names, strict=True)),
-        load_sites=dict(zip(loads, load_site_names, strict=True)),
-        axes_sites=dict(zip(loads, axes_site_names, strict=True)),
-        load_actuators=dict(zip(loads, actuator_names[len(inputs) :], strict=True)),
+        load_sites=dict(zip(site_loads, load_site_names, strict=True)),
+        axes_sites=dict(zip(site_loads, axes_site_names, strict=True)),
+        load_actuators=dict(
+            zip(actuator_loads, actuator_names[len(inputs) :], strict=True)
+        ),
     )

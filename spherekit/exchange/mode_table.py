@@ -53,14 +53,15 @@ from spherekit.velocities.design_expressions import DesignExpressions
 from spherekit.wording import listing
 
 MODE_SAMPLES = 121
-"""Number of samples in the ranges of the inputs. The compared inputs are among them."""
+"""Number of samples in the ranges of the inputs. Without crossings, the compared inputs are
+among them."""
 FINE_SAMPLES = 6001
-"""Number of samples that replace `MODE_SAMPLES` if a mode closes at none of them.
+"""Number of samples that replace `MODE_SAMPLES` if a mode is accurate at none of them.
 
 A mode may exist only within a few degrees of the input.
 """
 COMPARED_INPUTS = 20
-"""Largest number of inputs at which each mode is compared with the mechanism."""
+"""Largest number of inputs at which a mode without crossings is compared."""
 ANGLE_TOLERANCE_RAD = 1e-9
 """Largest difference (rad) of a pair variable between formulas and mechanism.
 
@@ -91,9 +92,9 @@ INTERVAL_SAMPLES = 24
 """Additional samples in each interval between crossings. Fewer: short intervals have few
 configurations that can be compared."""
 BESIDE_CROSSING_RAD = 1e-3
-"""Distance (rad) from a crossing, on both sides, at which modes are compared as well. Less:
-rounding errors of the formulas near the crossing exceed the tolerance; more: two curves
-that cross at a shallow angle are compared less closely."""
+"""Distance (rad) from a crossing, on both sides, at which closed forms are compared too.
+Less: rounding errors of the formulas near the crossing exceed the tolerance; more: two
+curves that cross at a shallow angle are compared less closely."""
 MAX_BESIDE_RATIO = 0.1
 """Largest such distance, relative to the distance of the next crossing."""
 UNKNOWN_AT_CROSSING_RAD = 1e-6
@@ -118,8 +119,8 @@ class ModeCandidate:
     mode
         The assembly mode.
     motion
-        The n known configurations, in the order of the inputs. Their loops are well
-        conditioned.
+        The n known configurations, in the order of the inputs. Their variables are
+        accurate.
     values
         (n, variables) variables (rad) of the pairs in the formulas, in these
         configurations. The formulas may belong to an equivalent linkage, in which links
@@ -276,10 +277,13 @@ def compare_modes(
         known_input = candidate.find_known_input(first_interval)
         mode_values = candidate.mode_values[first_interval]
         if known_input is None:  # The mode has no configuration in that interval.
-            middle = len(motion) // 2
-            known_input = motion.inputs[middle]
+            # Up to the nearest interval with configurations, the signs do not change.
+            nearest_row = np.argmin(np.abs(candidate.interval - first_interval))
+            nearest_interval = int(candidate.interval[nearest_row])
+            known_input = candidate.find_known_input(nearest_interval)
+            assert known_input is not None
             if np.any(np.isnan(mode_values)):
-                mode_values = candidate.mode_values[candidate.interval[middle]]
+                mode_values = candidate.mode_values[nearest_interval]
         modes.append(
             Mode(
                 number=mode.number,
@@ -436,7 +440,8 @@ def _find_candidate(
     Parameters
     ----------
     position_analysis, sampled_motion
-        The position analysis of the mechanism, and its motion at `MODE_SAMPLES` samples.
+        The position analysis of the mechanism, and its motion at about `MODE_SAMPLES`
+        samples.
     crossing_inputs
         Inputs (rad) at which curves of configurations cross. The crossings divide the range
         into intervals, in which the mode has different values if it follows a smooth curve.

@@ -4,11 +4,14 @@ A mechanism does not depend on appearance, so files of meshes and textures may b
 ball joint becomes three hinges, since the import reads joints of one variable.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from spherekit.exchange.identifiers import unique_names
+from spherekit.exchange.mujoco_loops import element_name
 
 
 def drop_missing_files(mujoco: Any, spec: Any, folder: Path) -> list[str]:
@@ -17,7 +20,7 @@ def drop_missing_files(mujoco: Any, spec: Any, folder: Path) -> list[str]:
     MuJoCo refuses models that refer to missing files.
 
     Textures become plain colours. Skins, height fields, meshes and the shapes (geoms) of
-    bodies that use them are deleted.
+    bodies that use them are deleted, and so are contacts and sensors of these shapes.
 
     Parameters
     ----------
@@ -61,24 +64,41 @@ def drop_missing_files(mujoco: Any, spec: Any, folder: Path) -> list[str]:
     always_from_shapes = (
         spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     )
+    first_group, last_group = spec.compiler.inertiagrouprange
+    deleted_shapes: set[str] = set()
     notes: list[str] = []
-    for body in spec.bodies:
+    for number, body in enumerate(spec.bodies):
         for geom in [*body.geoms]:
-            if geom.hfieldname in fields:
-                spec.delete(geom)
-            elif geom.meshname in files_by_mesh:
-                # A shape without mass, or on the ground, adds no inertia.
-                has_inertia = geom.mass != 0.0 and geom.density != 0.0
-                is_counted = always_from_shapes or not body.explicitinertial
-                if has_inertia and is_counted and body.name != "world":
-                    notes.append(
-                        f"the mass of body {body.name} lacks that of mesh {geom.meshname}, "
-                        f"since its file {files_by_mesh[geom.meshname]} is missing"
-                    )
-                spec.delete(geom)
+            if geom.hfieldname not in fields and geom.meshname not in files_by_mesh:
+                continue
+            # A shape without mass, or of the world, adds no inertia.
+            has_inertia = geom.mass != 0.0 and geom.density != 0.0
+            is_counted = always_from_shapes or not body.explicitinertial
+            is_counted = is_counted and first_group <= geom.group <= last_group
+            is_mesh = geom.meshname in files_by_mesh
+            if is_mesh and has_inertia and is_counted and body.name != "world":
+                notes.append(
+                    f"the mass of body {element_name(body, 'body', number)} lacks that of "
+                    f"mesh {geom.meshname}, since its file {files_by_mesh[geom.meshname]} "
+                    "is missing"
+                )
+            deleted_shapes.add(geom.name)
+            spec.delete(geom)
+    for pair in [*spec.pairs]:
+        if not deleted_shapes.isdisjoint((pair.geomname1, pair.geomname2)):
+            spec.delete(pair)
+    _delete_sensors(spec, mujoco.mjtObj.mjOBJ_GEOM, deleted_shapes)
     for item in [*missing_meshes, *missing_fields]:
         spec.delete(item)
     return notes
+
+
+def _delete_sensors(spec: Any, object_type: Any, names: Collection[str]) -> None:
+    """Delete all sensors that read objects of one type with some names."""
+    for sensor in [*spec.sensors]:
+        objects = (sensor.objtype, sensor.objname), (sensor.reftype, sensor.refname)
+        if any(kind == object_type and name in names for kind, name in objects):
+            spec.delete(sensor)
 
 
 def replace_ball_joints(
@@ -88,7 +108,8 @@ def replace_ball_joints(
 
     The import reads only joints with one variable, and three hinges allow the same motion.
 
-    Actuators and sensors of ball joints are deleted, and all key frames (stored poses).
+    Actuators and sensors of ball joints are deleted, sensors of these actuators, and all
+    key frames (stored poses).
 
     Parameters
     ----------
@@ -107,14 +128,21 @@ def replace_ball_joints(
     hinges: dict[str, list[str]] = {}
     notes: list[str] = []
     balls = [x for x in spec.joints if x.type == mujoco.mjtJoint.mjJNT_BALL]
+    ball_names = {ball.name for ball in balls} - {""}
+    used_names = [joint.name for joint in spec.joints]
     for number, ball in enumerate(balls):
         body = ball.parent
-        name = ball.name or f"ball{number}"
-        hinges[name] = [f"{name}_{letter}" for letter in "xyz"]
+        name = ball.name or unique_names([f"ball{number}"], taken=used_names)[0]
+        hinges[name] = unique_names((f"{name}_{x}" for x in "xyz"), taken=used_names)
+        used_names += [name, *hinges[name]]
+        # A joint with a range is limited, unless the file says otherwise.
+        is_limited = ball.limited == mujoco.mjtLimited.mjLIMITED_TRUE or (
+            ball.limited == mujoco.mjtLimited.mjLIMITED_AUTO and np.any(ball.range)
+        )
         lost = [
             word
             for word, value in (
-                ("its limit", ball.limited == mujoco.mjtLimited.mjLIMITED_TRUE),
+                ("its limit", is_limited),
                 ("its spring", np.any(ball.stiffness)),
                 ("its damper", np.any(ball.damping)),
                 ("its dry friction", ball.frictionloss),
@@ -128,18 +156,19 @@ def replace_ball_joints(
             body.add_joint(
                 name=hinge, type=mujoco.mjtJoint.mjJNT_HINGE, pos=ball.pos, axis=axis
             )
-        for actuator in [*spec.actuators]:
-            if actuator.target == ball.name and actuator.trntype in (
-                mujoco.mjtTrn.mjTRN_JOINT,
-                mujoco.mjtTrn.mjTRN_JOINTINPARENT,
-            ):
-                notes.append(f"actuator {actuator.name} left out: it drives a ball joint")
-                spec.delete(actuator)
-        for sensor in [*spec.sensors]:
-            at_joint = sensor.objtype == mujoco.mjtObj.mjOBJ_JOINT
-            if at_joint and sensor.objname == ball.name:
-                spec.delete(sensor)
         spec.delete(ball)
+    deleted_actuators: set[str] = set()
+    for number, actuator in enumerate([*spec.actuators]):
+        if actuator.target in ball_names and actuator.trntype in (
+            mujoco.mjtTrn.mjTRN_JOINT,
+            mujoco.mjtTrn.mjTRN_JOINTINPARENT,
+        ):
+            name = element_name(actuator, "actuator", number)
+            notes.append(f"actuator {name} left out: it drives a ball joint")
+            deleted_actuators.add(actuator.name)
+            spec.delete(actuator)
+    _delete_sensors(spec, mujoco.mjtObj.mjOBJ_JOINT, ball_names)
+    _delete_sensors(spec, mujoco.mjtObj.mjOBJ_ACTUATOR, deleted_actuators)
     if balls:
         # Key frames have the variables of the ball joints.
         for key in [*spec.keys]:

@@ -39,7 +39,7 @@ class ObservedLink(NamedTuple):
         Name of the sensor.
     body, reference
         Number of the body, and of the body relative to which the sensor reads the
-        orientation.
+        orientation; 0 (the world) if the sensor names none.
     point
         (3,) a point of the body (m, world axes), or None. The direction from the centre of
         the sphere to this point becomes the direction of the output.
@@ -121,7 +121,8 @@ class ForeignModel:
     ------
     FileError
         If MuJoCo is not installed or cannot read the file, or if the file has joints that
-        are no hinges, or loops that do not close near its pose.
+        are no hinges, numbers that are not finite, or loops that do not close near its
+        pose.
     """
 
     def __init__(self, path: Path) -> None:
@@ -144,6 +145,7 @@ class ForeignModel:
             spec = self._read_spec(root, is_urdf)
             ball_hinges, notes = replace_ball_joints(mujoco, spec)
             self.notes += notes
+            self._check_stated_inertias(spec)
             # MuJoCo refuses moving bodies without mass, so a tiny mass is the lower bound.
             spec.compiler.boundmass = spec.compiler.boundmass or MASSLESS_KG
             spec.compiler.boundinertia = spec.compiler.boundinertia or MASSLESS_KG
@@ -152,7 +154,12 @@ class ForeignModel:
             reason = " ".join(str(error).split())
             raise FileError(f"{path}: MuJoCo cannot read the file: {reason}") from None
         mj_model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # `close_loops` reads it
+        # At a hinge, both of these transmissions are the same.
+        transmissions = mj_model.actuator_trntype
+        is_in_parent = transmissions == mujoco.mjtTrn.mjTRN_JOINTINPARENT
+        transmissions[is_in_parent] = mujoco.mjtTrn.mjTRN_JOINT
         self.mj_model: Any = mj_model
+        self._drop_disabled_parts()
         self.mj_data: Any = mujoco.MjData(mj_model)
         self.joint_names: list[str] = [
             mj_model.joint(joint).name for joint in range(mj_model.njnt)
@@ -162,6 +169,7 @@ class ForeignModel:
             for body in range(mj_model.nbody)
         ]
         self._check_joints()
+        self._check_numbers()
         self.hinges_by_ball = {
             ball: [self.joint_names.index(hinge) for hinge in hinges]
             for ball, hinges in ball_hinges.items()
@@ -174,7 +182,13 @@ class ForeignModel:
         self.welded_bodies: list[tuple[int, int]] = []
         self.couplings: list[Coupling] = []
         self.locked_joints: set[int] = set()
-        for equality in np.flatnonzero(mj_model.eq_active0).tolist():
+        equalities = np.flatnonzero(mj_model.eq_active0).tolist()
+        bits = mujoco.mjtDisableBit
+        disabled = int(bits.mjDSBL_CONSTRAINT) | int(bits.mjDSBL_EQUALITY)
+        if equalities and mj_model.opt.disableflags & disabled:
+            self.notes.append("equality constraints left out: the file disables them")
+            equalities = []
+        for equality in equalities:
             self._read_equality(equality)
         self.observed_links = self._find_observed_links()
 
@@ -189,8 +203,7 @@ class ForeignModel:
         has_name = spec.modelname not in UNNAMED_MODELS
         self.name = str(spec.modelname) if has_name else path.stem
         self.source = f"{'URDF' if is_urdf else 'MuJoCo model'} {path.name}"
-        disabled = int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
-        is_disabled = mj_model.opt.disableflags & disabled
+        is_disabled = mj_model.opt.disableflags & int(bits.mjDSBL_GRAVITY)
         has_gravity = not (is_urdf or is_disabled) and np.any(mj_model.opt.gravity)
         self.gravity: Floats | None = mj_model.opt.gravity.copy() if has_gravity else None
         if is_urdf:
@@ -207,6 +220,56 @@ class ForeignModel:
         spec = self.mujoco.MjSpec.from_file(str(self._path))
         self.notes += drop_missing_files(self.mujoco, spec, self._path.parent)
         return spec
+
+    def _drop_disabled_parts(self) -> None:
+        """Set loads and limits to zero that flags of the file disable, with notes.
+
+        These are springs, dampers, dry friction, limits, and the compensation of weight.
+        """
+        mj_model = self.mj_model
+        bits = self.mujoco.mjtDisableBit
+        flags = mj_model.opt.disableflags
+        no_springs = bool(flags & int(bits.mjDSBL_SPRING))
+        no_dampers = bool(flags & int(bits.mjDSBL_DAMPER))
+        no_constraints = bool(flags & int(bits.mjDSBL_CONSTRAINT))
+        no_friction = no_constraints or bool(flags & int(bits.mjDSBL_FRICTIONLOSS))
+        no_limits = no_constraints or bool(flags & int(bits.mjDSBL_LIMIT))
+        for what, is_disabled, arrays in (
+            (
+                "springs",
+                no_springs,
+                (
+                    mj_model.jnt_stiffness,
+                    mj_model.jnt_stiffnesspoly,
+                    mj_model.tendon_stiffness,
+                    mj_model.tendon_stiffnesspoly,
+                ),
+            ),
+            (
+                "dampers",
+                no_dampers,
+                (
+                    mj_model.dof_damping,
+                    mj_model.dof_dampingpoly,
+                    mj_model.tendon_damping,
+                    mj_model.tendon_dampingpoly,
+                    mj_model.actuator_damping,
+                    mj_model.actuator_dampingpoly,
+                ),
+            ),
+            (
+                "dry friction",
+                no_friction,
+                (mj_model.dof_frictionloss, mj_model.tendon_frictionloss),
+            ),
+            ("limits", no_limits, (mj_model.jnt_limited, mj_model.tendon_limited)),
+            # Without springs and dampers, MuJoCo does not compensate weight either.
+            ("weight compensation", no_springs and no_dampers, (mj_model.body_gravcomp,)),
+        ):
+            if is_disabled and any(np.any(array) for array in arrays):
+                self.notes.append(f"{what} left out: disabled by a flag of the file")
+                for array in arrays:
+                    array[:] = 0
 
     def _check_joints(self) -> None:
         """Raise `FileError` unless there are joints, and all of them are hinges with names.
@@ -234,6 +297,67 @@ class ForeignModel:
                 f"{self._path}: joint {self.joint_names.index('')} has no name; name all "
                 "joints, since pairs are named after them"
             )
+
+    def _check_stated_inertias(self, spec: Any) -> None:
+        """Raise `FileError` unless masses, tensors and densities that count are finite.
+
+        MuJoCo takes some of these numbers as not stated if they are ``nan`` or ``inf``.
+
+        Parameters
+        ----------
+        spec
+            The `MjSpec`, before it is compiled.
+        """
+        always_from_shapes = (
+            spec.compiler.inertiafromgeom
+            == self.mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+        )
+        for number, body in enumerate(spec.bodies):
+            if always_from_shapes or not body.explicitinertial:
+                # MuJoCo's mark of a mass that is not stated is nan.
+                numbers = [geom.density for geom in body.geoms if np.isnan(geom.mass)]
+            else:
+                numbers = [body.mass, *body.ipos, *body.iquat, *body.inertia]
+                # A tensor that is not stated is (nan, 0, 0, 0, 0, 0).
+                if not np.isnan(body.fullinertia[0]) or np.any(body.fullinertia[1:]):
+                    numbers += [*body.fullinertia]
+            for value in numbers:
+                if not np.isfinite(value):
+                    name = element_name(body, "body", number)
+                    raise FileError(
+                        f"{self._path}: body {name}: found {value}, expected finite numbers"
+                    )
+
+    def _check_numbers(self) -> None:
+        """Raise `FileError` unless numbers of bodies, joints and constraints are finite.
+
+        MuJoCo reads ``nan`` and ``inf`` as numbers.
+        """
+        mj_model = self.mj_model
+        # One row for each body, joint, equality constraint, and joint of a tendon.
+        bodies = (
+            mj_model.body_pos,
+            mj_model.body_quat,
+            mj_model.body_mass,
+            mj_model.body_ipos,
+            mj_model.body_inertia,
+        )
+        joints = (mj_model.jnt_pos, mj_model.jnt_axis, mj_model.qpos0)
+        rows_by_kind = {
+            "body": np.column_stack(bodies),
+            "joint": np.column_stack(joints),
+            "equality": mj_model.eq_data,
+            "tendon": mj_model.wrap_prm[:, None],
+        }
+        tendon_of_wrap = np.repeat(np.arange(mj_model.ntendon), mj_model.tendon_num)
+        for kind, rows in rows_by_kind.items():
+            for row in np.flatnonzero(~np.all(np.isfinite(rows), axis=1)).tolist():
+                number = tendon_of_wrap[row] if kind == "tendon" else row
+                name = getattr(mj_model, kind)(number).name or number
+                value = rows[row][~np.isfinite(rows[row])][0]
+                raise FileError(
+                    f"{self._path}: {kind} {name}: found {value}, expected finite numbers"
+                )
 
     def _find_driven_ranges(
         self, root: Element, numbers_by_name: Mapping[str, Sequence[float]]
@@ -273,25 +397,15 @@ class ForeignModel:
             # A joint that is turned by a wheel is not driven itself.
             if is_commanded and name in self.joint_names and name not in joints_on_wheels:
                 ranges[self.joint_names.index(name)] = None
-        for actuator in range(mj_model.nu):
+        for actuator in range(mj_model.nactuator):
             is_at_joint = (
                 mj_model.actuator_trntype[actuator] == self.mujoco.mjtTrn.mjTRN_JOINT
             )
-            # An actuator without gain is a load, not a drive.
-            if is_at_joint and np.any(mj_model.actuator_gainprm[actuator]):
-                # A servo is an actuator with position feedback, whose control is an angle.
-                # The range of the control of a servo is a range of angles. biasprm[1] is
-                # MuJoCo's factor of the angle in the torque.
-                has_position_feedback = mj_model.actuator_biasprm[actuator][1] != 0.0
-                is_limited_servo = (
-                    mj_model.actuator_ctrllimited[actuator] and has_position_feedback
-                )
+            # An actuator without control is a load, not a drive.
+            if is_at_joint and self.is_controlled(actuator):
                 joint = int(mj_model.actuator_trnid[actuator][0])
-                ranges[joint] = (
-                    mj_model.actuator_ctrlrange[actuator].tolist()
-                    if is_limited_servo
-                    else None
-                )
+                # A second actuator, such as a velocity servo, may state no range.
+                ranges[joint] = self._find_servo_range(actuator) or ranges.get(joint)
         # Custom numbers take precedence over other ranges.
         for joint in ranges:
             stated_range = numbers_by_name.get(f"input_{self.joint_names[joint]}", [])
@@ -299,13 +413,62 @@ class ForeignModel:
                 ranges[joint] = [float(end) for end in stated_range]
         return ranges
 
+    def is_controlled(self, actuator: int) -> bool:
+        """Return whether the force of a MuJoCo actuator depends on a control signal.
+
+        The force is gain * control + bias, where only the bias may depend on the motion. A
+        gain other than zero means that control changes the force. PID controllers have
+        their gain in the bias.
+        """
+        mj_model = self.mj_model
+        is_pid = mj_model.actuator_gaintype[actuator] == self.mujoco.mjtGain.mjGAIN_PID
+        return bool(is_pid or np.any(mj_model.actuator_gainprm[actuator]))
+
+    def _find_servo_range(self, actuator: int) -> list[float] | None:
+        """Return the range (rad) of the angles that a servo at a hinge can be told to take.
+
+        A servo is an actuator with position feedback. Its force is gain * control + bias[0]
+        + bias[1] * length + bias[2] * rate, where the length is the gear ratio times the
+        angle. The angle without force at rest follows from the control.
+
+        The result is None if the actuator is no servo, or if its control has no limits.
+        """
+        mj_model = self.mj_model
+        gains = self.mujoco.mjtGain
+        gear = mj_model.actuator_gear[actuator][0]
+        bias = mj_model.actuator_biasprm[actuator]
+        gain_type = gains(int(mj_model.actuator_gaintype[actuator]))
+        has_feedback = (
+            mj_model.actuator_biastype[actuator] == self.mujoco.mjtBias.mjBIAS_AFFINE
+            and gain_type in (gains.mjGAIN_FIXED, gains.mjGAIN_PID)
+            and bias[1] != 0.0
+        )
+        if gear == 0.0 or not has_feedback:
+            return None
+        is_pid = gain_type == gains.mjGAIN_PID
+        gain = -bias[1] if is_pid else mj_model.actuator_gainprm[actuator][0]
+        if mj_model.actuator_dyntype[actuator] == self.mujoco.mjtDyn.mjDYN_INTEGRATOR:
+            # The control is a rate. Its integral (activation) takes its place in the force.
+            is_limited = mj_model.actuator_actlimited[actuator]
+            controls = mj_model.actuator_actrange[actuator]
+        else:
+            # An actuator can have further controls, such as the rate.
+            first_control = mj_model.actuator_ctrladr[actuator]
+            is_limited = mj_model.actuator_ctrllimited[first_control]
+            controls = mj_model.actuator_ctrlrange[first_control]
+        if not is_limited:
+            return None
+        lengths = -(gain / bias[1]) * controls - bias[0] / bias[1]
+        ends: list[float] = sorted((lengths / gear).tolist())
+        return ends
+
     def _read_equality(self, equality: int) -> None:
         """Store the meaning of an equality constraint: lock, coupling, weld or loop.
 
-        A constraint of one joint locks it. A constraint of two joints, or of tendons (sums
-        of joint angles), couples their rates. A weld joins two bodies rigidly, and a common
-        point of two bodies closes a loop. Constraints of other kinds are left out with a
-        note.
+        A constraint of one joint, or of two at the ratio zero, locks the first. Other
+        constraints of two joints, or of tendons (sums of joint angles), couple their rates.
+        A weld joins two bodies rigidly, and a common point of two bodies closes a loop.
+        Constraints of other kinds are left out with a note.
 
         Parameters
         ----------
@@ -318,7 +481,9 @@ class ForeignModel:
         element = mj_model.eq(equality)
         first_object = mj_model.eq_obj1id[equality]
         second_object = mj_model.eq_obj2id[equality]
-        if kind == kinds.mjEQ_JOINT and second_object < 0:  # there is no second joint
+        # There may be no second joint, or only the constant of the polynomial in its angle.
+        is_constant = second_object < 0 or not np.any(mj_model.eq_data[equality][1:5])
+        if kind == kinds.mjEQ_JOINT and is_constant:
             self.locked_joints.add(first_object)
         elif kind in (kinds.mjEQ_JOINT, kinds.mjEQ_TENDON):
             named_element = element
@@ -372,25 +537,28 @@ class ForeignModel:
             self.loop_points.append(LoopPoint(name, bodies, second_point))
 
     def _find_observed_links(self) -> list[ObservedLink]:
-        """Return the bodies whose orientation relative to another body is read by a sensor.
+        """Return the bodies whose orientation is read by a sensor.
 
         Each of these bodies becomes an output (observed link) of the mechanism.
         """
         mj_model = self.mj_model
-        body_type = int(self.mujoco.mjtObj.mjOBJ_BODY)
+        objects = self.mujoco.mjtObj
+        # MuJoCo's types of a body differ by constant rotations of its axes.
+        body_types = {objects.mjOBJ_BODY, objects.mjOBJ_XBODY}
+        reference_types = {*body_types, objects.mjOBJ_UNKNOWN}
         orientation_type = self.mujoco.mjtSensor.mjSENS_FRAMEQUAT
         observed_links: list[ObservedLink] = []
         for sensor in range(mj_model.nsensor):
-            is_orientation = mj_model.sensor_type[sensor] == orientation_type
-            object_types = {
-                int(mj_model.sensor_objtype[sensor]),
-                int(mj_model.sensor_reftype[sensor]),
-            }
-            if not is_orientation or object_types != {body_type}:
+            if (
+                mj_model.sensor_type[sensor] != orientation_type
+                or objects(int(mj_model.sensor_objtype[sensor])) not in body_types
+                or objects(int(mj_model.sensor_reftype[sensor])) not in reference_types
+            ):
                 continue
             name = element_name(mj_model.sensor(sensor), "output", sensor)
             body = int(mj_model.sensor_objid[sensor])
-            reference = int(mj_model.sensor_refid[sensor])
+            # The number is -1 if the orientation is read relative to the world.
+            reference = max(int(mj_model.sensor_refid[sensor]), 0)
             # In models that spherekit exported, an output with a direction has a site
             # (marked point) of its name on the link.
             sites = [

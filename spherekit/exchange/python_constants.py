@@ -24,8 +24,8 @@ def write_constants(source: FormulaSource, library: str) -> str:
     The exported file computes quantities of a mechanism by formulas. Its first lines import
     a library and define four constants: the names of the arguments that describe the
     motion, the sizes (numbers of the mechanism that can change) with their values, the
-    names of the results, and for each assembly mode (way to assemble the mechanism) the
-    values that select the mode.
+    names of the results with their units, and for each assembly mode (way to assemble the
+    mechanism) the values that select the mode.
 
     Parameters
     ----------

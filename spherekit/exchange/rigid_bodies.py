@@ -21,6 +21,7 @@ from spherekit.exchange.body_inertia import (
     find_link_inertias,
     make_body_inertia,
 )
+from spherekit.exchange.identifiers import unique_names
 from spherekit.geometry.vectors import all_finite
 from spherekit.mechanism.elements import Pair
 from spherekit.mechanism.graph import component_labels, find_spanning_tree
@@ -111,8 +112,8 @@ class RigidBodies(NamedTuple):
     has_made_up_masses
         Whether the mechanism file has no masses, so that the export invented some.
     light_ends
-        Links without mass at the ends of the tree, beyond which there is no link with mass.
-        Such links get more inertia than other links without mass.
+        Links without mass at the ends of the tree, beyond which there is no link with mass,
+        and couplers. They get more inertia than other links without mass.
     """
 
     mechanism: Mechanism
@@ -149,7 +150,7 @@ def construct_rigid_bodies(
     ------
     ModelError
         If a contact has no constant ratio, some links are joined only by contacts, or the
-        number of variables is wrong.
+        number of variables is wrong or a variable is not finite.
     """
     values = np.asarray(values, dtype=float)
     variable_count = len(mechanism.variable_names)
@@ -200,6 +201,7 @@ def construct_rigid_bodies(
         )
     # The other pairs: hinges that close loops, gears, and circles that slide.
     tree_pair_numbers = [branch.pair for branch in branches]
+    used_names = [*links, *(pair.name for pair in pairs)]
     loop_hinges: list[Hinge] = []
     gear_equations: dict[str, Mapping[str, float]] = {}
     for number, pair in enumerate(pairs):
@@ -214,7 +216,9 @@ def construct_rigid_bodies(
             # Circles that slide keep the distance of their centres, so a body between the
             # centres replaces the contact. In the frame of the contact, the centre of a
             # circle, or the opposite point, is along (0, 1, curvature).
-            name = f"centres_{pair.name}"
+            (name,) = unique_names([f"centres_{pair.name}"], taken=used_names)
+            used_names.append(name)
+            light_ends.append(name)
             first_centre, second_centre = (
                 pair_frames[number] @ [0.0, 1.0, curvature] / np.hypot(1.0, curvature)
                 for curvature in pose.states.curvatures[0, number]
