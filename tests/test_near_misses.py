@@ -1,6 +1,7 @@
 """Where outputs come near singularities: local least values, whatever the samples."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from spherekit.cli.main import main
 from spherekit.mechanism.elements import Input
 from spherekit.numerics.minima import find_local_minima
 from spherekit.plugin.motion import PositionAnalysis
+from spherekit.singularities.near_misses import _minima_in_lap
 
 NAME = "singularities"
 NEAR_COEFFICIENT = np.tan(np.radians(5.0))
@@ -119,6 +121,42 @@ def test_a_range_that_ends_before_a_dead_centre_is_nearest_at_its_end(low, high,
     assert abs(miss["velocity_coefficient"] - abs(there)) < 1e-9
 
 
+@pytest.mark.parametrize(
+    "low, high, places",
+    [(-180.0, 0.0, [0.0]), (0.0, 180.0, [0.0]), (0.0, 540.0, [0.0, 360.0])],
+)
+def test_a_near_miss_at_an_end_of_the_range_is_listed_once(low, high, places):
+    """Ground and crank are in line at 0 and at 360 deg, where the coupler nearly folds."""
+    made = four_bar(np.radians([60.0, 30.0, 50.0, 79.7]))
+    made = replace(made, inputs=(Input("21", *np.radians([low, high])),))
+    misses, _ = near_misses(made, 5)
+    assert {miss["type"] for miss in misses} == {"II"}
+    for mode in (0, 1):
+        found = [miss["q_rad"] for miss in misses if miss["assembly_modes"] == [mode]]
+        assert len(found) == len(places)
+        assert np.allclose(np.sort(found), np.radians(places), rtol=0.0, atol=1e-7)
+
+
+def test_a_near_miss_at_an_end_of_the_range_is_none_a_turn_before():
+    """At 26 deg the crank goes on to a dead centre, at 386 deg the range ends."""
+    turned = Input("21", *np.radians([20.0, 386.0]))
+    misses, _ = near_misses(replace(sk.load("four_bar"), inputs=(turned,)), 5)
+    assert np.allclose([miss["q_rad"] for miss in misses], np.radians([386.0]))
+
+
+def test_a_constant_transmission_angle_is_stated():
+    """The angle of coupler and rocker is constant if the ground has the arc 0."""
+    made = four_bar(np.radians([0.0, 50.0, 60.0, 70.0]))
+    crank, coupler, rocker = np.radians([50.0, 60.0, 70.0])
+    cosine = (np.cos(crank) - np.cos(coupler) * np.cos(rocker)) / (
+        np.sin(coupler) * np.sin(rocker)
+    )
+    angle = np.degrees(np.arccos(cosine))
+    result = sk.run(made, NAME, samples=5)
+    remarks = "\n".join(result.summary["remarks"])
+    assert f"Least transmission angle of rocker (4/1): {angle:.4g} deg" in remarks
+
+
 @pytest.mark.many
 @pytest.mark.parametrize("samples, start", [(4, 180.0), (5, 33.0), (181, 33.0)])
 def test_the_least_transmission_angle_is_the_same_whatever_the_samples(samples, start):
@@ -141,6 +179,100 @@ def test_the_least_transmission_angle_is_the_same_whatever_the_samples(samples, 
     assert (
         f"angle of rocker (4/1): {least:.4g} deg at 21 = 360 deg in modes 0, 1" in remarks
     )
+
+
+def simulate_without_loads(made, start, duration, samples=9, **options):
+    """Run the analysis of a simulation; return the result and the inputs of its rows."""
+    made = replace(made, loads=())
+    result = sk.run(
+        made,
+        NAME,
+        start=start,
+        duration=duration,
+        samples=samples,
+        engine="numpy",
+        **options,
+    )
+    return result, result.frame("motion")["q"].to_numpy()
+
+
+@pytest.mark.parametrize(
+    ("start_deg", "rate", "duration"),
+    [(10.0, 3.0, 1.2), (170.0, 2.0, 1.0), (100.0, -2.0, 0.6), (150.0, -1.0, 0.5)],
+)
+@pytest.mark.parametrize("file_range", [(0.0, 360.0), (50.0, 60.0)])
+def test_the_least_transmission_angle_of_a_simulation_is_one_that_it_passes(
+    start_deg, rate, duration, file_range
+):
+    """The angle of coupler and rocker at all inputs between the rows, from closed form."""
+    turned = Input("21", *np.radians(file_range))
+    made = replace(sk.load("four_bar"), inputs=(turned,))
+    start = {"q": np.radians(start_deg), "dq": rate}
+    result, q = simulate_without_loads(made, start, duration)
+    passed = np.linspace(np.min(q), np.max(q), 10_001)
+    ground, crank, coupler, rocker = np.radians([60.0, 20.0, 70.0, 40.0])
+    diagonal_cosine = np.cos(ground) * np.cos(crank)
+    diagonal_cosine = diagonal_cosine + np.sin(ground) * np.sin(crank) * np.cos(passed)
+    cosine = (diagonal_cosine - np.cos(coupler) * np.cos(rocker)) / (
+        np.sin(coupler) * np.sin(rocker)
+    )
+    # The acute angle.
+    angles = np.degrees(np.arccos(np.abs(cosine)))
+    place = np.degrees(passed[np.argmin(angles)])
+    remarks = "\n".join(result.summary["remarks"])
+    least = f"Least transmission angle of rocker (4/1): {np.min(angles):.4g} deg"
+    assert f"{least} at 21 = {place:.6g} deg in mode 0" in remarks
+
+
+@pytest.mark.parametrize("file_range", [(0.0, 360.0), (50.0, 60.0)])
+def test_a_simulation_that_ends_before_a_dead_centre_is_nearest_at_its_end(file_range):
+    """The rocker turns back at -27.8 deg, and the simulation ends 2 deg before."""
+    turned = Input("21", *np.radians(file_range))
+    made = replace(sk.load("four_bar"), inputs=(turned,))
+    start = {"q": np.radians(-20.0), "dq": -0.5}
+    result, q = simulate_without_loads(made, start, 0.2)
+    findings, warnings = findings_and_warnings(result)
+    (miss,) = findings["near_misses"]
+    there = sk.evaluate(sk.load("four_bar"), q[-1], assembly_mode=0)
+    coefficient = abs(there.velocity_coefficient("4/1"))
+    assert miss["type"] == "I" and abs(miss["q_rad"] - q[-1]) < 1e-9
+    assert coefficient < NEAR_COEFFICIENT
+    assert abs(miss["velocity_coefficient"] - coefficient) < 1e-9
+    assert any("without meeting" in warning for warning in warnings)
+
+
+def test_a_simulation_behind_a_crossing_is_near_a_dead_centre_at_its_end():
+    """A change-point four-bar folds at 360 deg and goes on along another curve.
+
+    The rocker turns back at 596.9 deg. The simulation ends 2 deg before. At the crossing
+    the simulation does not end, so the last row before it is no end.
+    """
+    made = four_bar(np.radians([50.0, 30.0, 60.0, 40.0]))
+    result, q = simulate_without_loads(made, {"q": 2.5, "dq": 3.0}, 3.99, crossings="pass")
+    findings, _ = findings_and_warnings(result)
+    assert 592.0 < np.degrees(q[-1]) < 596.0
+    (miss,) = findings["near_misses"]
+    assert miss["type"] == "I" and abs(miss["q_rad"] - q[-1]) < 1e-9
+    assert miss["assembly_modes"] == [0]
+    relation = result.frame(NAME, "relation")
+    last_row = relation[relation["form"] == "i"].iloc[-1]
+    assert abs(miss["angle_rad"] - last_row["distance_I"]) < 1e-9
+
+
+@pytest.mark.parametrize("first, second", [(-5e-8, 5e-8), (5e-8, -5e-8), (0.0, 0.0)])
+def test_a_minimum_at_the_second_node_of_a_closed_curve_is_found_once(first, second):
+    """Rounding moves the minimum by `first` in the first lap, by `second` in the next."""
+    s = np.linspace(0.0, 6.0, 13)
+    curve = SimpleNamespace(s=s, length=6.0)
+
+    def function(x):
+        laps = (x - s[1]) / curve.length
+        laps = laps - (first + laps * (second - first)) / curve.length
+        return 1.3 - np.cos(2.0 * np.pi * laps)
+
+    positions, values = _minima_in_lap(function, curve, np.inf)
+    assert np.allclose(positions, s[1], rtol=0.0, atol=2e-7)
+    assert len(values) == 1 and abs(values[0] - 0.3) < 1e-12
 
 
 def geared(teeth, ground=60.0, crank=20.0, span=360.0):

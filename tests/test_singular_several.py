@@ -6,17 +6,27 @@ from itertools import product
 import numpy as np
 import pytest
 from mechanism_examples.linkages import mechanism_from_chain, random_axes
+from mechanism_examples.named_mechanisms import direction_at_colatitude, open_cam
 from mechanism_examples.wide_five_bar import wide_five_bar
 from oracles.four_bar_singularities import axes_at_configuration, count_configuration_curves
 from oracles.velocity_equations import locked_rates, sine_between_lines
 from scipy import ndimage
 
 import spherekit as sk
-from spherekit.mechanism.elements import Output
+from spherekit.mechanism.elements import (
+    Input,
+    LinkSizes,
+    Output,
+    Pair,
+    Profile,
+    SizeGeometry,
+)
 from spherekit.positions.motion import make_motion
 from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.singularities import aspects as aspects_module
 from spherekit.singularities import curve_tracing, surface_front
 from spherekit.singularities.aspects import aspects
+from spherekit.singularities.curve_starts import closed_configurations, points_from
 from spherekit.singularities.curve_tracing import trace_curves
 from spherekit.singularities.locus import SingularityLocus
 from spherekit.singularities.several_inputs import RowType, coefficients
@@ -517,6 +527,78 @@ def test_aspects_free_of_both_types_split_by_signs():
     assert len(found.sizes) == 8  # each leg bent to either side, for each sign of the dyad
 
 
+def test_wheels_have_one_configuration_at_each_sample_of_aspects():
+    """Inputs that differ by a turn are different positions of wheels, also for aspects.
+
+    The samples are three quarters of a turn apart. Without another assembly mode there is
+    one configuration at each of them.
+    """
+    cones = sk.load("rolling_cones").with_inputs(
+        ranges={"arm_pivot": (0.0, 540.0)}, angle_unit="deg"
+    )
+    found = aspects(cones, 3)
+    assert found.sizes.tolist() == [3]
+    assert np.allclose(found.inputs, found.input_grid.q, rtol=0.0, atol=1e-12)
+
+
+def test_aspects_say_how_many_paths_the_largest_number_leaves_out(monkeypatch):
+    monkeypatch.setattr(aspects_module, "MAX_ASPECT_CONFIGURATIONS", 10)
+    found = aspects(sk.load("five_bar"), 3)
+    # Two assembly modes at each of nine samples.
+    assert len(found.values) == 18
+    assert "before paths from 18 of them" in found.note
+    assert found.guarantee.endswith(found.note)
+
+
+def test_aspects_free_of_type_two_need_no_output_with_as_many_freedoms():
+    """A direction has two degrees of freedom, so it can always rest with three inputs."""
+    found = aspects(sk.load("three_rrr"), 1, pointing="c1")
+    assert len(found.sizes)
+    assert set(found.sign_two) == {-1, 1}
+    assert not np.any(found.sign_one)
+
+
+def test_a_singular_curve_ends_where_the_contact_leaves_an_open_profile():
+    """The status of both ends is OFF_PROFILE.
+
+    The roller of a rod (link 3) follows an open cam (link 2). A crank (link 4) carries the
+    rod. Cam and crank are the inputs. On a curve of type II, the contact moves along the
+    cam from one end of its profile to the other.
+    """
+    degree = np.pi / 180.0
+    cam_profile, _ = open_cam().pairs[2].profiles
+    roller = Profile("circle", direction_at_colatitude(25.0 * degree), 12.0 * degree)
+    sizes = {
+        "1": LinkSizes(("12", "14"), (60.0 * degree,)),
+        "2": LinkSizes(("12",)),
+        "3": LinkSizes(("43",)),
+        "4": LinkSizes(("14", "43"), (30.0 * degree,)),
+    }
+    pairs = (
+        Pair("12", "R", ("1", "2")),
+        Pair("14", "R", ("1", "4")),
+        Pair("43", "R", ("4", "3")),
+        Pair("23", "Cs", ("2", "3"), (cam_profile, roller), "external"),
+    )
+    mechanism = sk.Mechanism(
+        "driven_rod",
+        "1",
+        ("1", "2", "3", "4"),
+        pairs,
+        SizeGeometry(sizes),
+        inputs=(Input("12", -np.pi, np.pi), Input("14", -np.pi, np.pi)),
+    )
+    solver = solver_of(mechanism)
+    locus = SingularityLocus(solver.closure, 2, InputsLocked(solver.driven))
+    random_values = closed_configurations(solver, 256, np.random.default_rng(1))
+    starts = points_from(locus, random_values, solver.driven)
+    (curve,) = trace_curves(locus, starts.rows(slice(1)))
+    assert curve.ends == (Status.OFF_PROFILE, Status.OFF_PROFILE)
+    ends = np.sort(curve.nodes.values[[0, -1], 3])
+    cam_length = solver.closure.joints[3].first.length
+    assert np.allclose(ends, [0.0, cam_length], rtol=0.0, atol=2e-6)
+
+
 @pytest.mark.slow
 def test_the_surface_of_type_two_of_a_three_rrr_is_a_sound_mesh(monkeypatch):
     """The mesh of the type II surface of a platform has right points and sound triangles.
@@ -556,3 +638,10 @@ def test_the_surface_of_type_two_of_a_three_rrr_is_a_sound_mesh(monkeypatch):
     lengths = np.linalg.norm(differences, axis=1)
     assert np.max(lengths) < 0.75
     assert np.median(lengths) == pytest.approx(0.3, abs=0.06)
+
+
+def test_a_negative_number_of_slices_is_refused():
+    """No completeness is claimed for a search on fewer than no slices."""
+    for function, name in ((singular_curves, "five_bar"), (singular_surface, "three_rrr")):
+        with pytest.raises(sk.SpherekitError, match="has to be 0 or more"):
+            function(sk.load(name), "II", slices_of_each=-1)

@@ -21,7 +21,11 @@ from spherekit.positions.curve_crossing import find_crossing, find_outgoing_poin
 from spherekit.positions.curve_segment import curve_points
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities.input_output_relation import FourLinks, Type, make_relation
-from spherekit.singularities.single_freedom import SingleFreedomSingularities
+from spherekit.singularities.single_freedom import (
+    InputOutputRests,
+    SingleFreedomSingularities,
+    explain_doubts,
+)
 from spherekit.status import Status
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
@@ -76,6 +80,41 @@ def test_a_double_zero_of_an_output_rate_is_one_singularity():
     assert both_rest.type == Type.SELF_MOTION
     assert both_rest.input_turns
     assert not both_rest.output_turns
+
+    # An output that is the input, or its reverse, rests with it without doubt, although the
+    # double zero is inaccurate.
+    for output in ("6/1", "1/6"):
+        (input_rests,) = report_at(position_analysis, curve, output, "6/1")
+        assert input_rests.type == Type.SELF_MOTION
+        assert input_rests.error > 1e-7
+        assert input_rests.certain
+
+
+@pytest.mark.parametrize("start", [0.0, 1.5])
+def test_doubts_do_not_depend_on_where_a_closed_curve_begins(start):
+    """Two singularities near each other are undecided also on both sides of the start.
+
+    The closed curve has the length 3 rad. Near the arc length 1.5 rad, the input and the
+    output rest 1e-11 rad apart, with errors of 1e-12 rad. The input also rests at 0.5 rad.
+    """
+    lap = 3.0
+    s = (np.array([0.5, 1.5 - 0.5e-11, 1.5 + 0.5e-11]) - start) % lap
+    is_input = np.array([True, True, False])
+    order = np.argsort(s)
+    rests = InputOutputRests(
+        s=s[order],
+        errors=np.full(3, 1e-12),
+        distances=np.zeros(3),
+        input_rests=is_input[order],
+        output_rests=~is_input[order],
+        input_is_double=np.zeros(3, dtype=bool),
+        output_is_double=np.zeros(3, dtype=bool),
+    )
+    types = [Type.II if input_rests else Type.I for input_rests in rests.input_rests]
+    notes = explain_doubts(rests, types, is_input=False, lap=lap)
+    assert [bool(notes[k]) for k in np.argsort(order)] == [False, True, True]
+    notes_of_open_curve = explain_doubts(rests, types, is_input=False, lap=np.inf)
+    assert sum(map(bool, notes_of_open_curve)) == (2 if start == 0.0 else 0)
 
 
 def report_at(position_analysis, curve, output, given):

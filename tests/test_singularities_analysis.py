@@ -495,3 +495,15 @@ def test_relations_keep_their_sense_where_an_axis_rests():
     for _, relation in rows.groupby(["assembly_mode", "output", "form"]):
         steps = relation[["c", "d"]].dropna().diff().abs().to_numpy()
         assert np.nanmax(steps, initial=0.0) < 0.1
+
+
+@pytest.mark.parametrize("near", ["180deg", "360deg"])
+def test_a_limit_beyond_a_right_angle_warns_as_a_right_angle_does(near):
+    """Distances from singularities are at most a right angle."""
+
+    def warnings(limit):
+        found = sk.run("four_bar", f"{NAME}:near={limit}", samples=5).summary["warnings"]
+        return [text.replace(f"within {limit[:-3]} deg", "near") for text in found]
+
+    assert any("of type II without meeting it" in text for text in warnings(near))
+    assert warnings(near) == warnings("90deg")

@@ -1,10 +1,13 @@
 """The analysis of singularities with several inputs: tables, conditions, recordings."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.scene_listener import SceneListener
 from mechanism_examples.wide_five_bar import wide_five_bar
 from rerun.chunk import RrdReader
+from spherekit_analyses.singularities import several_inputs
 
 import spherekit as sk
 from spherekit.display.rerun.recorder import RerunRecorder
@@ -184,3 +187,50 @@ def test_three_inputs_have_coefficients_and_no_surface_if_it_is_left_out():
     for primitives in pages.primitives_by_page.values():
         for primitive in primitives:
             assert not isinstance(primitive, Surface | Portrait | SphereCurves)
+
+
+def test_reciprocal_condition_is_that_of_the_loop_equations_with_locked_inputs():
+    """With one loop it is the reciprocal of the condition number of the motion."""
+    result = sk.run("five_bar", "singularities:slices=0,input_grid=0", samples=3)
+    frame = result.frame("singularities", "relation")
+    motion = sk.trace(sk.load("five_bar"), samples=3)
+    expected = 1.0 / motion.conditioning
+    for pair in ("21", "51"):
+        rows = frame[frame.moving == pair]
+        np.testing.assert_allclose(rows.reciprocal_condition, expected, rtol=1e-9)
+
+
+def test_modes_of_type_three_in_every_row_are_remarked_and_not_warned_of(monkeypatch):
+    """A mode of type III in every row is of types I and II; its rows are not near them."""
+    computed = several_inputs.coefficients
+
+    def all_of_type_three(*arguments):
+        rows = computed(*arguments)
+        zeros = np.zeros(len(rows.type))
+        types = np.full_like(rows.type, several_inputs.RowType.III)
+        return replace(rows, type=types, type_one=zeros, type_two=zeros)
+
+    monkeypatch.setattr(several_inputs, "coefficients", all_of_type_three)
+    analysis = "singularities:slices=0,input_grid=0"
+    (summary,) = sk.run("five_bar", analysis, samples=2).summary["analyses"]
+    assert any("of type III in every row" in remark for remark in summary["remarks"])
+    assert not summary["warnings"]
+
+
+def test_reached_angles_that_round_to_zero_have_no_sign():
+    """Angles from -0.3 to 0.2 degrees are 0, not from -0 to 0."""
+    points = np.radians([[-0.3, 10.2], [0.2, 12.0]])
+    text = several_inputs._reach_text([points], ["21", "51"])
+    assert text == "21 = 0, 51 = 10 to 12"
+
+
+@pytest.mark.slow
+def test_each_surface_of_an_output_has_its_own_number():
+    """Surfaces of types I and II of one output have different numbers."""
+    analysis = "singularities:input_grid=0,mesh=30,seconds=10"
+    points = sk.run("three_rrr", analysis, samples=2).frame("singularities")
+    numbers_1 = set(points.curve[points.kind == "I"])
+    numbers_2 = set(points.curve[points.kind == "II"])
+    assert numbers_1
+    assert numbers_2
+    assert not numbers_1 & numbers_2

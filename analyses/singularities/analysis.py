@@ -129,12 +129,12 @@ class SingularityAnalysis(AbstractAnalysis):
         """Return the relative motions of interest as indices (o, s) of links.
 
         Link o moves relative to link s. The motions are those of the parameter `output`. If
-        it is empty, they are those of the outputs that the mechanism declares. Without
-        declared outputs, a mechanism with one input has the motions of
-        `observed_outputs`, and a mechanism with several inputs has none.
+        it is empty, a mechanism with one input has the motions of `observed_outputs`, and a
+        mechanism with several inputs those of the outputs that it declares.
         """
         if self.output:
-            return tuple(ordered_pole(mechanism, text) for text in self.output)
+            given_motions = [ordered_pole(mechanism, text) for text in self.output]
+            return tuple(dict.fromkeys(given_motions))  # without repetitions
         outputs = mechanism.outputs
         if len(mechanism.inputs) == 1:
             outputs = observed_outputs(mechanism)

@@ -189,9 +189,6 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
     # 1. The angle of the output at samples of the curve, which include all singularities.
     curve = sampled.curves[number]
     links = sampled.report.outputs[output]
-    # Index of the variable of the pair between both links, None if there is no such
-    # pair.
-    variable = sampled.position_analysis.mechanism.angle_between(*links)
     points = [
         point
         for point in sampled.report.points
@@ -205,9 +202,14 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
     angle_on_curve = sampled.output_angle(number, output, s)
     angle = angle_on_curve
     # Without a pair between the two links, the angle is the rotation about the pole axis
-    # since the start. With a pair, it is the variable of the pair.
-    if variable is not None:
-        crossing_angles = [values[variable] for _, values in sampled.crossing_ends(number)]
+    # since the start. With a pair, it is the variable of the pair, up to the sign.
+    crossing_values = [values for _, values in sampled.crossing_ends(number)]
+    variable_count = curve.nodes.values.shape[1]
+    crossing_angles = sampled.pair_angle(
+        output, np.reshape(crossing_values, (-1, variable_count))
+    )
+    has_pair = crossing_angles is not None
+    if crossing_angles is not None:
         angle = np.append(angle_on_curve, crossing_angles)
         # The start of the curve is in (-pi, pi].
         angle = angle - angle_on_curve[0] + wrap(angle_on_curve[0])
@@ -220,9 +222,7 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
     # reached the greatest length.
     is_unfinished = not curve.closed and Status.OK in curve.ends
     if swing == "0":
-        return "rests" + (
-            f" at {_format_degrees(high)} deg" if variable is not None else ""
-        )
+        return "rests" + (f" at {_format_degrees(high)} deg" if has_pair else "")
 
     input_variable = sampled.position_analysis.solver.input_variable
     input_ends = curve.at(s[[0, -1]]).values[:, input_variable]
@@ -234,7 +234,7 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
             "of the input"
         )
     limitation = ", as far as the curve was followed" if is_unfinished else ""
-    if variable is None:
+    if not has_pair:
         to_and_fro = "to and fro " if reverses else ""
         return f"turns {to_and_fro}by {swing} deg about its moving pole axis{limitation}"
     net_angle = abs(angle_on_curve[-1] - angle_on_curve[0])

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.plugin import (
     Arrow,
@@ -53,6 +54,7 @@ from .scenes import (
     COLOUR_OF_KIND,
     SELF_MOTION,
     break_at_jumps,
+    name_kind,
     plot_plane,
     relation_plots,
 )
@@ -78,9 +80,13 @@ LABEL_OF_AXIS = {
     "rs": "rs",
 }
 """Labels of the axes of `SixPoles` in drawings, in the order in which they are drawn."""
-AXES_OF_FIRST_PLANE = {"I": ("io", "os", "is_"), "II": ("or_", "os", "rs")}
-AXES_OF_SECOND_PLANE = {"I": ("ir", "is_", "rs"), "II": ("io", "os", "is_")}
-"""The axes of the two planes that coincide, by the type of the singularity."""
+AXES_OF_PLANES = {
+    "I": (("io", "os", "is_"), ("ir", "is_", "rs")),
+    "I with four links": (("or_", "ir", "io"), ("ir", "is_", "rs")),
+    "II": (("or_", "os", "rs"), ("io", "os", "is_")),
+}
+"""The axes of the two planes that coincide, by the type of the singularity. At type I they
+are other planes if the links of input and output are four different links."""
 GALLERY_HEADER = (
     "Arrows: poles of the input link i, its reference r, the output link o and its "
     "reference s, or the fourth link of form ii. Great circles: the planes that "
@@ -160,7 +166,8 @@ class OneInput:
         rate of the input or output is zero. The singularity is double if this rate does not
         change its sign there. Other columns are:
 
-        - `inside`: whether the singularity is in the range of the input.
+        - `inside`: whether the singularity is in the range of the input, or is passed in a
+          simulation.
         - `certain`: whether its kind is certain despite rounding errors.
         - `guarantee`: how completely the curves are known.
         """
@@ -174,11 +181,13 @@ class OneInput:
         for point in report.resting_curves:
             # A piece is a part of a curve in one assembly mode (way to assemble the links).
             pieces = sampled.configurations.curves[point.curve].pieces
+            # A simulation passes only curves on which it has rows.
+            is_inside = not sampled.is_simulation or point.curve in sampled.curve
             rows.append(
                 {
                     "kind": str(point.type),
                     "assembly_mode": _join_numbers(sampled.modes_of(pieces)),
-                    "inside": "yes",
+                    "inside": "yes" if is_inside else "no",
                     "output": self._name_links(point.output),
                     "curve": point.curve,
                     "residual": 0.0,
@@ -274,7 +283,7 @@ class OneInput:
         type II, d is 0 at type I. There are up to two forms, which use different pole axes.
         In form i, y' is the rate of the output link relative to its own reference s. In
         form ii it is the rate relative to the reference r of the input. The table has every
-        row of the batch once for each output and form.
+        row of the batch once for each output and form. It is empty without curves.
 
         A row has type I if the rate of the output is zero, and type II if the rate of
         the input is zero. If both rates are zero, other links move (a self-motion).
@@ -288,8 +297,17 @@ class OneInput:
         # A status of the row itself takes precedence over the status of a singularity
         # measure.
         status = np.where(batch.status == Status.OK, sampled.status, batch.status)
+        measures = sampled.measures()
+        if not measures and sampled.curves:
+            # No row is on a curve, so no rates are known.
+            unknown = np.full(len(batch), np.nan)
+            measures = {
+                (output, form): {"output_rate": unknown, "input_rate": unknown}
+                for output, links_by_form in enumerate(sampled.report.links)
+                for form in links_by_form
+            }
         tables: list[Columns] = []
-        for (output, form), columns in sampled.measures().items():
+        for (output, form), columns in measures.items():
             output_rate = columns["output_rate"]
             input_rate = columns["input_rate"]
             output_rests = np.abs(output_rate) < RESTING_RATE
@@ -473,7 +491,8 @@ class OneInput:
             # (marks, inputs), with the only input.
             marked_inputs = q[:, None]
             colour = COLOUR_OF_KIND[kind]
-            marks.append(InputMarks(f"marks/{kind}", f"type {kind}", marked_inputs, colour))
+            label = name_kind(kind)
+            marks.append(InputMarks(f"marks/{kind}", label, marked_inputs, colour))
         return marks
 
     @cached_property
@@ -488,37 +507,45 @@ class OneInput:
         lines: dict[tuple[int, int], Floats] = {}
         sampled = self.sampled
         for number, curve in enumerate(sampled.curves):
-            # The last point is just before the end, where a closed curve would begin again.
-            s = np.linspace(0.0, curve.length * (1.0 - 1e-12), POINTS_PER_CURVE)
+            s = _drawn_arc_lengths(curve.length)
             for output in range(len(self.names)):
                 angle = sampled.output_angle(number, output, s)
-                links = sampled.report.outputs[output]  # the two links of the output
-                # If a pair (joint) connects these links, the output angle is the angle of
-                # the pair, drawn in (-pi, pi]. Without a pair, the output angle is counted
-                # from the start of the curve and includes whole revolutions.
-                if sampled.position_analysis.mechanism.angle_between(*links) is not None:
+                # If a pair (joint) connects the links of the output, the output angle is
+                # the angle of the pair, drawn in (-pi, pi]. Without a pair, the output
+                # angle is counted from the start of the curve and includes whole
+                # revolutions.
+                if self._has_pair(output):
                     angle = wrap(angle)
                 q = sampled.input_at(number, s)
                 lines[number, output] = np.stack([q, angle], axis=1)
         return lines
 
+    def _has_pair(self, output: int) -> bool:
+        """Return whether an R pair connects the two links of an output."""
+        links = self.sampled.report.outputs[output]
+        mechanism = self.sampled.position_analysis.mechanism
+        return mechanism.angle_between(*links) is not None
+
     def _points_on_line(self, curve: int, output: int, s: Floats) -> Floats:
-        """Return the drawn points (k, 2) of a curve that are nearest to arc lengths s (k,).
+        """Return the points (k, 2) of a drawn curve at arc lengths s (k,).
 
         The line shows the output angle over the input along a configuration curve. A point
-        has both angles in rad. Marks at drawn points lie exactly on the line.
+        has both angles in rad. Without a pair between the links of the output, the output
+        angle is interpolated between the drawn points.
         """
-        parts = s / self.sampled.curves[curve].length
-        numbers = np.rint(parts * (POINTS_PER_CURVE - 1)).astype(int)
-        return self.curve_lines[curve, output][numbers]
+        if self._has_pair(output):
+            angle = wrap(self.sampled.output_angle(curve, output, s))
+        else:
+            drawn_s = _drawn_arc_lengths(self.sampled.curves[curve].length)
+            angle = np.interp(s, drawn_s, self.curve_lines[curve, output][:, 1])
+        return np.stack([self.sampled.input_at(curve, s), angle], axis=1)
 
     def _input_output_plot(self, output: int, rows: slice) -> Portrait:
         """Return a plot of an output angle against the input angle.
 
         The plot shows all configuration curves, marks at singularities, and a point that
-        moves along the rows of the batch. The moving point has the input of its row, and
-        the output angle of the nearest drawn point of the curve. An exact output angle
-        would take long to compute.
+        moves along the rows of the batch. Curves are drawn over one period of the input.
+        The input of the moving point is shifted by whole periods onto the curve.
 
         Parameters
         ----------
@@ -527,19 +554,21 @@ class OneInput:
         rows
             Rows of the batch at which the moving point is drawn.
         """
-        batch = self.batch
         sampled = self.sampled
         name = self.names[output]
         curve_numbers = range(len(sampled.curves))
         # (rows, 2) input and output. Rows that could not be assigned to a curve have the
         # curve number -1. Their points remain NaN and are not drawn.
-        row_points = np.full((len(batch), 2), np.nan)
+        curve_of_row = sampled.curve[rows]
+        row_points = np.full((len(curve_of_row), 2), np.nan)
         for number in curve_numbers:
-            is_on_curve = sampled.curve == number
-            # (k, 2) input and output angle (rad) of the drawn points nearest to arc lengths
-            drawn_points = self._points_on_line(number, output, sampled.s[is_on_curve])
-            row_points[is_on_curve, 0] = batch.q[is_on_curve]
-            row_points[is_on_curve, 1] = drawn_points[:, 1]
+            is_on_curve = curve_of_row == number
+            s = sampled.s[rows][is_on_curve]
+            points = self._points_on_line(number, output, s)
+            # At the end of a period the curve begins again. A row there stays at the end.
+            q = self.batch.q[rows][is_on_curve]
+            points[:, 0] = np.where(sampled.is_in_first_period(number, q), q, points[:, 0])
+            row_points[is_on_curve] = points
         marks = []
         for point in sampled.report.points:
             if point.output != sampled.report.outputs[output]:
@@ -548,7 +577,7 @@ class OneInput:
             # A mark needs a place, but a failed point of a curve is NaN.
             if np.all(np.isfinite(position)):
                 colour = COLOUR_OF_KIND[str(point.type)]
-                marks.append(Mark(f"type {point.type}", position, colour))
+                marks.append(Mark(name_kind(str(point.type)), position, colour))
         curves = []
         for number in curve_numbers:
             line = break_at_jumps(self.curve_lines[number, output])
@@ -556,8 +585,8 @@ class OneInput:
         return plot_plane(
             f"plots/input_output/{name.replace('/', '_')}",
             f"output {name} against the input",
-            row_points[rows],
-            (f"input {batch.moving_inputs[0]}", f"output {name}"),
+            row_points,
+            (f"input {self.batch.moving_inputs[0]}", f"output {name}"),
             curves,
             marks,
         )
@@ -581,11 +610,22 @@ class OneInput:
         parts: list[Primitive] = [
             *link_bodies(self.sampled.position_analysis.mechanism, rotations),
             *_pole_arrows(six_poles),
-            *_coinciding_planes(six_poles, points["kind"]),
+            *_coinciding_planes(six_poles, points["kind"], self._have_four_links(points)),
             Text("list", "Singularities", _gallery_text(points)),
         ]
         sample_axis = Axis("singularity", "", np.arange(float(len(points["s"]))))
         return Scene("Singularities", tuple(parts), (sample_axis,))
+
+    def _have_four_links(self, points: Mapping[str, Any]) -> NDArray[np.bool_]:
+        """Return whether (n,) input and output have four different links.
+
+        `points` are columns of the table of singularities, with the name of the output.
+        """
+        links_by_name = dict(zip(self.names, self.sampled.report.links, strict=True))
+        return np.array(
+            [len(links_by_name[name]["i"].different) == 4 for name in points["output"]],
+            dtype=bool,
+        )
 
     def _link_rotations(self, points: Mapping[str, Any]) -> Floats:
         """Return the orientations (n, links, 3, 3) of all links at n singularities.
@@ -652,7 +692,15 @@ def _pole_arrows(six_poles: SixPoles) -> list[Primitive]:
     return arrows
 
 
-def _coinciding_planes(six_poles: SixPoles, kinds: Any) -> list[Primitive]:
+def _drawn_arc_lengths(length: float) -> Floats:
+    """Return the arc lengths of the drawn points of a curve of a length (rad)."""
+    # The last point is just before the end, where a closed curve would begin again.
+    return np.linspace(0.0, length * (1.0 - 1e-12), POINTS_PER_CURVE)
+
+
+def _coinciding_planes(
+    six_poles: SixPoles, kinds: Any, have_four_links: NDArray[np.bool_]
+) -> list[Primitive]:
     """Return two great circles at each singularity, which show that two planes coincide.
 
     A pole axis is the axis of relative rotation of two links. Six pole axes are those of
@@ -668,16 +716,20 @@ def _coinciding_planes(six_poles: SixPoles, kinds: Any) -> list[Primitive]:
         The pole axes at n singularities.
     kinds
         (n,) the types of the singularities as texts.
+    have_four_links
+        (n,) whether the links of input and output are four different links.
     """
     is_type_1 = np.array([kind == "I" for kind in kinds], dtype=bool)
     planes: list[Primitive] = []
-    for number, (label, axes_by_type) in enumerate(
-        (("one triplet", AXES_OF_FIRST_PLANE), ("the other", AXES_OF_SECOND_PLANE))
-    ):
+    for number, label in enumerate(("one triplet", "the other")):
         # The second result of `plane`, a measure of accuracy, is not needed.
-        normals_at_type_1, _ = six_poles.plane(axes_by_type["I"])
-        normals_at_type_2, _ = six_poles.plane(axes_by_type["II"])
-        normals = np.where(is_type_1[:, None], normals_at_type_1, normals_at_type_2)
+        normals, _ = six_poles.plane(AXES_OF_PLANES["II"][number])
+        for key, is_drawn in (
+            ("I", is_type_1 & ~have_four_links),
+            ("I with four links", is_type_1 & have_four_links),
+        ):
+            normals_at_type_1, _ = six_poles.plane(AXES_OF_PLANES[key][number])
+            normals[is_drawn] = normals_at_type_1[is_drawn]
         planes.append(GreatCircle(f"plane/{number}", f"plane of {label}", normals))
     return planes
 

@@ -89,8 +89,8 @@ DEFAULT_SLICES = 12
 """Default number of values at which each of two inputs is locked in mechanisms of
 dyads. Larger: smaller loci are found, in more time."""
 EDGES_PER_RANGE = 4.0
-"""Smallest number of edges of the first mesh along the narrowest range of an input.
-Larger: smaller triangles, and more time."""
+"""Smallest number of edges of the first mesh along the narrowest range of an input, unless
+`mesh` is longer. Larger: smaller triangles, and more time."""
 MAX_EDGE_HALVINGS = 2
 """Largest number of times that the edges are halved afterwards, with vertices on the
 surface. Larger: finer surfaces, in more time."""
@@ -98,7 +98,7 @@ PARTS_PER_CHORD = 8
 """Parts into which each chord between two nodes of a drawn curve is divided. Larger:
 smoother curves."""
 LONGEST_EDGE_RAD = np.radians(15.0)
-"""Longest edge of the first mesh."""
+"""Longest edge of the first mesh, unless `mesh` is longer."""
 MAX_OUTPUT_FREEDOMS = 3
 """Largest number of degrees of freedom of an output."""
 CURVE_INPUT_COUNT = 2
@@ -242,7 +242,7 @@ class SeveralInputs:
         states how complete the search was, for example certified or only sampled. The
         column `inside` states whether all inputs are within their declared ranges. The
         column `curve` has a number for each curve of an output, or for each connected
-        surface.
+        surface of an output.
         """
         tables: list[Columns] = []
         for output in self.batch.mechanism.outputs:
@@ -268,7 +268,9 @@ class SeveralInputs:
                     )
                 elif isinstance(locus, SingularSurface):
                     columns = self._point_columns(locus.points, output, locus.claim)
-                    columns["curve"] = locus.component
+                    components = locus.component
+                    columns["curve"] = curve_number + components
+                    curve_number += len(np.unique(components))
                     columns["note"] = "vertex of a surface"
                     tables.append(columns)
                 else:
@@ -451,8 +453,8 @@ class SeveralInputs:
             "status": batch.status,
             # Type of the singularity, such as I or II, or regular.
             "type": [RowType(code).label for code in rows.type],
-            # Which motion is singular. 0: none. 1: the motion of a single input while the
-            # others are locked. 2: only a motion of several inputs.
+            # Which motion is singular. 1: the motion of a single input while the others
+            # are locked. 2: only a motion of several inputs. 0: not type I, II or III.
             "group": rows.group,
             "moving": batch.moving_inputs[input_number],
             "c": rows.c[:, input_number],
@@ -544,7 +546,11 @@ class SeveralInputs:
                 )
             for kind, sines in (("I", rows.type_one), ("II", rows.type_two)):
                 if kind not in kinds_everywhere:
-                    modes = singular_modes.get(kind, [])
+                    # Modes of type III are of both types.
+                    modes = [
+                        *singular_modes.get(kind, []),
+                        *singular_modes.get(RowType.III.label, []),
+                    ]
                     warnings += self._warn_of_near_rows(kind, name_in_words, sines, modes)
 
         # 3. Aspects.
@@ -967,12 +973,12 @@ def _reach_text(parts: Sequence[Floats], inputs: Sequence[str]) -> str:
     texts = []
     for points in parts:
         ranges = []
-        lowest = np.degrees(np.min(points, axis=0))
-        highest = np.degrees(np.max(points, axis=0))
+        # Degrees are rounded, because points are about a degree apart. Adding 0.0 changes
+        # -0.0 to 0.0.
+        lowest = np.round(np.degrees(np.min(points, axis=0))) + 0.0
+        highest = np.round(np.degrees(np.max(points, axis=0))) + 0.0
         for pair, low, high in zip(inputs, lowest, highest, strict=True):
-            # Degrees are rounded, because points are about a degree apart. Adding 0.0
-            # changes -0.0 to 0.0.
-            low_text, high_text = f"{low + 0.0:.0f}", f"{high + 0.0:.0f}"
+            low_text, high_text = f"{low:.0f}", f"{high:.0f}"
             range_text = low_text if low_text == high_text else f"{low_text} to {high_text}"
             ranges.append(f"{pair} = {range_text}")
         texts.append(", ".join(ranges))

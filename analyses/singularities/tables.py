@@ -75,13 +75,14 @@ SINGULARITIES = Table(
         Column(
             "curve",
             "",
-            "number of the configuration curve on which the singularity lies",
+            "number of the configuration curve on which the singularity lies; with several "
+            "inputs, of the singular curve or surface",
             "integer",
         ),
         Column(
             "s",
             "rad",
-            "position of the singularity on its configuration curve, "
+            "position of the singularity on its curve, "
             "as an arc length in the space of all pair variables",
         ),
         Column("error", "rad", "upper bound of the error of the arc length s"),
@@ -134,7 +135,8 @@ SINGULARITIES = Table(
 RELATION = Table(
     "relation",
     "relation c y' = d q' of the rates y' of the output and q' of the input, and nearness "
-    "of singularities: one row per sample, assembly mode, output and form",
+    "of singularities: one row per sample, assembly mode, output and form; with several "
+    "inputs also per moving input",
     (
         SAMPLE,
         ASSEMBLY_MODE,
@@ -164,8 +166,8 @@ RELATION = Table(
             "velocity_coefficient",
             "",
             "rate y'/q' of the output per unit rate of the input: d/c in the row of form "
-            "i, and the same value in the row of form ii; infinite at a type II "
-            "singularity",
+            "i, and the same value in the row of form ii; at a type II singularity "
+            "infinite, with several inputs empty",
         ),
         Column(
             "distance_I",
@@ -235,8 +237,9 @@ RELATION = Table(
         Column(
             "group",
             "",
-            "0: regular; 1: singular for the motion of a single input while the others are "
-            "locked; 2: singular only for a combined motion of several inputs",
+            "1: singular for the motion of a single input while the others are locked; 2: "
+            "singular only for a combined motion of several inputs; 0: not of type I, II "
+            "or III",
             "integer",
         ),
     ),

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Bools, Floats, Indices, Integers, SmallIntegers
-from spherekit.conventions import TURN
 from spherekit.errors import AnalysisError
 from spherekit.geometry.vectors import max_abs, nans
 from spherekit.mechanism.mechanism import Mechanism
@@ -22,7 +22,7 @@ from spherekit.positions import input_grid as grids
 from spherekit.positions.gear_phases import variable_periods
 from spherekit.positions.input_grid import InputGrid
 from spherekit.positions.input_paths import follow_inputs
-from spherekit.positions.input_revolutions import less_periods
+from spherekit.positions.input_revolutions import less_periods, whole_laps
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.singularities.locus import SingularityLocus
 from spherekit.singularities.singularity_report import LocusName
@@ -71,8 +71,8 @@ class Aspects:
         (aspects,) sign of the determinant that vanishes at type II, and of the one that
         vanishes at type I. Both determinants refer to a basis of the rates that close the
         loops. A sign is 0 if it has no meaning, because the loop equations are redundant.
-        `sign_one` is also 0 if the output has more degrees of freedom than there are
-        inputs, or if the aspect has both signs.
+        `sign_one` is also 0 if there is no output, if the output has more or fewer degrees
+        of freedom than there are inputs, or if the aspect has both signs.
     modes
         (aspects,) largest number of configurations of the aspect at one sample. These are
         different assembly modes (ways to assemble the mechanism at the same inputs). If the
@@ -83,7 +83,7 @@ class Aspects:
     singular
         Number of configurations that are singular themselves. They belong to no aspect.
     note
-        The part of the work that was left out because the time limit was reached, or empty.
+        The part of the work that was left out because a limit was reached, or empty.
     """
 
     input_grid: InputGrid
@@ -109,10 +109,11 @@ class Aspects:
         ) + (f"; {self.note}" if self.note else "")
 
 
+@checked(AnalysisError)
 def aspects(
     mechanism: Mechanism,
     samples: int | Sequence[int] = 21,
-    free_of: Sequence[LocusName] = ("II",),
+    free_of: Sequence[str] = ("II",),
     output: str | None = None,
     pointing: str | Sequence[float] | None = None,
     budget: TimeLimit | None = None,
@@ -146,10 +147,14 @@ def aspects(
     Raises
     ------
     AnalysisError
-        If a type is unknown, if the mechanism has no such output, or if the output has
-        fewer degrees of freedom than there are inputs.
+        If an argument has a wrong type, if a type of singularity is unknown, or if type I
+        is named and the output has fewer degrees of freedom than there are inputs.
+    ModelError
+        If the mechanism has no such output.
     PlanError
         If the mechanism does not have as many degrees of freedom as inputs.
+    SolveError
+        If the samples do not fit the inputs.
     """
     for kind in free_of:
         if kind not in ("I", "II"):
@@ -160,18 +165,21 @@ def aspects(
         output_condition = output_of(mechanism, output, pointing)
     solver = solver_of(mechanism)
     input_count = len(solver.driven)
-    if output_condition is not None and divides_by_type_one:
+    if output_condition is not None and input_count > output_condition.equation_count:
         output_freedoms = output_condition.equation_count
-        if input_count > output_freedoms:
+        if divides_by_type_one:
             raise AnalysisError(
                 f"{mechanism.name}: the output has {output_freedoms} degrees of freedom, "
                 f"so {input_count} inputs can always move while it is at rest and no "
                 "aspect is free of type I; leave I out of free_of"
             )
-    if isinstance(samples, Sequence):
-        sample_counts = samples
+        # Every configuration is of type I, so there is no sign.
+        output_condition = None
+    if isinstance(samples, int | np.integer):
+        sample_counts = [int(samples)] * input_count
     else:
-        sample_counts = [samples] * input_count
+        sample_counts = [int(count) for count in samples]
+    grids.check_sample_counts(mechanism, sample_counts)
     input_grid = grids.make_grid(mechanism.inputs, sample_counts)
     time_limit = budget or TimeLimit()
     graph = _AspectGraph(
@@ -277,6 +285,9 @@ class _AspectGraph:
         downwards.
     nodes
         The configurations.
+    limit_note
+        The part of the work that was left out because `MAX_ASPECT_CONFIGURATIONS` was
+        reached, or empty.
     numbers_at_sample
         (samples, k) indices of the configurations at each sample. A sample with fewer than
         k configurations has `NO_CONFIGURATION` in its last columns.
@@ -317,6 +328,7 @@ class _AspectGraph:
             Time after which no more configurations are connected.
         """
         self.time_limit = time_limit
+        self.limit_note = ""
         self.solver = solver
         self.input_grid = input_grid
         self.neighbours = input_grid.neighbours()
@@ -555,6 +567,11 @@ class _AspectGraph:
             # end.
             self._follow_unknown_paths(starts, upwards)
             self._follow_unknown_paths(starts, downwards)
+        if processed_count < len(self.nodes):
+            self.limit_note = (
+                f"stopped at {len(self.nodes)} configurations before paths from "
+                f"{len(self.nodes) - processed_count} of them were followed"
+            )
 
     def _follow_unknown_paths(self, starts: Indices, directions: Indices) -> None:
         """Follow the paths that were not yet followed from their other end.
@@ -601,9 +618,9 @@ class _AspectGraph:
         goal_samples = goal_samples[has_goal]
         values = self.nodes.values[starts]
         goals = self.input_grid.q[goal_samples]
-        # The inputs of a configuration can include whole revolutions. The goals get the
-        # same revolutions, so that the paths are short.
-        goals += TURN * np.round((values[:, self.driven] - goals) / TURN)
+        # The inputs of a configuration can include whole periods. The goals get the same
+        # periods, so that the paths are short.
+        goals += whole_laps(values[:, self.driven] - goals, self.solver.periods)
         followed = follow_inputs(self.solver.closure, self.driven, values, goals)
         end_nodes = followed.nodes
         arrived = followed.status == Status.OK
@@ -697,15 +714,14 @@ class _AspectGraph:
             free_of=free_of,
             # The number of singular configurations, which belong to no aspect.
             singular=len(self.nodes) - len(regular_numbers),
-            note=self.time_limit.note,
+            note=self.limit_note or self.time_limit.note,
         )
 
 
 def _opposite_directions(directions: Indices) -> Indices:
     """Return the opposite of each direction (n,) in a grid of inputs.
 
-    Direction 2 k leads to the next larger value of input k, and 2 k + 1 to the next smaller
-    one.
+    Direction 2 k leads to the next value of input k, and 2 k + 1 to the previous one.
     """
     leads_upwards = directions % 2 == 0
     return np.where(leads_upwards, directions + 1, directions - 1)

@@ -25,6 +25,7 @@ from spherekit.singularities.slices import (
 from spherekit.singularities.stationarity import output_of
 from spherekit.time_limit import TimeLimit
 from spherekit.tolerances import CLOSURE_TOLERANCE
+from spherekit.wording import counted
 
 CLOSING_NEWTON_STEPS = 40
 """Largest number of Newton steps from a random start to closed loops. Larger: more
@@ -87,10 +88,11 @@ class LocusPointSearch:
 
     Raises
     ------
-    AnalysisError, PlanError
+    AnalysisError, ModelError, PlanError
         If the mechanism does not have `input_count` inputs and as many degrees of freedom,
-        or if it has no such output. Also if type I of a direction is asked for with three
-        inputs, because every configuration is then of this type.
+        if it has no such output, or if `slices_of_each` is negative. Also if type I of a
+        direction is asked for with three inputs, because every configuration is then of
+        this type.
     """
 
     def __init__(
@@ -128,12 +130,18 @@ class LocusPointSearch:
         time_limit
             Processor time to spend; None for unlimited.
         """
+        if slices_of_each < 0:
+            raise AnalysisError(
+                f"{mechanism.name}: slices_of_each is {slices_of_each}; it has to be 0 or "
+                "more"
+            )
         # The linear equations that the rates satisfy if the output rests.
         output_condition = output_of(mechanism, output, pointing)
         solver = solver_of(mechanism)
         if len(solver.driven) != input_count:
             raise AnalysisError(
-                f"{mechanism.name} has {len(solver.driven)} inputs, not {input_count}; "
+                f"{mechanism.name} has {counted(len(solver.driven), 'input')}, not "
+                f"{input_count}; "
                 "singular_curves is for two inputs, and singular_surface for three"
             )
         # If the output rests, the rates of the inputs satisfy `equation_count` equations: 3

@@ -10,6 +10,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.positions.continuation import UNFINISHED, CurveContinuation, TriedSteps
+from spherekit.positions.curve_limits import CurveLimits
 from spherekit.positions.curve_segment import CurvePoints
 from spherekit.positions.gear_phases import variable_periods
 from spherekit.positions.loop_closure import NewtonSteps
@@ -343,8 +344,24 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     def end_stuck_curve(self, row: int) -> None:
         """End a curve from whose last node no step succeeds."""
         reciprocal_condition = self.last_nodes.points.reciprocal_condition[row]
-        is_crossing = reciprocal_condition < END_AT_SINGULARITY_CONDITION
-        self.end_status[row] = Status.AT_SINGULARITY if is_crossing else Status.MODE_LOST
+        if self._is_at_profile_end(row):
+            self.end_status[row] = Status.OFF_PROFILE
+        elif reciprocal_condition < END_AT_SINGULARITY_CONDITION:
+            self.end_status[row] = Status.AT_SINGULARITY
+        else:
+            self.end_status[row] = Status.MODE_LOST
+
+    def _is_at_profile_end(self, row: int) -> bool:
+        """Return whether the last node of a curve is at an end of the profile of a contact.
+
+        Beyond an end, Newton's method fails, so that no step is verified.
+        """
+        values = self.last_nodes.values[row]
+        bounds = CurveLimits.of_mechanism(self.locus.closure, stops={}).bounds
+        return any(
+            bound.sense * (values[bound.variable] - bound.value) < self.smallest_step
+            for bound in bounds
+        )
 
     def join_halves(self, ahead: int, behind: int) -> SingularCurve | None:
         """Join the two halves of a curve, which were followed in both directions.

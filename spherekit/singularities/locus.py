@@ -202,7 +202,8 @@ class LocusPoints(ArrayRows):
       demanded. Usually k = g. It is smaller if only a part of the mechanism can move the
       output, because x moves only this part.
 
-    Rows in which Newton's method failed are NaN.
+    Where Newton's method failed, the values, the motions, the tangents, the derivatives and
+    the residual are NaN.
 
     Attributes
     ----------
@@ -217,7 +218,7 @@ class LocusPoints(ArrayRows):
     residual
         (n,) the larger of the closure residual (rad) and the largest component of E x.
     reciprocal_condition
-        (n,) smallest over largest singular value of `equations`: 0 where the locus crosses
+        (n,) how regular the locus is (`_measure_regularity`), at most 1: 0 where it crosses
         itself.
     first_step, step_ratio
         (n,) size of Newton's first step (rad), and of the second step relative to it. Steps
@@ -520,7 +521,7 @@ class SingularityLocus:
 
         Returns
         -------
-        n points; NaN where Newton's method failed.
+        n points, with NaN where Newton's method failed.
         """
 
         def newton_step(unknowns: Floats, rows: Indices) -> Floats:
@@ -938,7 +939,7 @@ def append_conditions(
 
 
 def adjugate(matrices: Floats) -> Floats:
-    """Return the adjugates of square matrices (n, k, k), zero for those not finite.
+    """Return the adjugates of square matrices (n, k, k), for k > 1 zero if not finite.
 
     adj(M) = det(M) M^-1 for regular matrices. From the singular value decomposition M = U S
     V^T it is det(U) det(V) V adj(S) U^T, which needs no division. Entry k of the diagonal

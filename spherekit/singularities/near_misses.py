@@ -5,7 +5,7 @@ II by the transmission measure. Unlike c and d of a relation c y' = d q', neithe
 vanishes if the links of the relation are badly chosen.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -15,7 +15,9 @@ from spherekit.arrays import Bools, Floats
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.numerics.minima import find_local_minima
 from spherekit.positions.configuration_curve import ArcCurve
+from spherekit.positions.configuration_space import Piece
 from spherekit.singularities.input_output_relation import Type
+from spherekit.singularities.passed_parts import PassedPart
 from spherekit.singularities.sampled_singularities import SampledSingularities
 from spherekit.status import Status
 from spherekit.tolerances import SINGULAR_TRANSMISSION
@@ -25,6 +27,10 @@ EQUAL_EXTREMUM_INPUT_RAD = 1e-7
 """Inputs of an extremum that differ by less count as the same input: rounding leaves
 half the digits of its position. Larger: an extremum just before the end of a full range
 is moved to its start."""
+EQUAL_MINIMUM_RAD = 1e-7
+"""Arc lengths of a minimum in two laps that differ by less from a lap are one minimum,
+because rounding leaves half the digits of its position. Larger: two minima near the seam
+of laps can become one. Smaller: a minimum at the seam is listed twice."""
 RANGE_END_TOLERANCE_RAD = 1e-9
 """An input or arc length that differs from the end of a range or curve by less is at it."""
 EQUAL_TRANSMISSION_ANGLE_RAD = 1e-8
@@ -130,10 +136,12 @@ def _near_misses_on_curve(
     angle = partial(sampled.angle, kind, number, output=output)
     limits = _sine_limits(sampled, kind, number, angle, near)
     # Arc lengths of the minima up to the upper limit, and the sines there.
-    positions, sines = local_minima(sampled, number, angle, limits.largest)
+    positions, sines, end_inputs = local_minima(sampled, number, angle, limits.largest)
     is_not_singular = sines > limits.least
     misses: list[NearMiss] = []
-    for s in positions[is_not_singular]:
+    for s, end_input in zip(
+        positions[is_not_singular], end_inputs[is_not_singular], strict=True
+    ):
         # The configuration, with one row.
         values = sampled.curves[number].at(s).values
         if kind is Type.II and _has_only_distant_dyads(sampled, values, output, near):
@@ -145,8 +153,18 @@ def _near_misses_on_curve(
         # The tangent of the distance from type I is the velocity coefficient: the size of
         # the output's rate over that of the input's rate.
         (type_one_angle,) = sampled.angle(Type.I, number, s[None], output)
-        # A near miss for each input in the range at which the configuration occurs.
+        # A near miss for each input in the range at which the configuration occurs. A
+        # minimum at an end of the range is one at this end only.
         for q, modes in _inputs_and_modes(sampled, number, float(s), values[0]):
+            # At other minima `end_input` is NaN, and the comparison False.
+            if abs(q - end_input) > EQUAL_EXTREMUM_INPUT_RAD:
+                continue
+            # A smooth minimum at an end of the range is found twice.
+            if any(
+                miss.assembly_modes == modes and abs(miss.q - q) < EQUAL_EXTREMUM_INPUT_RAD
+                for miss in misses
+            ):
+                continue
             misses.append(
                 NearMiss(
                     type=kind,
@@ -212,7 +230,8 @@ def _sine_limits(
     near
         Largest angle of a near miss (rad).
     """
-    largest_sine = np.sin(near)
+    # Distances are at most a right angle.
+    largest_sine = np.sin(min(near, np.pi / 2.0))
     if kind is Type.I:
         greatest_angle = np.nanmax(angle(sampled.curves[number].s), initial=0.0)
         greatest_coefficient = np.tan(greatest_angle)
@@ -233,7 +252,8 @@ def least_transmission(
     angle between the planes of the arcs of both links. The angle is 0 where the dyad is
     stretched or folded, a singularity of type II: the output can move although the inputs
     are locked. Candidates for the smallest angle are the local minima along all
-    configuration curves, the ends of the range of the input, and the crossings of curves.
+    configuration curves, the ends of curves and of the range of the input, and the
+    crossings of curves.
 
     Parameters
     ----------
@@ -246,7 +266,7 @@ def least_transmission(
     -------
     The angle (rad), an input (rad) at which it occurs, and the numbers of all assembly
     modes in which the same angle occurs, perhaps at another input. None if no dyad places
-    the output.
+    the output, or if no candidate is in the range.
     """
     # Angle, input and assembly modes of each local minimum and each crossing.
     candidates: list[tuple[float, float, tuple[int, ...]]] = []
@@ -256,11 +276,16 @@ def least_transmission(
             """Return the transmission angles (n,) at arc lengths (n,) of the curve."""
             return sampled.transmission_angles(curve.at(s).values)[output]
 
-        positions, _ = local_minima(sampled, number, angles)
+        positions, _, _ = local_minima(sampled, number, angles)
+        crossing_ends = sampled.crossing_ends(number)
+        if len(positions) == 0 and not crossing_ends:
+            # The angle is constant or NaN. One point of each piece is enough.
+            pieces = _find_pieces(sampled, number)
+            positions = np.array([0.5 * (piece.start + piece.stop) for piece in pieces])
         minima = list(zip(positions, curve.at(positions).values, strict=True))
         # A curve ends a little before a crossing with other curves. `crossing_ends` gives
         # the arc length of such an end, and the configuration of the crossing itself.
-        for s, values in [*minima, *sampled.crossing_ends(number)]:
+        for s, values in [*minima, *crossing_ends]:
             (angle,) = sampled.transmission_angles(values[None])[output]
             # Type II is at the angle 0, so the distance from it is the angle. An angle that
             # is zero up to rounding is stored as zero.
@@ -327,12 +352,13 @@ def local_minima(
     number: int,
     angles: AngleFunction,
     limit: float = np.inf,
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats, Floats, Floats]:
     """Return the local minima of the sine of an angle along a curve of configurations.
 
     The angle is a distance from a singularity, or a transmission angle. A minimum is a
-    point between two points with larger sines, or an end of the curve if the sine is not
-    smaller a little inwards.
+    point between two points with larger sines, or an end of the curve or of the range if
+    the sine is not smaller a little inwards. The range of a simulation is the parts of the
+    curve that it passes.
 
     Parameters
     ----------
@@ -349,6 +375,8 @@ def local_minima(
     -------
     positions, sines
         (k,) arc lengths (rad) of the minima, and the sines at them.
+    end_inputs
+        (k,) inputs (rad) of minima at ends of the range, NaN for other minima.
     """
     curve = sampled.curves[number]
 
@@ -368,9 +396,12 @@ def local_minima(
     is_below_limit = end_squares <= squared_limit
     is_minimum = end_squares <= squared_sine(ends.inward_s)
     is_included = is_below_limit & is_minimum
+    is_at_range_limit = _is_at_range_limit(sampled, number, ends)
+    inputs_of_ends = np.where(is_at_range_limit, ends.q, np.nan)
+    end_inputs = np.append(np.full(len(positions), np.nan), inputs_of_ends[is_included])
     positions = np.append(positions, ends.s[is_included])
     squares = np.append(squares, end_squares[is_included])
-    return positions, np.sqrt(squares)
+    return positions, np.sqrt(squares), end_inputs
 
 
 def _has_only_distant_dyads(
@@ -402,10 +433,11 @@ def _minima_in_lap(
 ) -> tuple[Floats, Floats]:
     """Return the local minima of a function in one lap of a closed curve.
 
-    The curve has a grid of arc lengths. A minimum is found only between two cells of the
-    grid. A minimum at the start of the curve, s = 0, would have no cell before it.
+    The curve has a grid of arc lengths. A minimum is found only between two
+    samples. A minimum at the start of the curve, s = 0, would have no sample before it.
     Therefore two cells of the next lap are added, and the lap goes from the second grid
-    point to the same point of the next lap.
+    point to the same point of the next lap. A minimum at this point is found in both laps,
+    up to rounding, and is taken once.
 
     Parameters
     ----------
@@ -424,8 +456,14 @@ def _minima_in_lap(
     next_lap = curve.s[1:3] + curve.length
     positions, values = find_local_minima(function, np.append(curve.s, next_lap), limit)
     lap_start = curve.s[1]
-    is_in_lap = (positions >= lap_start) & (positions < lap_start + curve.length)
-    return np.mod(positions[is_in_lap], curve.length), values[is_in_lap]
+    since_start = positions - lap_start
+    is_in_lap = since_start >= -EQUAL_MINIMUM_RAD
+    is_in_lap &= since_start < curve.length + EQUAL_MINIMUM_RAD
+    positions, values = positions[is_in_lap], values[is_in_lap]
+    # The differences of all positions from those of all others a lap later.
+    lap_misses = np.subtract.outer(positions, positions + curve.length)
+    is_repeated = np.any(np.abs(lap_misses) < 2.0 * EQUAL_MINIMUM_RAD, axis=1)
+    return np.mod(positions[~is_repeated], curve.length), values[~is_repeated]
 
 
 @dataclass(frozen=True)
@@ -454,13 +492,17 @@ class _PieceEnds(ArrayRows):
 def _find_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
     """Return the points at which a curve of configurations ends or leaves the input range.
 
-    The curve consists of pieces, one for each assembly mode. Their ends are of three kinds:
+    In a simulation these are the ends of the parts of the curve that it passes, except at
+    crossings with other curves. In other motions, pieces are parts of the curve within the
+    range on which the input only rises or only falls. Their ends are of four kinds:
 
     - The input is the lowest or the highest of the range. Such an end is included. A range
       of whole periods has no such ends, because configurations repeat.
     - The curve is open and ends. Such an end is included, except at a crossing with other
       curves, because these continue behind the crossing.
     - The input turns back, and another piece follows. Such an end is not included.
+    - The input differs from an end of the range by whole periods. Such an end is not
+      included.
 
     Parameters
     ----------
@@ -470,6 +512,8 @@ def _find_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
         Index of the curve.
     """
     ends = _find_piece_ends(sampled, number)
+    if sampled.is_simulation:
+        return ends.rows(~_is_at_crossing(sampled.curves[number], ends))
     is_at_range_limit = _is_at_range_limit(sampled, number, ends)
     is_at_curve_end = _is_at_curve_end(sampled.curves[number], ends)
     is_included = is_at_range_limit | is_at_curve_end
@@ -482,7 +526,8 @@ def _is_at_range_limit(
     """Return a mask (k,) of ends of pieces that are at the limits of the input range.
 
     A piece is a part of a curve of configurations, in one assembly mode. If the range is a
-    whole number of periods, no end is at a limit, because configurations repeat.
+    whole number of periods, no end is at a limit, because configurations repeat. In a
+    simulation, all ends are at limits.
 
     Parameters
     ----------
@@ -491,6 +536,8 @@ def _is_at_range_limit(
     ends
         k ends of pieces of the curve.
     """
+    if sampled.is_simulation:
+        return np.ones(len(ends.s), dtype=bool)
     low, high = sampled.range
     # The count is 0 if the range is not a whole number of periods, for example 1.5.
     if sampled.count_periods_in_range(number) > 0:
@@ -513,22 +560,45 @@ def _is_at_curve_end(curve: ArcCurve, ends: _PieceEnds) -> Bools:
     ends
         k ends of pieces. `ends.s` are their arc lengths.
     """
-    is_at_end = np.zeros(len(ends.s), dtype=bool)
     if curve.closed:
-        return is_at_end
-    start_status, stop_status = curve.ends
-    if start_status is not Status.AT_SINGULARITY:
-        is_at_end |= np.abs(ends.s) < RANGE_END_TOLERANCE_RAD
-    if stop_status is not Status.AT_SINGULARITY:
-        is_at_end |= np.abs(ends.s - curve.length) < RANGE_END_TOLERANCE_RAD
-    return is_at_end
+        return np.zeros(len(ends.s), dtype=bool)
+    is_at_start = np.abs(ends.s) < RANGE_END_TOLERANCE_RAD
+    is_at_stop = np.abs(ends.s - curve.length) < RANGE_END_TOLERANCE_RAD
+    return (is_at_start | is_at_stop) & ~_is_at_crossing(curve, ends)
+
+
+def _is_at_crossing(curve: ArcCurve, ends: _PieceEnds) -> Bools:
+    """Return a mask (k,) of ends of pieces that are at crossings with other curves.
+
+    Parameters
+    ----------
+    curve
+        The curve. `curve.ends` are the statuses of its start and its end, `AT_SINGULARITY`
+        at a crossing.
+    ends
+        k ends of pieces. `ends.s` are their arc lengths.
+    """
+    is_at_crossing = np.zeros(len(ends.s), dtype=bool)
+    for s, status in zip((0.0, curve.length), curve.ends, strict=True):
+        if status is Status.AT_SINGULARITY:
+            is_at_crossing |= np.abs(ends.s - s) < RANGE_END_TOLERANCE_RAD
+    return is_at_crossing
+
+
+def _find_pieces(
+    sampled: SampledSingularities, number: int
+) -> Sequence[Piece] | Sequence[PassedPart]:
+    """Return the pieces of a curve, or the parts of it that a simulation passes."""
+    if sampled.is_simulation:
+        return sampled.passed_parts(number)
+    return sampled.configurations.curves[number].pieces
 
 
 def _find_piece_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
     """Return the start and the stop of each piece of a curve, one piece after another.
 
     A piece is a part of a curve of configurations, in one assembly mode (way to assemble
-    the mechanism).
+    the mechanism). In a simulation it is a part that the motion passes.
 
     Parameters
     ----------
@@ -537,13 +607,15 @@ def _find_piece_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
     number
         Index of the curve.
     """
-    pieces = sampled.configurations.curves[number].pieces
+    pieces = _find_pieces(sampled, number)
     # Arc lengths along the curve (rad), one for each piece.
     starts = np.array([piece.start for piece in pieces], dtype=float)
     stops = np.array([piece.stop for piece in pieces], dtype=float)
     # A point inside the piece, close to each end. An end is a minimum of a function if the
     # function is not smaller at this point.
-    inward_distances = INWARD_PART * (stops - starts)
+    # A simulation can pass many laps of a closed curve.
+    lengths = np.minimum(stops - starts, sampled.curves[number].length)
+    inward_distances = INWARD_PART * lengths
     # One row (start, stop) for each piece, then all rows one after another.
     end_s = np.column_stack([starts, stops]).ravel()
     inward_s = np.column_stack(

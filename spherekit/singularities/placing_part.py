@@ -154,9 +154,9 @@ def _find_dead_centres(position_analysis: PositionAnalysis) -> InputTurningPoint
 
     At a dead centre the input turns back while the mechanism moves on.
 
-    The search ends after `RUN_TIME_S`. There is no search if its functions take longer than
-    `RUN_COST_S` to evaluate once. Intervals of the input in which it cannot exclude dead
-    centres are doubtful.
+    The search ends after about `RUN_TIME_S`. There is no search if a value for a group of
+    three loops takes longer than `RUN_COST_S`. Intervals of the input in which dead centres
+    cannot be excluded are doubtful.
     """
     return find_input_turning_points(
         position_analysis.solver, -np.pi, np.pi, RUN_COST_S, RUN_TIME_S

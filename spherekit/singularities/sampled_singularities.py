@@ -21,12 +21,19 @@ from spherekit.positions.input_revolutions import (
     in_range,
     into_range,
     turns_in_range,
+    whole_laps,
     whole_periods,
 )
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities.input_output_relation import Form, Type
+from spherekit.singularities.passed_parts import (
+    PassedPart,
+    SimulatedRows,
+    find_passed_parts,
+)
 from spherekit.singularities.placing_part import find_placing_part
 from spherekit.singularities.single_freedom import SingleFreedomSingularities
+from spherekit.singularities.singular_point import SingularPoint
 from spherekit.status import Status
 from spherekit.tolerances import NEAR_CROSSING_RAD
 from spherekit.velocities.transmission_angle import (
@@ -42,6 +49,8 @@ from spherekit.velocities.transmission_measure import (
 
 AT_CROSSING_RAD = 1e-8
 """A configuration whose distance to a crossing is smaller is taken for the crossing."""
+END_TOLERANCE_RAD = 1e-9
+"""An input that is outside of a range by no more than this is at the end of the range."""
 PIECE_END_TOLERANCE_RAD = 1e-6
 """A piece (section) of a curve includes points beyond its ends by less than this length."""
 
@@ -107,8 +116,8 @@ class SampledSingularities:
         Configurations (n, variables) of the rows in rad, NaN for none, and the assembly
         mode (n,) of each.
     passed
-        (n,) inputs (rad) of rows that are a simulation. The range is then from the least to
-        the greatest of them, and only the parts of curves between the rows are inside.
+        (n,) inputs (rad) of rows that are a simulation. Only the parts of curves between
+        the rows are then inside, and the range has the inputs on these parts.
 
     Attributes
     ----------
@@ -197,11 +206,22 @@ class SampledSingularities:
 
         # The least and the greatest input.
         self.range: tuple[float, float] = position_analysis.range
-        # The part of each curve that a simulation passes; None for other motions.
-        self._passed_ranges: dict[int, tuple[float, float]] | None = None
+        # The parts of curves that a simulation passes; None for other motions.
+        self._passed_parts: list[PassedPart] | None = None
         if passed is not None:
-            self.range = float(np.min(passed)), float(np.max(passed))
-            self._passed_ranges = self._find_passed_ranges(passed)
+            rows = SimulatedRows(
+                curve=self.curve,
+                s=self.s,
+                q=passed,
+                assembly_mode=assembly_mode,
+                crossing=self._find_crossings_at_rows(part_values),
+            )
+            periods = [self._period(number) for number in range(len(self.curves))]
+            self._passed_parts = find_passed_parts(
+                rows, self.curves, self._crossings, self._driven, periods
+            )
+            passed_inputs = np.append(passed, self._find_passed_dead_centres())
+            self.range = float(np.min(passed_inputs)), float(np.max(passed_inputs))
 
     def _find_curve_points(
         self, values: Floats, assembly_mode: Integers
@@ -264,6 +284,27 @@ class SampledSingularities:
                 located_crossing = np.fmin(located_crossing, distance)
         return _CrossingDistances(any_crossing, located_crossing)
 
+    @cached_property
+    def _crossings(self) -> list[SingularPoint]:
+        """The crossings of curves, each once; the report has them once for every output."""
+        first_output = self.report.outputs[0]
+        return [point for point in self.report.crossings if point.output == first_output]
+
+    def _find_crossings_at_rows(self, values: Floats) -> Integers:
+        """Return the index of the crossing at which each row (n,) is, -1 for none.
+
+        Parameters
+        ----------
+        values
+            (n, variables) configurations (rad) of the rows.
+        """
+        crossing_numbers = np.full(len(values), -1)
+        for number, point in enumerate(self._crossings):
+            difference = self.curves[point.curve].wrapped(values - point.values)
+            is_near = max_abs(difference, axis=1) < NEAR_CROSSING_RAD
+            crossing_numbers[is_near] = number
+        return crossing_numbers
+
     def _decide_status(self, distances: "_CrossingDistances") -> Array:
         """Return the status (n,) of each row, which says why a row is on no curve.
 
@@ -315,21 +356,57 @@ class SampledSingularities:
             In a range of whole periods, both ends are the same. An input nearer to the
             upper end than this (rad) is moved to the lower end.
         """
+        if self._passes_any(places):
+            yield from self._find_passages(places, values)
+            return
         # The period of the input is that of the first curve.
         first_curve, _ = places[0]
         inputs = self._find_inputs(first_curve, values[self._driven], margin)
-        if self.is_simulation and not self._has_rows_on(first_curve):
-            # No row of the simulation is on this curve, so one input is enough.
+        if self.is_simulation:
+            # The simulation does not pass the configuration, so one input is enough.
             inputs = inputs[:1]
-        # True without a simulation.
-        passes_configuration = self._passes_any(places)
         for q in inputs:
             is_in_range = bool(in_range(np.array(q), *self.range))
             yield Occurrence(
                 q,
                 modes=self._modes_at(places, q),
-                is_inside=is_in_range and passes_configuration,
+                is_inside=is_in_range and not self.is_simulation,
             )
+
+    def _find_passages(
+        self, places: Sequence[tuple[int, float]], values: Floats
+    ) -> Iterator[Occurrence]:
+        """Yield the inputs at which a simulation passes a configuration, in rising order.
+
+        The assembly modes are those of the rows.
+
+        Parameters
+        ----------
+        places, values
+            The configuration, as in `find_occurrences`.
+        """
+        q = values[self._driven]
+        modes_by_input: dict[float, set[int]] = {}
+        for curve, s in places:
+            period = np.array(self._period(curve))
+            for part in self.passed_parts(curve):
+                passages = part.find_passages(np.array([s]), PIECE_END_TOLERANCE_RAD)
+                # A curve ends a little before a crossing, so the input there is not quite
+                # that of the crossing.
+                inputs_on_curve = self.input_in_part(part, passages)
+                for passed_input in q + whole_laps(inputs_on_curve - q, period):
+                    modes = modes_by_input.setdefault(float(passed_input), set())
+                    modes |= part.assembly_modes
+        for passed_input, modes in sorted(modes_by_input.items()):
+            yield Occurrence(passed_input, modes=sorted(modes), is_inside=True)
+
+    def passed_parts(self, curve: int) -> list[PassedPart]:
+        """Return the parts of a curve that a simulation passes; none for other motions."""
+        return [part for part in self._passed_parts or [] if part.curve == curve]
+
+    def input_in_part(self, part: PassedPart, s: Floats) -> Floats:
+        """Return the inputs (n,) of a simulation at arc lengths (n,) of a part, in rad."""
+        return self.curves[part.curve].at(s).values[:, self._driven] + part.shift
 
     def _modes_at(self, places: Sequence[tuple[int, float]], q: float) -> list[int]:
         """Return the assembly modes that have a configuration at an input q (rad).
@@ -344,12 +421,16 @@ class SampledSingularities:
         return self.modes_of(pieces)
 
     def _passes_any(self, places: Sequence[tuple[int, float]]) -> bool:
-        """Return whether a simulation passes one of some places; True without a simulation.
+        """Return whether a simulation passes any of some places; False for other motions.
 
         A place is the index of a configuration curve, and an arc length (rad) on this
         curve. A simulation passes only parts of curves.
         """
-        return any(self._passes_place(curve, s) for curve, s in places)
+        for curve, s in places:
+            for part in self.passed_parts(curve):
+                if len(part.find_passages(np.array([s]), PIECE_END_TOLERANCE_RAD)):
+                    return True
+        return False
 
     def _find_inputs(self, curve: int, q: float, margin: float) -> list[float]:
         """Return all inputs in the range that have the same configuration as an input q.
@@ -452,23 +533,6 @@ class SampledSingularities:
         # same input, and `periods_in_range` periods are between them.
         return periods_between % periods_in_range == 0
 
-    def _has_rows_on(self, curve: int) -> bool:
-        """Return whether a simulation has rows on a curve; True without a simulation."""
-        return self._passed_ranges is None or curve in self._passed_ranges
-
-    def _passes_place(self, curve: int, s: float) -> bool:
-        """Return whether a simulation passes an arc length; True without a simulation."""
-        if self._passed_ranges is None:
-            return True
-        if not self._has_rows_on(curve):
-            return False
-        low, high = self._passed_ranges[curve]
-        arc_curve = self.curves[curve]
-        lap = arc_curve.length if arc_curve.closed else np.inf
-        # Distance from the start of the passed part, within one lap of a closed curve.
-        distance = (s - low + PIECE_END_TOLERANCE_RAD) % lap
-        return bool(distance <= high - low + 2.0 * PIECE_END_TOLERANCE_RAD)
-
     def input_at(self, curve: int, s: Floats) -> Floats:
         """Return the input (n,) at arc lengths s (n,), in the range if possible.
 
@@ -478,33 +542,32 @@ class SampledSingularities:
         q = self.curves[curve].at(s).values[:, self._driven]
         return into_range(q, *self.range, self._period(curve))
 
-    def _find_passed_ranges(self, q: Floats) -> dict[int, tuple[float, float]]:
-        """Return the part of each curve of configurations that a simulation passes.
+    def is_in_first_period(self, curve: int, q: Floats) -> Bools:
+        """Return whether inputs q (n,) are in the first period of the range, with its ends.
 
-        Parameters
-        ----------
-        q
-            (n,) inputs of the rows (samples) in rad, including whole revolutions.
-
-        Returns
-        -------
-        The smallest and the largest arc length (rad), by the index of the curve. On closed
-        curves arc lengths continue from lap to lap. Curves without a row are left out.
+        If configurations do not repeat, all inputs are.
         """
-        passed_ranges: dict[int, tuple[float, float]] = {}
-        for number in np.unique(self.curve[self.curve >= 0]).tolist():
-            (rows,) = np.nonzero(self.curve == number)
-            curve = self.curves[number]
-            s = self.s[rows]
-            if curve.closed:
-                # Change of the input in one lap.
-                rise = float(curve.rise[self._driven])
-                s = _continue_over_laps(s, q[rows], curve.length, rise)
-            passed_ranges[number] = float(np.min(s)), float(np.max(s))
-        return passed_ranges
+        low = self.range[0]
+        high = low + self._period(curve)
+        return (q >= low - END_TOLERANCE_RAD) & (q <= high + END_TOLERANCE_RAD)
+
+    def _find_passed_dead_centres(self) -> Floats:
+        """Return the inputs (rad) at the dead centres that a simulation passes.
+
+        The input turns back there, so it is not between the inputs of the rows.
+        """
+        inputs = np.zeros(0)
+        for part in self._passed_parts or []:
+            dead_centres = self.curves[part.curve].dead_points(self._driven).places
+            passages = part.find_passages(dead_centres)
+            inputs = np.append(inputs, self.input_in_part(part, passages))
+        return inputs
 
     def count_periods_in_range(self, curve: int) -> int:
-        """Return how many periods of a curve the range has, 0 if not a whole number."""
+        """Return how many periods of a curve the range has.
+
+        The result is 0 if this is not a whole number, or in a simulation.
+        """
         if self.is_simulation:
             return 0
         return whole_periods(*self.range, self._period(curve))
@@ -517,7 +580,7 @@ class SampledSingularities:
     @property
     def is_simulation(self) -> bool:
         """Whether the rows are a simulation: only parts that it passes are inside."""
-        return self._passed_ranges is not None
+        return self._passed_parts is not None
 
     def angle(self, kind: Type, curve: int, s: Floats, output: int) -> Floats:
         """Return the angular distance of an output from type I or II along a curve.
@@ -564,8 +627,8 @@ class SampledSingularities:
             Index of the output.
         """
         link_motion = self.report.curve_motions[curve].links_at(s)
-        # `speeds` returns the relative angular velocity of two links per unit of arc
-        # length, as an absolute value, and its derivative.
+        # `speeds` returns the absolute values of the relative angular velocity of two links
+        # per unit of arc length, and of its derivative.
         output_speed, _ = link_motion.speeds(self.report.outputs[output])
         input_speed, _ = link_motion.speeds(self.report.input)
         # Speeds up to `MIN_OUTPUT_MOTION` are zero up to rounding.
@@ -781,7 +844,7 @@ class SampledSingularities:
             directions = np.array(list(axes.values()))
             for direction in directions:
                 sines.extend(np.linalg.norm(np.cross(direction, directions), axis=1))
-        # If all axes coincide, 1 prevents a division by zero.
+        # If all axes coincide, the scale is 1.
         return float(max(sines)) or 1.0
 
     def singular_values(self) -> Floats:
@@ -801,8 +864,8 @@ class SampledSingularities:
         """Return the angle (n,), in rad, of an output along a curve.
 
         The output is the relative motion of two links. If an R pair joins both links, the
-        angle is the variable of this pair. Otherwise the relative rate is integrated from
-        the first arc length on, by the trapezoidal rule.
+        angle is the variable of this pair, up to the sign. Otherwise the relative rate is
+        integrated from the first arc length on, by the trapezoidal rule.
 
         Parameters
         ----------
@@ -811,16 +874,35 @@ class SampledSingularities:
         s
             (n,) rising arc lengths (rad).
         """
-        links = self.report.outputs[output]
-        variable = self.position_analysis.mechanism.angle_between(*links)
-        if variable is not None:
-            return self.curves[curve].at(s).values[:, variable]
-        rate, _ = self.report.curve_motions[curve].signed_rate(s, pole_of(*links))
+        angle = self.pair_angle(output, self.curves[curve].at(s).values)
+        if angle is not None:
+            return angle
+        pole = pole_of(*self.report.outputs[output])
+        rate, _ = self.report.curve_motions[curve].signed_rate(s, pole)
         trapezoids = 0.5 * (rate[1:] + rate[:-1]) * np.diff(s)
         return np.append(0.0, np.cumsum(trapezoids))
 
+    def pair_angle(self, output: int, values: Floats) -> Floats | None:
+        """Return the angle (n,) of an output, None if no R pair joins its two links.
+
+        Parameters
+        ----------
+        output
+            Index of the output.
+        values
+            (n, variables) configurations (rad).
+        """
+        link, reference = self.report.outputs[output]
+        mechanism = self.position_analysis.mechanism
+        variable = mechanism.angle_between(link, reference)
+        if variable is None:
+            return None
+        # A pair variable is the angle of the second link of the pair relative to the first.
+        _, second_link = mechanism.ends[mechanism.variable_owners[variable]]
+        return values[:, variable] if second_link == link else -values[:, variable]
+
     def configuration(self, curve: int, s: float) -> Floats:
-        """Return the orientations (links, 3, 3) of all links at an arc length (rad)."""
+        """Return the orientations (links, 3, 3) of the part at an arc length (rad)."""
         arc_curve = self.curves[curve]
         return arc_curve.closure.linearise(arc_curve.at(s).values).rotations[0]
 
@@ -841,12 +923,8 @@ class SampledSingularities:
         end of the curve.
         """
         arc_curve = self.curves[curve]
-        first_output = self.report.outputs[0]
         ends: list[tuple[float, Floats]] = []
-        for crossing in self.report.crossings:
-            if crossing.output != first_output:
-                # Each crossing is listed once for every output.
-                continue
+        for crossing in self._crossings:
             for number, s in crossing.places:
                 if number == curve:
                     last_values = arc_curve.nodes.values[0 if s == 0.0 else -1]
@@ -872,7 +950,8 @@ class SampledSingularities:
 
         Returns
         -------
-        (n,) absolute differences (rad), NaN if the curve has no such singularity.
+        (n,) absolute differences (rad), NaN if the curve has no such singularity, or if all
+        its points are singular.
         """
         singularities = self._singular_positions(number, output, kind)
         curve = self.curves[number]
@@ -947,29 +1026,3 @@ def _includes(piece: Piece, s: float) -> bool:
     start = piece.start - PIECE_END_TOLERANCE_RAD
     stop = piece.stop + PIECE_END_TOLERANCE_RAD
     return start <= s <= stop
-
-
-def _continue_over_laps(s: Floats, q: Floats, length: float, rise: float) -> Floats:
-    """Return the arc lengths of rows on a closed curve, continued from lap to lap.
-
-    The rows are successive samples of a motion on a closed curve of configurations. Their
-    arc lengths are known within one lap. The input changes by `rise` in each lap, so the
-    change of the input between two rows tells the number of laps. If the input only swings,
-    rows are taken to be at most half a lap apart.
-
-    Parameters
-    ----------
-    s, q
-        (n,) arc lengths within one lap, and inputs (rad) of successive rows.
-    length
-        Length of the curve (rad).
-    rise
-        Change of the input in one lap (rad); 0 if the input only swings.
-    """
-    distances_in_laps = np.zeros(len(s) - 1)
-    if rise != 0.0:
-        distances_in_laps = np.diff(q) / rise
-    parts_within_lap = np.diff(s) / length
-    whole_laps = np.round(distances_in_laps - parts_within_lap)
-    laps_since_first_row = np.append(0.0, np.cumsum(whole_laps))
-    return s + length * laps_since_first_row

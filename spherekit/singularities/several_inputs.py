@@ -4,8 +4,8 @@ If input i moves alone and the others are locked, the mechanism has one degree o
 The output link then turns about the pole axis u_i with the angular velocity w_i, and
 c_i w_i = d_i q_i' (Di Gregorio 2015). The types also follow without poles from the rates
 that close the loops: let N be a basis of these rates, N_a the rows of the inputs in N,
-and E N the rates of the output. Then type II is det N_a = 0, and type I is a loss of
-rank of E N. All of these quantities are finite at singularities.
+and E N the rates of the output. Apart from self-motions, type II is det N_a = 0, and type
+I is a loss of rank of E N. N, N_a and E N are finite at singularities.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ from itertools import combinations
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Integers, SmallIntegers
-from spherekit.geometry.vectors import all_finite, cross, nans
+from spherekit.geometry.vectors import all_finite, cross, dot, nans
 from spherekit.planning.pole_plan import Pole, pole_of
 from spherekit.positions.motion import Motion
 from spherekit.singularities.input_output_relation import FourLinks, make_relation
@@ -89,10 +89,11 @@ class SingleInputMotions:
     input_rate
         (n, g) rate of the input that moves; NaN if the motion is not unique.
     output_rate
-        (n, g) size of the output's angular velocity; NaN if the motion is not unique.
+        (n, g) size of the output's angular velocity, for an output direction without the
+        rotation about it; NaN if the motion is not unique.
     output_direction
-        (n, g, 3) unit vectors along the output's angular velocity, in ground axes; NaN if
-        the output rests. The vectors mean nothing if the motion is not unique.
+        (n, g, 3) unit vectors along the angular velocity of the output link, in ground
+        axes; NaN if the link rests, or if the motion is not unique.
     """
 
     input_rate: Floats
@@ -112,23 +113,27 @@ class SingularityMeasures:
     type_one_sine
         (n,) measure from 0 to 1, zero at type I. The rates of inputs and output in a motion
         are scaled to a vector of length 1. The measure is the smallest size that the rates
-        of the output can have in this vector. Motions that never move the output, in any
-        configuration, are not counted.
+        of the output can have in this vector. Motions in excess of the 3 rates of an
+        orientation, or the 2 rates of a direction, are not counted.
     type_two_transmission
         (n,) measure from 0 to 1 of how firmly locked inputs fix the output, zero at type
         II. `Transmission` defines this measure.
     locked_singular_value
         (n,) smallest singular value of the closure equations with locked inputs, zero if
         any link can move.
+    locked_reciprocal_condition
+        (n,) that value divided by the largest singular value of the same equations.
     reciprocal_condition
         (n,) smallest singular value of the closure Jacobian divided by the largest one.
     has_self_motion
-        (n,) whether links can move while inputs and output rest.
+        (n,) whether links can move while inputs and output rest; True without a
+        configuration.
     """
 
     type_one_sine: Floats
     type_two_transmission: Floats
     locked_singular_value: Floats
+    locked_reciprocal_condition: Floats
     reciprocal_condition: Floats
     has_self_motion: Bools
 
@@ -174,22 +179,23 @@ class OutputCoefficients:
     ----------
     w
         (n, g, 3) angular velocity of the output per unit rate of each input, in ground
-        axes; NaN where that is infinite or undetermined.
+        axes; NaN where that is infinite or not known.
     u
         (n, g, 3) unit vectors along the pole axes of the output, with the signs that
-        `spherekit.velocities.pole_evaluation` gives them; finite at singularities too.
-        Where the plan of poles gives no axis, the sign is the sign of `alone`.
+        `spherekit.velocities.pole_evaluation` gives them; at most singularities finite,
+        too. Where the plan of poles gives no axis, the sign is arbitrary.
     c, d
         (n, g) coefficients of c w_i = d q_i', from the pole axes, at most 1 in size. The
         relation holds with the sign of u_i in the same row.
     input_rate, output_rate
         (n, g) rates in the unit motion in which input i moves alone. The rate of the
-        input vanishes with c_i and has the sign of det N_a. The size of the output's
-        angular velocity vanishes with d_i. NaN if that motion is not unique.
+        input vanishes with c_i and has the sign of det N_a, if that is fixed. The size of
+        the output's angular velocity vanishes with d_i. For an output direction, the
+        rotation about it does not count. NaN if that motion is not unique.
     alone
-        (n, g, 3) unit vectors along the output's angular velocity in that motion, NaN
-        where it is at rest. They are the pole axes, up to their signs, also where the
-        plan of poles gives none.
+        (n, g, 3) unit vectors along the angular velocity of the output link in that
+        motion, NaN where it is at rest or the motion is not unique. They are the pole
+        axes, up to their signs, also where the plan of poles gives none.
     type_two
         (n,) transmission measure, see `spherekit.velocities.transmission_measure`: 0 if the
         output can move with the inputs at rest, also where the loops lose rank.
@@ -202,13 +208,13 @@ class OutputCoefficients:
         the possible rates, and all rates with the output at rest. Self-motions do not
         count.
     reciprocal_condition
-        (n,) relative smallest singular value of the closure Jacobian.
+        (n,) `hold` divided by the largest singular value of the closure with locked inputs.
     type
         (n,) `RowType`.
     group
         (n,) group of Di Gregorio's discussion: 1 if at least one of the mechanisms in
-        which one input moves alone is singular, 2 if none of these is singular, 0 for
-        regular configurations.
+        which one input moves alone is singular, 2 if none of these is singular, 0 if the
+        configuration is not of type I, II or III.
     """
 
     w: Floats
@@ -242,7 +248,7 @@ class _InputCoefficients:
     ----------
     w
         (n, 3) angular velocity vector of the output per unit rate of the input. It is (d /
-        c) u where c is not zero.
+        c) u, or NaN where it is infinite or not known.
     c, d
         (n,) coefficients of the relation. Unlike w, they are finite at singularities.
         `make_relation` states their formulas.
@@ -281,9 +287,11 @@ def coefficients(
     space = tangent_space(motion.linearisation, len(input_variables))
     # Column i of the adjugate of N_a gives a motion in which input i moves alone. Unlike
     # the inverse, the adjugate is finite where det N_a = 0.
-    rates_alone = space.basis @ adjugate(space.basis[:, input_variables])
+    input_rates = space.basis[:, input_variables]
+    rates_alone = space.basis @ adjugate(input_rates)
     with np.errstate(invalid="ignore", divide="ignore"):
-        rates_alone /= np.linalg.norm(rates_alone, axis=1, keepdims=True)
+        sizes = np.linalg.norm(rates_alone, axis=1)
+        rates_alone /= _discard_ambiguous_motions(sizes, input_rates)[:, None]
         by_input = [
             _input_coefficients(
                 motion,
@@ -316,7 +324,7 @@ def coefficients(
         type_two=measures.type_two_transmission,
         hold=measures.locked_singular_value,
         type_one=measures.type_one_sine,
-        reciprocal_condition=measures.reciprocal_condition,
+        reciprocal_condition=measures.locked_reciprocal_condition,
         type=classification.type,
         group=classification.group,
     )
@@ -346,7 +354,8 @@ def _input_coefficients(
     space
         Rates that close the loops at these configurations.
     rates_alone
-        (n, V, g) unit rates of the motions in which one input moves alone.
+        (n, V, g) unit rates of the motions in which one input moves alone, NaN if such a
+        motion is not unique.
     position
         Index of the input among the inputs of the mechanism.
     """
@@ -416,12 +425,13 @@ def _pole_axis(
     input_pole, input_axis
         Pole of the two links of the input that moves, and its axis (n, 3).
     angular_velocities
-        (n, bodies, 3) angular velocities of all links in the motion.
+        (n, bodies, 3) angular velocities of all links in the motion, NaN if it is not
+        unique.
 
     Returns
     -------
-    (n, 3) unit vectors in ground axes, of arbitrary sense. NaN where the links rest and the
-    plan yields no axis.
+    (n, 3) unit vectors in ground axes, of arbitrary sense but for the input. NaN where the
+    plan yields no axis, and the links rest or the motion is not unique.
     """
     if pole == input_pole:
         # The axis of the input's R pair is known even if the input rests.
@@ -500,7 +510,7 @@ def _find_single_input_motions(
     sizes = np.linalg.norm(coefficients_by_input, axis=1)
     # NaN replaces the size if links can move in several ways, so that rates divided by this
     # size are NaN.
-    unique_sizes = _discard_ambiguous_motions(sizes)
+    unique_sizes = _discard_ambiguous_motions(sizes, input_rates)
 
     # The rate of the input in its motion, det N_a. The rate has no sign if the signs of the
     # columns of N are arbitrary.
@@ -517,22 +527,23 @@ def _find_single_input_motions(
     return SingleInputMotions(
         input_rate=input_determinant[:, None] / unique_sizes,
         output_rate=output_sizes / unique_sizes,
-        output_direction=_turning_directions(angular_velocity, sizes),
+        output_direction=_turning_directions(angular_velocity, unique_sizes),
     )
 
 
 def _turning_directions(angular_velocity: Floats, sizes: Floats) -> Floats:
     """Return unit vectors along angular velocities of a link, NaN where the link rests.
 
-    The link counts as resting if its speed is a very small part of all rates in the motion,
-    because such a speed can be rounding.
+    They are also NaN for motions that are not unique. The link counts as resting if its
+    speed is a very small part of all rates in the motion, because such a speed can be
+    rounding.
 
     Parameters
     ----------
     angular_velocity
         (n, g, 3) angular velocities in g motions.
     sizes
-        (n, g) sizes of all rates in these motions.
+        (n, g) sizes of all rates in these motions, NaN for motions that are not unique.
     """
     speed = np.linalg.norm(angular_velocity, axis=2, keepdims=True)
     is_turning = speed > SINGULAR_TRANSMISSION * sizes[..., None]
@@ -540,15 +551,26 @@ def _turning_directions(angular_velocity: Floats, sizes: Floats) -> Floats:
     return angular_velocity / known_speed
 
 
-def _discard_ambiguous_motions(sizes: Floats) -> Floats:
+def _discard_ambiguous_motions(sizes: Floats, input_rates: Floats) -> Floats:
     """Return the sizes (n, g) of motions with NaN for those that are not unique.
 
     Each of the g motions moves one input while the others are locked. A size is the size of
     all rates in the motion. The size is zero, up to rounding, if the links can move in
     several ways.
+
+    Parameters
+    ----------
+    sizes
+        (n, g) the sizes.
+    input_rates
+        (n, g, g) rates of the g inputs in g orthonormal motions.
     """
     largest_size = np.max(sizes, axis=1, keepdims=True)
     is_unique = sizes > SINGULAR_TRANSMISSION * largest_size
+    if input_rates.shape[1] > 1:
+        # If the links can move in two ways while all inputs rest, all sizes are zero.
+        second_smallest = decompose(input_rates).values[:, -2]
+        is_unique &= second_smallest[:, None] > SINGULAR_TRANSMISSION
     return np.where(is_unique, sizes, np.nan)
 
 
@@ -602,7 +624,8 @@ def _measure_singularities(
     output_directions = transmission.output_directions(space.linearisation.rotations)
     type_two_transmission = transmission.measure(vectors, output_directions)
     # How firmly locked inputs fix all links, zero if any link can move.
-    locked_singular_value, _ = input_authority(space.tree, input_variables, vectors)
+    locked_values = input_authority(space.tree, input_variables, vectors)
+    locked_singular_value, locked_reciprocal_condition = locked_values
 
     # The columns of `space.basis` are independent motions. The rates of inputs and output
     # in these motions can occur together.
@@ -617,6 +640,7 @@ def _measure_singularities(
         type_one_sine=np.where(np.isfinite(type_two_transmission), type_one_sine, np.nan),
         type_two_transmission=type_two_transmission,
         locked_singular_value=locked_singular_value,
+        locked_reciprocal_condition=locked_reciprocal_condition,
         reciprocal_condition=np.where(motion.failed, np.nan, space.reciprocal_condition),
         has_self_motion=occurring_rates.has_self_motion,
     )
@@ -864,8 +888,9 @@ def _possible_causes(
 
     If input i moves with the rate q_i' while the others are locked, the output turns about
     the axis u_i with the angular velocity w_i, and c_i w_i = d_i q_i'. A cause is a
-    quantity that vanishes at a singularity. There are three lists. A cause of a later list
-    is reported only if no cause of the earlier lists applies:
+    quantity that vanishes at a singularity. There are three lists, or two for an
+    orientation. A cause of a later list is reported only if no cause of the earlier lists
+    applies:
 
     1. a coefficient c_i or d_i is zero, all axes coincide, three are in one plane, or an
        axis is along the output direction;
@@ -1000,9 +1025,9 @@ def _triple_products(axes: Floats) -> Floats:
     axes are coplanar.
     """
     threes = np.array([*combinations(range(axes.shape[1]), 3)], dtype=int)
-    # Unknown axes are NaN, for which LAPACK would warn.
-    with np.errstate(invalid="ignore"):
-        return np.linalg.det(axes[:, threes.reshape(-1, 3)])
+    first, second, third = threes.reshape(-1, 3).T
+    # With an unknown axis (NaN), a determinant by LAPACK can be 0, but this is NaN.
+    return dot(axes[:, first], cross(axes[:, second], axes[:, third]))
 
 
 def _describe_self_motion(motion: Motion, output: OutputStationary) -> str:
@@ -1012,8 +1037,12 @@ def _describe_self_motion(motion: Motion, output: OutputStationary) -> str:
     equations = np.concatenate(
         [linearisation.jacobian[0], input_rows, output.equations(linearisation)[0]]
     )
-    # The last right singular vector solves the equations: the rates of the self-motion.
-    _, _, right = np.linalg.svd(equations)
-    speeds = np.linalg.norm(linearisation.body_rates(right[-1:])[0], axis=1)
+    # The last right singular vectors solve the equations: the rates of the self-motions.
+    _, values, right = np.linalg.svd(equations)
+    rank = np.sum(values > SINGULAR_TRANSMISSION)
+    # At least one vector, if the smallest singular value is just above the limit.
+    self_motions = right[min(rank, len(right) - 1) :]
+    link_rates = [linearisation.body_rates(rates[None])[0] for rates in self_motions]
+    speeds = np.linalg.norm(link_rates, axis=(0, 2))
     moving_links = np.array(motion.mechanism.links)[speeds > VANISHING_SIZE]
     return f"{' '.join(moving_links)} alone move"

@@ -10,8 +10,8 @@ Each type is checked by input-output relations c y' = d q' (Di Gregorio 2012). q
 rate of the input. In the relation of form "i", y' is the rate of the output. In the
 relation of form "ii", y' is the rate of the output link relative to the reference link
 of the input. c and d follow from pole axes, the axes about which links turn relative to
-each other. c and d vanish at all crossings. They also vanish where the links of the
-relation are badly chosen, which is no singularity.
+each other. At crossings, c and d of the configuration alone vanish. They also vanish where
+the links of the relation are badly chosen, which is no singularity.
 """
 
 from collections.abc import Iterable, Sequence
@@ -92,7 +92,8 @@ class CurveRelations:
         One or two relations. In the first one (form "i"), y' is the rate of the output. In
         the second one (form "ii"), y' is the rate of the output link relative to the
         reference link of the input. Form "ii" does not exist if the output link is one of
-        the two links of the input. c and d are NaN at points with an unknown pole axis.
+        the two links of the input. c and d can be NaN at points with an unknown pole
+        axis.
     """
 
     input_rate: Floats
@@ -418,9 +419,15 @@ class SingleFreedomSingularities:
                 rests.input_rests.tolist(), rests.output_rests.tolist(), strict=True
             )
         ]
-        # Texts that say why a type is not certain. If the output is the input itself, both
-        # rest together without doubt.
-        notes = explain_doubts(rests, types, is_input=output_links == self.input)
+        # Texts that say why a type is not certain. If the output is the input itself or its
+        # reverse, both rest together without doubt.
+        curve = curve_motion.curve
+        notes = explain_doubts(
+            rests,
+            types,
+            is_input=input_pole == output_pole,
+            lap=curve.length if curve.closed else np.inf,
+        )
         link_motion = curve_motion.links_at(rests.s)
         relations = self._check_types(output, link_motion, types)
         # At a simple zero a rate changes its sign, so the motion reverses. At a double zero
@@ -830,7 +837,7 @@ def _stack_rest_points(curve_motion: CurveMotion, pole: Pole) -> Floats:
 
 
 def explain_doubts(
-    rests: InputOutputRests, types: Sequence[Type], is_input: bool
+    rests: InputOutputRests, types: Sequence[Type], is_input: bool, lap: float
 ) -> list[str]:
     """Return, for each singularity, why the type is uncertain, or an empty text.
 
@@ -849,13 +856,16 @@ def explain_doubts(
     types
         The types of the points.
     is_input
-        Whether the output is the input itself, so that both rest together without doubt.
+        Whether the output is the input itself or its reverse, so that both rest together
+        without doubt.
+    lap
+        The length (rad) of a closed curve, infinite for an open one.
     """
     # If both notes apply to a point, the second note replaces the first one.
     notes = [""] * len(types)
     if not is_input:
         _note_uncertain_self_motions(notes, rests, types)
-    _note_near_neighbours(notes, rests, types)
+    _note_near_neighbours(notes, rests, types, lap)
     return notes
 
 
@@ -884,7 +894,7 @@ def _note_uncertain_self_motions(
 
 
 def _note_near_neighbours(
-    notes: list[str], rests: InputOutputRests, types: Sequence[Type]
+    notes: list[str], rests: InputOutputRests, types: Sequence[Type], lap: float
 ) -> None:
     """Write notes for two neighbouring singularities that may be one singularity.
 
@@ -898,15 +908,20 @@ def _note_near_neighbours(
         n texts, changed in place.
     rests, types
         The n points in order of arc length, and their types.
+    lap
+        The length (rad) of a closed curve, infinite for an open one.
     """
     s = rests.s.tolist()
     errors = rests.errors.tolist()
-    for k, (kind, next_kind) in enumerate(pairwise(types)):
-        gap = s[k + 1] - s[k]
-        sum_of_errors = errors[k] + errors[k + 1]
-        if kind != next_kind and gap < UNDECIDED_GAP_FACTOR * sum_of_errors:
+    numbers = range(len(types))
+    # On a closed curve the first point follows the last one.
+    for k, following in pairwise([*numbers, *numbers[:1]]):
+        gap = (s[following] - s[k]) % lap
+        sum_of_errors = errors[k] + errors[following]
+        is_near = gap < UNDECIDED_GAP_FACTOR * sum_of_errors
+        if types[k] != types[following] and is_near:
             notes[k] = _format_undecided(gap, sum_of_errors)
-            notes[k + 1] = notes[k]
+            notes[following] = notes[k]
 
 
 def _format_undecided(distance: float, error: float) -> str:

@@ -50,7 +50,8 @@ class CurveSeen:
     points
         n points of the curve. The last point of a closed curve is its first.
     both
-        The points at which both types I and II occur.
+        The points at which both types I and II occur. On a followed curve, only those at
+        which the determinant of the other type changes its sign.
     s
         (n,) arc lengths (rad) of the points, in the space of the pair variables. For a
         mid-plane symmetric architecture, the path of the normal of the mid-plane.
@@ -189,9 +190,9 @@ def singular_curves(
 
     Raises
     ------
-    AnalysisError, PlanError
-        If the mechanism does not have two inputs and two degrees of freedom, or if it has
-        no such output.
+    AnalysisError, ModelError, PlanError
+        If the mechanism does not have two inputs and two degrees of freedom, if it has no
+        such output, or if `slices_of_each` is negative.
     """
     search = LocusPointSearch(
         mechanism,
@@ -318,7 +319,8 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
         part = replace(curve, nodes=nodes, closed=is_closed)
         yield CurveSeen(
             points=report.points(nodes),
-            # The points that are of types I and II at once.
+            # The points that are of types I and II at once, if the determinant changes its
+            # sign there.
             both=report.points(part.zeros(measure_other_type)),
             # Arc lengths are counted from the start of the part.
             s=part.s,

@@ -25,10 +25,11 @@ class SingularPoint:
         (rad). A crossing of curves has an item for each curve end there. The arc length is
         NaN if an output or the input stands still on the whole curve.
     error
-        Bound of the error of the arc length (rad).
+        Bound of the error of the arc length (rad). For a crossing, the last step of
+        Newton's method (rad). NaN if there is neither.
     values
-        (variables,) the configuration (rad). A crossing that was not located has the
-        configuration of the last computed point of a curve that ends there.
+        (variables,) the configuration (rad), NaN for a whole curve. A crossing that was not
+        located has the configuration of the last computed point of a curve that ends there.
     input_turns, output_turns
         Whether the input and the output reverse at the singularity. A motion does not
         reverse if its rate only touches zero.
