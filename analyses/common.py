@@ -172,8 +172,9 @@ def plot_series(
     link
         Index of a link, if the curve should have the colour of this link.
     """
-    # Other characters than letters, digits and hyphens are replaced by an underscore.
-    file_name = re.sub(r"[^A-Za-z0-9-]+", "_", label)
+    # Other characters are replaced by a hyphen, which no name has, so that labels with
+    # different names have different paths.
+    file_name = re.sub(r"[^A-Za-z0-9_]+", "-", label)
     return Series(f"plots/{group}/{file_name}", label, title, values, unit, link)
 
 

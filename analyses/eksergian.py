@@ -67,6 +67,10 @@ LARGEST_DRIVING_TORQUE = "largest_torque_Nm"
 MAX_RATES_LOSS = 1e-6
 """Rows in which a larger part of the rates is lost by cancellation are ILL_CONDITIONED and
 have no inertia and torque. Larger: less accurate torques are given."""
+MAX_DEAD_CENTRE_RATE = 1e-9
+"""Rate of the pair `at`, per unit rate of the input, up to which the row is a dead centre
+of the pair and has no torque. Larger: rows farther from dead centres have no torque;
+smaller: rounding errors are reported as torques."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +127,7 @@ class Eksergian(AbstractAnalysis):
                     "tau",
                     "N m",
                     "driving torque at the input, or at the pair that the parameter "
-                    "`at` names",
+                    "`at` names; empty at dead centres of this pair",
                 ),
                 RESIDUAL,
                 STATUS,
@@ -179,17 +183,25 @@ class Eksergian(AbstractAnalysis):
         Figures of merit are numbers by which designs are compared. The equivalent inertia
         is twice the kinetic energy at unit rate of the input. Only mechanisms with one
         input and masses have these figures.
+
+        Raises
+        ------
+        ModelError, AnalysisError
+            If `at` is no R pair (revolute joint).
         """
         if not mechanism.masses or len(mechanism.inputs) != 1:
             return ()
+        self._check_torque_pair(mechanism)
+        # `rate_P` is the rate of the pair P per unit rate of the input.
+        torque = f"torque/rate_{self.at}" if self.at else "torque"
         return (
             FigureOfMerit(
-                "largest_torque", "max", "abs(torque)", meaning="largest driving torque"
+                "largest_torque", "max", f"abs({torque})", meaning="largest driving torque"
             ),
             FigureOfMerit(
                 "rms_torque",
                 "rms",
-                "torque",
+                torque,
                 meaning="root mean square of the driving torque",
             ),
             FigureOfMerit("least_inertia", "min", "B", meaning="least equivalent inertia"),
@@ -217,7 +229,7 @@ class Eksergian(AbstractAnalysis):
         Raises
         ------
         ModelError
-            If the mechanism has neither masses nor loads.
+            If the mechanism has neither masses nor loads, or no pair has the name `at`.
         AnalysisError
             If the mechanism has several inputs, or `at` is no R pair (revolute joint).
         """
@@ -234,11 +246,7 @@ class Eksergian(AbstractAnalysis):
         # Pairs at which loads act, or on which the loads depend.
         load_pairs = used_pairs(mechanism)
         torque_pairs = frozenset([self.at] if self.at else [])
-        # A pair is an R pair, which has an axis, or a contact.
-        if self.at and not mechanism.pair(self.at).kind.has_axis:
-            raise AnalysisError(
-                f'eksergian: at: pair "{self.at}" is a contact pair; name an R pair'
-            )
+        self._check_torque_pair(mechanism)
         has_friction = bool(Loads(mechanism).friction_components)
         return Needs(
             time=True,
@@ -251,6 +259,14 @@ class Eksergian(AbstractAnalysis):
             continued_values=load_pairs,
             pair_rates=load_pairs | torque_pairs,
         )
+
+    def _check_torque_pair(self, mechanism: Mechanism) -> None:
+        """Raise `ModelError` or `AnalysisError` if `at` is no R pair (revolute joint)."""
+        # A pair is an R pair, which has an axis, or a contact.
+        if self.at and not mechanism.pair(self.at).kind.has_axis:
+            raise AnalysisError(
+                f'eksergian: at: pair "{self.at}" is a contact pair; name an R pair'
+            )
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torque, of the links' inertia and of the loads.
@@ -274,6 +290,9 @@ class Eksergian(AbstractAnalysis):
         force_parts = solution.Q_parts[:, 0]
         # The option `at` can name another pair than the input.
         torque = self._torque_at_pair(batch, solution.tau)
+        status = solution.status.copy()
+        is_dead_centre = (status == Status.OK) & np.isnan(torque)
+        status[is_dead_centre] = Status.AT_SINGULARITY
         # `of_parts` returns OK for each finite part, and the status of the row for others.
         return {
             "eksergian": {
@@ -286,7 +305,7 @@ class Eksergian(AbstractAnalysis):
                 "tau": torque,
                 # Rotation (rad) by which a loop of links fails to close.
                 "residual": batch.residual,
-                "status": solution.status,
+                "status": status,
             },
             "inertia": {
                 **repeat_rows(row_columns(batch), mass_links, "link"),
@@ -306,13 +325,14 @@ class Eksergian(AbstractAnalysis):
         """Return the torque (n,) at the pair `at`, equivalent to a torque at the input.
 
         `torque` (n,) is the torque at the input (N m). Both torques have the same power, so
-        `torque` is divided by the rate of the pair per unit rate of the input. Without `at`
-        the torque is returned unchanged.
+        `torque` is divided by the rate of the pair per unit rate of the input. The result
+        is NaN at dead centres of the pair. Without `at` the torque is returned unchanged.
         """
         if not self.at:
             return torque
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return torque / batch.pair_rate(self.at)
+        rate = batch.pair_rate(self.at)
+        is_dead_centre = np.abs(rate) <= MAX_DEAD_CENTRE_RATE
+        return torque / np.where(is_dead_centre, np.nan, rate)
 
     def _inverse_solution(self, batch: Batch) -> InverseSolution:
         """Return inertia, loads and driving torque of a batch, which are computed once.
@@ -324,11 +344,11 @@ class Eksergian(AbstractAnalysis):
     def _torque_without_rounding_errors(self, batch: Batch) -> Floats:
         """Return the driving torque (n,) at the only input, 0 where it is a rounding error.
 
-        In a simulation the loads alone cause the motion, so the driving torque is zero up
-        to rounding. The torque is a sum of three terms, B ddq + dB/dq dq^2 / 2 - Q. B is
-        the equivalent inertia of the mechanism at the input q. Q is the generalised force
-        of all loads at the input. A torque is a rounding error if it is small compared with
-        the largest sum of |B ddq| and |Q| in any row.
+        In a simulation without a motor the loads alone cause the motion, so the driving
+        torque is zero up to rounding. The torque is a sum of three terms, B ddq +
+        dB/dq dq^2 / 2 - Q. B is the equivalent inertia of the mechanism at the input q. Q
+        is the generalised force of all loads at the input. A torque is a rounding error if
+        it is small compared with the largest sum of |B ddq| and |Q| in any row.
         """
         solution = self._inverse_solution(batch)
         # `sure_torques` is 0 where a torque is small compared with the terms of its row.
@@ -424,16 +444,25 @@ class Eksergian(AbstractAnalysis):
         )
 
     def _torque_plots(self, batch: Batch) -> list[Series]:
-        """Return plots of the driving torque and of its parts: inertia and loads."""
+        """Return plots of the driving torque and of its parts: inertia and loads.
+
+        All of them are torques at the input, or at the pair that the option `at` names.
+        """
         solution = self._inverse_solution(batch)
-        torques = {"tau": self._torque_at_pair(batch, solution.tau)}
+        torques = {"tau": solution.tau}
         if batch.timed:
             torques["B ddq"] = solution.B * batch.ddq
         torques["dB/dq dq²/2"] = 0.5 * solution.dB_dq * batch.dq**2
         for number, load in enumerate(batch.mechanism.loads):
             torques[f"against {load.name}"] = -solution.Q_parts[:, 0, number]
         return [
-            plot_series("torque", label, "driving torque", values, "N m")
+            plot_series(
+                "torque",
+                label,
+                "driving torque",
+                self._torque_at_pair(batch, values),
+                "N m",
+            )
             for label, values in torques.items()
         ]
 

@@ -1,6 +1,6 @@
 """Poses of an output and limits of a workspace as text, such as ``azimuth=10+tilt=20``."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -33,6 +33,7 @@ MID_PLANE_TERMS = ("phi", "gamma")
 TILT_TORSION_TERMS = ("azimuth", "tilt", "torsion")
 QUATERNION_TERMS = ("qx", "qy", "qz", "qw")
 ROTATION_VECTOR_TERMS = ("rx", "ry", "rz")
+MATRIX_TERMS = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 AXIS_ANGLE_TERMS = ("ux", "uy", "uz", "angle")
 """The names of the numbers in each form of a pose, and of a rotation about an axis."""
 ANGULAR_TERMS = frozenset(
@@ -147,8 +148,11 @@ def read_end(
 
 def _normalize(rows: Floats) -> Floats:
     """Return rows (n, k) of length 1; NaN for a row of zeros."""
+    # A power of two scales each row, so that squares neither overflow nor become 0.
+    _, exponents = np.frexp(np.max(np.abs(rows), axis=1, keepdims=True))
+    scaled_rows = np.ldexp(rows, -exponents)
     with np.errstate(invalid="ignore"):
-        return rows / np.linalg.norm(rows, axis=1, keepdims=True)
+        return scaled_rows / np.linalg.norm(scaled_rows, axis=1, keepdims=True)
 
 
 def _rotations_from_vectors(rotation_vectors: Floats) -> Floats:
@@ -189,9 +193,17 @@ def describe_nearest_pose(pose: Floats, distance: float) -> str:
     return f"nearest is {format_pose(pose)}, {np.degrees(distance):.4g} deg away"
 
 
-def is_angle(term: str, inputs: Sequence[str]) -> bool:
-    """Return whether a number of a pose is an angle: an input or in `ANGULAR_TERMS`."""
-    return term in inputs or term in ANGULAR_TERMS
+def find_angular_terms(names: Iterable[str], inputs: Sequence[str]) -> frozenset[str]:
+    """Return the terms that are angles: those in `ANGULAR_TERMS`, and the inputs.
+
+    An input can have the name of a term, such as x. If the names of the numbers are those
+    of another form, such as x, y, z, only the terms in `ANGULAR_TERMS` are angles.
+    """
+    given_names = set(names)
+    other_forms = [set(form) for form in (*CONVERSION_OF_FORM, MATRIX_TERMS)]
+    if given_names != set(inputs) and given_names in other_forms:
+        return ANGULAR_TERMS
+    return ANGULAR_TERMS | set(inputs)
 
 
 def read_terms(
@@ -227,10 +239,14 @@ def read_terms(
         is allowed.
     """
     poses: list[dict[str, float]] = [{}]
+    names = [part.partition("=")[0] for part in parts]
+    angular_terms = find_angular_terms(names, inputs)
+    # The whole text, for messages about a part of it.
+    whole = f' in "{"+".join(parts)}"' if len(parts) > 1 else ""
     for part in parts:
         name, _, value = part.partition("=")
         try:
-            if is_angle(name, inputs):
+            if name in angular_terms:
                 number = read_quantity(value, ANGLE, angle_unit)
             else:
                 number = float(value)
@@ -240,8 +256,6 @@ def read_terms(
             # NaN is refused below.
             number = np.nan
         begins_pose = name in poses[-1]
-        # The whole text, for messages about a part of it.
-        whole = f' in "{"+".join(parts)}"' if len(parts) > 1 else ""
         if not name or not np.isfinite(number):
             raise AnalysisError(
                 f'{where}: found "{part}"{whole}, expected the form name=number, for '

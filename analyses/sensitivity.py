@@ -70,7 +70,7 @@ class Tolerances:
         effects add up, and every size deviates by three standard deviations (normal
         distribution) or by its largest deviation (uniform distribution).
     drawn_spread, drawn_worst
-        (c, n) standard deviation and largest deviation of the draws.
+        (c, n) standard deviation and largest deviation of the draws, NaN without any.
     lost
         (c, n) part of the draws that cannot be assembled.
     matters_most
@@ -125,11 +125,12 @@ class SensitivityAnalysis(AbstractAnalysis):
     ----------
     of
         Names of quantities, such as ``theta_41+velocity_coefficient_4_1``. By default the
-        angles of the outputs.
+        angles of pairs between an output and its reference, or else of all passive pairs.
     by
         Sizes, or numerical values of masses and loads, with respect to which
         derivatives are taken, by their keys in the file, such as
-        ``links.2.arc+links.3.arc``. By default all arcs and angles.
+        ``links.2.arc+links.3.arc``. By default all arcs and angles, or with contacts and a
+        reference pose the axes of all R pairs.
     deviation
         Deviation (in Python in degrees) of every size: the standard deviation if it is
         distributed normally, the largest deviation if it is distributed uniformly.
@@ -294,13 +295,14 @@ class SensitivityAnalysis(AbstractAnalysis):
             # Pairs (joints) whose angles must have no jumps of 2 pi, because loads
             # depend on them. A wound spring, for example, counts whole revolutions.
             continued_values=frozenset(sensitivity.wound),
-            # Links on which the quantities depend. The run does not compute others.
+            # Links that the derivatives need. The run does not compute others.
             links=sensitivity.links,
         )
 
     def _sensitivity(self, mechanism: Mechanism) -> Sensitivity:
         """Return the quantities and sizes of a mechanism."""
-        return Sensitivity(mechanism, _split_terms(self.by), _split_terms(self.of))
+        quantities = tuple(dict.fromkeys(_split_terms(self.of)))  # without repetitions
+        return Sensitivity(mechanism, _split_terms(self.by), quantities)
 
     def _size_deviations(self, sensitivity: Sensitivity) -> SizeDeviations:
         """Return the distribution of the deviations of the sizes."""
@@ -323,6 +325,8 @@ class SensitivityAnalysis(AbstractAnalysis):
         """
         deviation_of_key: dict[str, float] = {}
         for key, text in self._deviation_texts():
+            if key in deviation_of_key:
+                raise AnalysisError(f"deviations: {key} is given twice; give it once")
             is_angle = key in sensitivity.keys and sensitivity.is_angle(key)
             try:
                 if is_angle:
@@ -341,10 +345,21 @@ class SensitivityAnalysis(AbstractAnalysis):
         return deviation_of_key
 
     def _deviation_texts(self) -> list[tuple[str, str]]:
-        """Return the keys and texts of the parameter `deviations`."""
+        """Return the keys and texts of the parameter `deviations`.
+
+        Raises
+        ------
+        AnalysisError
+            If a term has no key.
+        """
         texts = []
         for term in _split_terms(self.deviations):
             key, _, text = term.rpartition(":")
+            if not key:
+                raise AnalysisError(
+                    f'deviations: found "{term}", expected KEY:DEVIATION, such as '
+                    "links.3.arc:0.02deg"
+                )
             texts.append((key, text))
         return texts
 
@@ -420,8 +435,10 @@ class SensitivityAnalysis(AbstractAnalysis):
             gradients[~np.isfinite(gradients) | has_failed] = np.nan
             size_variances = _variances_by_size(gradients, deviations)
             variance = np.sum(size_variances, axis=0)  # (quantities, rows)
+            # A smaller spread is a rounding error, which grows with the deviations.
+            zero_spread = INDEPENDENT_SPREAD_RATIO * np.max(deviations.size)
             # (sizes, quantities, rows) part of the variance that each size causes.
-            shares = self._shares_of_variance(size_variances, variance)
+            shares = _shares_of_variance(size_variances, variance, zero_spread)
 
         # Standard deviation and largest deviation in the draws, and the part of the draws
         # that cannot be assembled (lost).
@@ -447,26 +464,6 @@ class SensitivityAnalysis(AbstractAnalysis):
             tolerances=tolerances,
         )
 
-    def _shares_of_variance(self, size_variances: Floats, variance: Floats) -> Floats:
-        """Return the part of the variance of each quantity that each size causes.
-
-        A size is a dimension of the mechanism, and a row a configuration.
-
-        Parameters
-        ----------
-        size_variances
-            (sizes, quantities, rows) variance of the quantity that each size causes.
-        variance
-            (quantities, rows) the sum of these variances over the sizes.
-
-        Returns
-        -------
-        (sizes, quantities, rows) parts, from 0 to 1. NaN if no size changes the quantity,
-        apart from rounding errors.
-        """
-        is_dependent = np.sqrt(variance) > self._zero_spread
-        return np.where(is_dependent, size_variances / variance, np.nan)
-
     def _compute_draws(
         self,
         sensitivity: Sensitivity,
@@ -490,12 +487,12 @@ class SensitivityAnalysis(AbstractAnalysis):
         Returns
         -------
         (3, quantities, n) standard deviation, largest deviation, and fraction of the draws
-        that cannot be assembled. NaN in rows that failed, and everywhere if the user wants
-        no draws.
+        that cannot be assembled. NaN where the quantity is not finite, and everywhere if
+        the user wants no draws.
         """
         statistics = np.full((3, *values.shape), np.nan)
         # A failed row is NaN for every quantity.
-        rows = np.flatnonzero(np.isfinite(values[0]))
+        rows = np.flatnonzero(np.any(np.isfinite(values), axis=0))
         if self.draws and len(rows):
             # (sizes, draws) random deviations.
             size_count = len(sensitivity.keys)
@@ -506,6 +503,7 @@ class SensitivityAnalysis(AbstractAnalysis):
             )
             drawn_deviations = drawn_values - values[:, rows, None]
             statistics[:, :, rows] = _summarize_draws(drawn_deviations)
+            statistics[:, ~np.isfinite(values)] = np.nan
         return statistics
 
     def findings(self, batch: Batch) -> Findings:
@@ -529,12 +527,12 @@ class SensitivityAnalysis(AbstractAnalysis):
             summary[name] = {
                 "spread": float(spread[row]),
                 "q": batch.inputs[row].tolist(),
-                "size": sensitivity.keys[np.argmax(result.shares[:, number, row])],
+                "size": str(tolerances.matters_most[number, row]),
             }
             if self.draws:
                 summary[name]["drawn"] = float(tolerances.drawn_spread[number, row])
                 summary[name]["lost"] = float(tolerances.lost[number, row])
-        findings = self._make_findings(summary, self._describe_sizes(sensitivity.keys))
+        findings = self._make_findings(summary, self._describe_sizes(sensitivity))
         # If two axes of a link are on one line, the derivative with respect to the arc
         # between them is undefined. Such sizes are left out, with a warning unless the user
         # chose the sizes (`by`).
@@ -554,31 +552,26 @@ class SensitivityAnalysis(AbstractAnalysis):
         findings = self._make_findings(largest, now.remarks[-1])
         return replace(findings, warnings=now.warnings)
 
-    def _describe_sizes(self, keys: Sequence[str]) -> str:
+    def _describe_sizes(self, sensitivity: Sensitivity) -> str:
         """Return which sizes deviate, and by how much, in words."""
-        exceptions = [term.replace(":", " by ") for term in _split_terms(self.deviations)]
+        deviations = self._size_deviations(sensitivity).worst
+        deviating_keys = [
+            key
+            for key, deviation in zip(sensitivity.keys, deviations, strict=True)
+            if deviation > 0.0
+        ]
+        exceptions = []
+        for key, text in self._deviation_texts():
+            is_size = sensitivity.is_angle(key) and not key.startswith("loads.")
+            # A number without a unit has the angle unit of the mechanism file.
+            unit = f" {sensitivity.mechanism.angle_unit}" if is_size else ""
+            exceptions.append(f"{key} by {text}{unit if _is_number(text) else ''}")
         except_for = f", but {listing(exceptions)}" if exceptions else ""
         return (
             f"Every dimension deviates by {self.deviation:g} deg{except_for} "
             f"({self.distribution}): "
-            f"{listing(keys, MAX_LISTED)}"
+            f"{listing(deviating_keys, MAX_LISTED)}"
         )
-
-    @property
-    def _zero_spread(self) -> float:
-        """The spread (deviation) up to which a quantity counts as independent of the sizes.
-
-        Such a small spread is a rounding error, which is proportional to the largest
-        deviation. The unit of numbers in `deviations` without a unit is not known here.
-        Such numbers are taken as degrees, because the limit is far below any spread of
-        interest in either unit.
-        """
-        single_deviations = [
-            read_quantity(text, ANGLE, "deg", "deg", is_limited=False)
-            for _key, text in self._deviation_texts()
-        ]
-        largest_deviation = max(self.deviation, *single_deviations, 0.0)
-        return INDEPENDENT_SPREAD_RATIO * largest_deviation * RAD_PER_DEGREE
 
     def _make_findings(
         self, summary: Mapping[str, Mapping[str, Any]], sizes: str
@@ -595,9 +588,7 @@ class SensitivityAnalysis(AbstractAnalysis):
             A sentence about the sizes with tolerances.
         """
         # Quantities that do not depend on the sizes have a spread of rounding errors.
-        independent = [
-            name for name in summary if summary[name]["spread"] <= self._zero_spread
-        ]
+        independent = [name for name, record in summary.items() if not record["size"]]
         remarks = []
         for name, record in summary.items():
             if name in independent:
@@ -690,6 +681,15 @@ def _is_angle(name: str) -> bool:
     return name.startswith(("theta_", "transmission_angle_"))
 
 
+def _is_number(text: str) -> bool:
+    """Return whether a text is a number without a unit."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
 def _split_terms(text: str) -> tuple[str, ...]:
     """Return the terms of a text that are joined by plus signs."""
     return tuple(term for term in text.split("+") if term)
@@ -728,6 +728,31 @@ def _variances_by_size(gradients: Floats, deviations: SizeDeviations) -> Floats:
     return (gradients * size_spread) ** 2
 
 
+def _shares_of_variance(
+    size_variances: Floats, variance: Floats, zero_spread: float
+) -> Floats:
+    """Return the part of the variance of each quantity that each size causes.
+
+    A size is a dimension of the mechanism, and a row a configuration.
+
+    Parameters
+    ----------
+    size_variances
+        (sizes, quantities, rows) variance of the quantity that each size causes.
+    variance
+        (quantities, rows) the sum of these variances over the sizes.
+    zero_spread
+        Standard deviation up to which a quantity counts as independent of the sizes.
+
+    Returns
+    -------
+    (sizes, quantities, rows) parts, from 0 to 1. NaN if no size changes the quantity,
+    apart from rounding errors.
+    """
+    is_dependent = np.sqrt(variance) > zero_spread
+    return np.where(is_dependent, size_variances / variance, np.nan)
+
+
 def _worst_case(gradients: Floats, deviations: SizeDeviations) -> Floats:
     """Return the largest deviation (quantities, rows) of quantities, to first order.
 
@@ -749,7 +774,7 @@ def _summarize_draws(deviations: Floats) -> Floats:
     Returns
     -------
     (3, ...) standard deviation, largest absolute deviation, and lost part (the fraction of
-    draws that cannot be assembled).
+    draws that cannot be assembled). Both deviations are NaN if all draws are lost.
     """
     is_assembled = np.isfinite(deviations)
     count = np.sum(is_assembled, axis=-1)
@@ -761,7 +786,7 @@ def _summarize_draws(deviations: Floats) -> Floats:
         # Rounding can make a variance of zero slightly negative.
         spread = np.sqrt(np.maximum(variance, 0.0))
         absolute_deviations = np.where(is_assembled, np.abs(deviations), 0.0)
-        worst = np.max(absolute_deviations, axis=-1)
+        worst = np.where(count > 0, np.max(absolute_deviations, axis=-1), np.nan)
     lost = 1.0 - count / deviations.shape[-1]
     return np.stack([spread, worst, lost])
 
@@ -791,7 +816,7 @@ def _describe_draws(record: Mapping[str, Any], name: str) -> str:
         return " to first order (none of the draws can be assembled)"
     text = f" to first order (of the draws {_format_deviation(drawn, name)}"
     if lost:
-        text += f", {lost:.0%} of them cannot be assembled"
+        text += f", {100.0 * lost:.3g}% of them cannot be assembled"
     return text + ")"
 
 

@@ -190,7 +190,11 @@ class WorkspaceAnalysis(AbstractAnalysis):
                     "area of the part if the output is a direction; volume of the part if "
                     "it is an orientation (8 pi^2 for all orientations)",
                 ),
-                Column("error", SIZE_UNIT, "upper bound of the error of the column size"),
+                Column(
+                    "error",
+                    SIZE_UNIT,
+                    "upper bound of the error of an area, estimate of that of a volume",
+                ),
                 Column("curves", "", "numbers of the curves that bound the part", "text"),
                 *POSE_COLUMNS,
                 Column(
@@ -340,11 +344,11 @@ class WorkspaceAnalysis(AbstractAnalysis):
         return Findings(summary, tuple(warnings), tuple(remarks), (size_table(sizes),))
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return a page for each workspace.
+        """Return the pages of all workspaces.
 
-        A page of directions has the border, the margin (angle to the limits) and the
-        singularity measures. A page of orientations has the rotation that is possible about
-        each direction, and the margin.
+        For directions, a page has the border and the margin (angle to the limits), and a
+        page for each mode has the angle to singularities. A page of orientations has the
+        rotation that is possible about each direction, and the margin.
         """
         return self._workspaces(batch).scenes()
 

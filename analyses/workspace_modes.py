@@ -19,6 +19,7 @@ from spherekit.plugin import (
     SphereMap,
     Surface,
     Text,
+    degrees_text,
     input_columns,
     number_text,
 )
@@ -57,6 +58,9 @@ DRAWN_AZIMUTHS = 48
 """Number of azimuths at which orientations are drawn."""
 DRAWN_TORSIONS = 36
 """Number of torsions at which orientations are drawn, at each tilt and azimuth."""
+POSE_DECIMALS = 9
+"""Decimals to which equal poses agree. Larger: rounding errors make equal poses differ;
+smaller: close poses are taken for equal."""
 NO_LIMIT_NAME = "the output is not determined"
 """Name of a border at which no limit is reached."""
 
@@ -84,6 +88,23 @@ class PoseSamples:
 
 
 @dataclass(frozen=True)
+class DistinctPoses:
+    """Poses that the user names, without repeated ones.
+
+    Attributes
+    ----------
+    poses
+        (k, 3) directions, or (k, 4) unit quaternions xyzw of orientations; (0, 3) if the
+        user names no pose.
+    warnings
+        Sentences about inputs without a pose.
+    """
+
+    poses: Floats
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class PoseFindings:
     """Which of the user's poses are inside the workspace, for the summary and in words.
 
@@ -92,7 +113,7 @@ class PoseFindings:
     records
         Entry of the summary about each pose in each working mode.
     warnings, remarks
-        Sentences about poses outside, and about poses inside.
+        Sentences about poses outside and inputs without a pose, and about poses inside.
     """
 
     records: list[Columns]
@@ -112,7 +133,7 @@ class WorkspaceModes:
     modes
         Signs of the legs in each working mode.
     poses
-        (k, 3) directions or (k, 4) quaternions that are examined.
+        The poses that are examined.
     tolerance
         Error of areas and volumes to aim at, relative to the area or volume.
 
@@ -131,7 +152,7 @@ class WorkspaceModes:
         kinematics: ClosedKinematics,
         constraints: Constraints,
         modes: Sequence[tuple[int, ...]],
-        poses: Floats,
+        poses: DistinctPoses,
         tolerance: float,
     ) -> None:
         """Store the arguments, and list the limits of the output.
@@ -150,8 +171,7 @@ class WorkspaceModes:
             Signs, 1 or -1, of the legs in each working mode (way to assemble the legs at a
             pose).
         poses
-            (k, 3) directions or (k, 4) quaternions. For each pose, the modes in which the
-            output reaches it are reported.
+            For each of these poses, the modes in which the output reaches it are reported.
         tolerance
             Desired error of areas and volumes, relative to the area or volume.
         """
@@ -329,8 +349,8 @@ class WorkspaceModes:
     def _summarize_directions(self, region: Region) -> tuple[Columns, str]:
         """Return the summary of a set of directions, and a warning or an empty text.
 
-        There is a warning if the set is empty, or if its area is less accurate than the
-        tolerance.
+        There is a warning if no direction is inside, or if the area is less accurate than
+        the tolerance.
 
         The area is measured with a mesh of triangles on the unit sphere. ``unresolved_sr``
         is the area (sr) of triangles with too much detail, such as borders that touch. The
@@ -355,17 +375,27 @@ class WorkspaceModes:
                 for limits in region.excluding
             ]
             record["excluding"] = excluding
-            reason = ""
-            if excluding:
-                reason = (
-                    f"; no direction satisfies {', and none satisfies '.join(excluding)}"
+            # A workspace can be hidden in unresolved triangles.
+            if region.unresolved > 0.0:
+                warning = (
+                    "no direction was found inside the workspace, whose area is at most "
+                    f"{region.area + region.error:.3g} sr"
                 )
-            return record, f"the workspace is empty{reason}"
+                satisfies = "was found that satisfies"
+            else:
+                warning = "the workspace is empty"
+                satisfies = "satisfies"
+            if excluding:
+                joined = f", and none {satisfies} ".join(excluding)
+                warning += f"; no direction {satisfies} {joined}"
+            return record, warning
         if region.error > self.tolerance * region.area:
-            return record, (
-                f"the area {region.area:.9g} sr is accurate to only {region.error:.3g} "
-                "sr, because borders touch or end at sharp corners"
+            warning = (
+                f"the area {region.area:.9g} sr is accurate to only {region.error:.3g} sr"
             )
+            if region.unresolved > 0.0:
+                warning += ", because borders touch, are close or end at sharp corners"
+            return record, warning
         return record, ""
 
     def _summarize_orientations(
@@ -374,8 +404,8 @@ class WorkspaceModes:
         """Return the summary of a set of orientations, and a warning or an empty text.
 
         An orientation is inside if all its margins (angles to the limits of the mechanism)
-        are positive. There is a warning if no orientation is inside, or if the error bound
-        of the volume exceeds the tolerance.
+        are at least 0. There is a warning if no orientation is inside, or if the error of
+        the volume exceeds the tolerance.
         """
         orientations = workspace.orientations
         record: Columns = {
@@ -411,14 +441,8 @@ class WorkspaceModes:
         A working mode is one way to assemble the legs, described by their signs. If a pose
         is outside of the workspace of a mode, the nearest reachable pose is stated.
         """
-        findings = PoseFindings(records=[], warnings=[], remarks=[])
-        # A pose can be given by inputs. There are no poses if the mechanism cannot be
-        # assembled at these inputs.
-        if not len(self.poses):
-            findings.warnings.append(
-                "The mechanism does not close at the inputs of the pose"
-            )
-        for pose in self.poses:
+        findings = PoseFindings(records=[], warnings=list(self.poses.warnings), remarks=[])
+        for pose in self.poses.poses:
             # Modes with the same sentence are listed together.
             labels_inside: dict[str, list[str]] = {}
             labels_outside: dict[str, list[str]] = {}
@@ -494,31 +518,40 @@ class WorkspaceModes:
         return record, text
 
     def scenes(self) -> tuple[Scene, ...]:
-        """Return one or two pages for each workspace; equal workspaces share them."""
+        """Return the pages of all modes.
+
+        Modes with equal workspaces share the page of the workspace. Their measures of
+        singularities differ, so each mode has its own page of the singularities.
+        """
         pages: list[Scene] = []
-        distinct = [workspace for workspace in self.workspaces if workspace.same_as is None]
-        for workspace in distinct:
-            mode = "" if len(distinct) == 1 else f" {label_of(workspace.signs)}"
+        distinct_count = sum(workspace.same_as is None for workspace in self.workspaces)
+        for workspace in self.workspaces:
+            label = f" {label_of(workspace.signs)}"
+            title = "Workspace" if distinct_count == 1 else f"Workspace{label}"
             if isinstance(workspace, DirectionWorkspace):
-                pages += self._draw_directions(workspace, mode)
-            else:
-                pages.append(self._draw_orientations(workspace, f"Workspace{mode}"))
+                suffix = "" if len(self.workspaces) == 1 else label
+                pages += self._draw_directions(workspace, title, f"Singularity{suffix}")
+            elif workspace.same_as is None:
+                pages.append(self._draw_orientations(workspace, title))
         return tuple(pages)
 
-    def _draw_directions(self, workspace: DirectionWorkspace, mode: str) -> list[Scene]:
+    def _draw_directions(
+        self, workspace: DirectionWorkspace, title: str, singularity_title: str
+    ) -> list[Scene]:
         """Return two pages with maps of the directions that the output reaches.
 
         The first map shows the margin (angle to the nearest limit). The second map shows
-        the angle to the nearest singularity. If the output reaches no direction, there is
-        one page with the border only.
+        the angle to the nearest singularity. If an earlier mode has the same workspace, the
+        first page is left out. If the output reaches no direction, the second page is left
+        out, and the first one has no map.
 
         Parameters
         ----------
         workspace
             The directions that the output reaches in one working mode (way to assemble the
             legs).
-        mode
-            The name of the mode, which is added to the titles of the pages.
+        title, singularity_title
+            Titles of the two pages.
         """
         region = workspace.region
         # A mesh with vertices (P, 3) and triangles (F, 3), which covers the set of
@@ -527,7 +560,7 @@ class WorkspaceModes:
         triangles = region.surface_triangles
         border = (*self._draw_border(region), self._legend(workspace))
         if not len(triangles):
-            return [Scene(f"Workspace{mode}", border)]
+            return [Scene(title, border)] if workspace.same_as is None else []
         judged = self.judge(workspace, directions)
         # Near the border, rounding can make margins negative or NaN. These become 0.
         margin = np.maximum(np.nan_to_num(judged.margin), 0.0)
@@ -545,15 +578,15 @@ class WorkspaceModes:
         mark = Mark(deepest_label, samples.poses[deepest])
         # A mark without curves, in the colour 0.
         deepest_direction = SphereCurves("workspace/deepest", deepest_label, (), 0, [mark])
+        maps = [(singularity_title, "angle to a singularity", singularity_angle)]
+        if workspace.same_as is None:
+            maps.insert(0, (title, "margin", margin))
         pages = []
-        for title, quantity, values in (
-            ("Workspace", "margin", margin),
-            ("Singularity", "angle to a singularity", singularity_angle),
-        ):
+        for page, quantity, values in maps:
             path = "workspace/map"
             sphere_map = SphereMap(path, quantity, directions, triangles, values, "rad")
             parts = (sphere_map, *border, deepest_direction)
-            pages.append(Scene(f"{title}{mode}", parts))
+            pages.append(Scene(page, parts))
         return pages
 
     def _draw_orientations(self, workspace: OrientationWorkspace, title: str) -> Scene:
@@ -564,7 +597,7 @@ class WorkspaceModes:
         For each direction of the z axis, it shows the total angle (rad) of the possible
         torsions, at most 2 pi.
 
-        The second drawing shows each reachable orientation as a point. Tilt and azimuth are
+        The second drawing shows each reachable sample as a point. Tilt and azimuth are
         polar coordinates, and the torsion is the height. The colour is the margin (angle to
         the nearest limit, rad).
         """
@@ -664,7 +697,7 @@ def resolved_parts(region: Region, parts: Sequence[Part]) -> list[Part]:
     return [part for part in parts if part.area > region.unresolved]
 
 
-def read_distinct_poses(text: str, kinematics: ClosedKinematics) -> Floats:
+def read_distinct_poses(text: str, kinematics: ClosedKinematics) -> DistinctPoses:
     """Read poses of an output from a text, without repeated ones.
 
     Parameters
@@ -675,28 +708,34 @@ def read_distinct_poses(text: str, kinematics: ClosedKinematics) -> Floats:
         pose. An empty text has no poses.
     kinematics
         The inverse kinematics of the output, which is a direction or an orientation.
-
-    Returns
-    -------
-    (k, 3) directions, or (k, 4) unit quaternions xyzw of orientations; (0, 3) for an empty
-    text.
     """
     if not text:
-        return np.empty((0, 3))
+        return DistinctPoses(np.empty((0, 3)))
     # `points` states that the output is a direction.
     is_direction = kinematics.points
     pose_list = read_poses(kinematics, "workspace", text.split("+"), parameter="pose")
     # Either `poses` or `inputs` is None.
     poses = pose_list.poses
+    warnings: list[str] = []
     if pose_list.inputs is not None:
         solutions = kinematics.forward(pose_list.inputs)
         poses = solutions.directions if is_direction else solutions.rotations
+        input_pairs = kinematics.mechanism.input_pairs
+        for row in np.setdiff1d(np.arange(len(pose_list.inputs)), solutions.row):
+            inputs = ", ".join(
+                f"{pair} = {degrees_text(float(q))} deg"
+                for pair, q in zip(input_pairs, pose_list.inputs[row], strict=True)
+            )
+            warnings.append(f"No pose was found at the inputs {inputs}")
     assert poses is not None
+    # `unique` sorts the poses. The first of poses that are equal up to rounding is
+    # returned, in the original order.
+    rounded = np.round(poses, POSE_DECIMALS)
+    _, first_rows = np.unique(rounded, axis=0, return_index=True)
+    poses = poses[np.sort(first_rows)]
     if not is_direction:
         poses = quaternion(poses)  # from rotations (k, 3, 3)
-    # `unique` sorts the poses. The first of equal poses is returned, in the original order.
-    _, first_rows = np.unique(poses, axis=0, return_index=True)
-    return poses[np.sort(first_rows)]
+    return DistinctPoses(poses, tuple(warnings))
 
 
 def _describe_size(record: Mapping[str, Any]) -> str:

@@ -15,6 +15,7 @@ from oracles.velocity_equations import closure_gap, revolute_frames
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
+from spherekit.errors import SolveError
 from spherekit.geometry.mirror import mirror_angles, normal_at, normals_of
 from spherekit.geometry.rotation import angles_between, rotation_about_axis
 from spherekit.geometry.vectors import cross
@@ -500,6 +501,53 @@ def test_a_wrist_passes_its_gimbal_pose():
     assert np.max(np.abs(rows.inputs[:, [0, 2]] - [0.3, 0.2])) < 1e-11
     assert rows.rates == pytest.approx(np.tile([0.0, -1.0, 0.0], (5, 1)), abs=1e-11)
     assert rows.status.tolist() == statuses_with_one_singular(5, 2)
+    # The inputs determine the output in the gimbal pose, so it is no crossing of type II.
+    assert rows.type_2 == pytest.approx(np.ones(5), abs=1e-15)
+    assert rotation.crossings == ()
+
+
+def test_leaps_outside_a_rotation_are_no_crossings(form):
+    """A singular configuration before the start of a rotation is not one of its crossings.
+
+    The mechanism of the paper starts with all legs folded, a singularity of type II. A
+    path is followed from 0.02 rad before to 0.5 rad after this configuration. Its second
+    part is followed as a rotation of its own, with a lead.
+    """
+    rotation = rotate(0, 0, 60, 0)
+    assert rotation.crossings == pytest.approx([0.0], abs=1e-12)
+    (first_values,) = rotation.nodes.values[:1]
+    lead = 0.1 - rotation.nodes.theta[0]
+    later = sk.follow_rotation(
+        form.mechanism, first_values, rotation.axis, 0.4, form.output.name, lead
+    )
+    assert later.end == sk.Status.OK
+    assert later.leaps == pytest.approx([-0.1], abs=1e-9)
+    assert later.crossings == ()
+
+
+def test_a_rotation_does_not_start_where_loops_do_not_close(paper):
+    """At a singularity of the loops the start cannot be closed and is refused."""
+    rotation = rotate(50, 10, 20, -10)
+    (values,) = rotation.at(rotation.crossings).values
+    with pytest.raises(SolveError, match="the configuration to start from is singular"):
+        sk.follow_rotation(paper, values, rotation.axis, 0.1)
+
+
+def test_a_rotation_from_rounded_values_leads_to_the_stated_orientation(paper):
+    """The orientation error at the end is the angle to the orientation that was stated."""
+    rotation = rotate(50, 10, 20, -10)
+    samples = rotation.at([0.2, 0.3])
+    rounded = np.round(samples.values[0], 7)
+    found = sk.follow_to(paper, rounded, samples.orientation[1])
+    end = found.at([found.angle])
+    error = angles_between(end.orientation, samples.orientation[1:])
+    assert end.orientation_error == pytest.approx(error, abs=1e-12)
+
+
+@pytest.mark.parametrize("size", [1e-200, 1e200])
+def test_the_length_of_an_axis_does_not_matter(size):
+    """Axes whose squared length underflows or overflows are directions as well."""
+    assert np.all(four_bar_rotation(axis=(0.0, 0.0, size)).axis == [0.0, 0.0, 1.0])
 
 
 def test_a_mechanism_with_a_cam_follows_an_axis():
@@ -620,11 +668,11 @@ def rotate(phi, gamma, to_phi, to_gamma):
     return form.rotation_between(*ends, OUTWARD)
 
 
-def four_bar_rotation(axis=(0, 0, 1), angle=0.1, spoil=0.0, output=None):
+def four_bar_rotation(axis=(0, 0, 1), angle=0.1, spoil=0.0, output=None, lead=0.0):
     """Return a rotation of the four-bar; `spoil` (rad) opens the loop at its start."""
     mechanism = sk.load("four_bar")
     values = sk.trace(mechanism, samples=3).values[1] + spoil * np.arange(4)
-    return sk.follow_rotation(mechanism, values, axis, angle, output)
+    return sk.follow_rotation(mechanism, values, axis, angle, output, lead)
 
 
 def linear_rotation_in_time(**limits):

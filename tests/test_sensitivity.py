@@ -13,9 +13,11 @@ from helpers.refusals import mechanism_text
 from mechanism_examples.named_mechanisms import crank_rocker
 
 import spherekit as sk
+from analyses.sensitivity import _describe_draws
 from spherekit.cli.main import main
 from spherekit.designs.sensitivity import Sensitivity
 from spherekit.designs.size_deviations import SizeDeviations
+from spherekit.errors import AnalysisError
 from spherekit.files.library import find
 from spherekit.files.mechanism_reader import read
 from spherekit.files.number_change import document_of, number_at, number_path, with_numbers
@@ -534,7 +536,8 @@ def test_each_number_may_have_a_deviation_of_its_own():
     assert np.allclose(rows["drawn_spread"], rows["spread"], rtol=0.1)
     # A remark of the run names the numbers whose deviation is not the default.
     stated_in_words = (
-        "but links.rocker.arc by 0.02, loads.coil.stiffness by 0.3, loads.coil.rest by 2"
+        "but links.rocker.arc by 0.02 deg, loads.coil.stiffness by 0.3, loads.coil.rest by "
+        "2 (normal)"
     )
     assert stated_in_words in run.summary["remarks"][-1]
 
@@ -604,3 +607,81 @@ def test_derivatives_of_a_cam_mechanism_in_a_reference_pose_are_differences(
     expected = (8.0 * near_difference - far_difference) / (12.0 * step)
     scale = np.max(np.abs(expected), axis=2, keepdims=True)
     assert np.max(np.abs(gradients - expected) / scale) < 1e-6
+
+
+def test_the_order_of_quantities_changes_no_draws():
+    """A pole that is NaN, as its links rest relative to each other, hides no other draws.
+
+    Input 51 alone moves, so link 2 rests and its pole is unknown. Its draws are unknown,
+    too, but not lost.
+    """
+    pole = "pole_2_1_x_by_51"
+    spreads = []
+    for names in (f"{pole}+theta_32", f"theta_32+{pole}"):
+        run = sk.run("five_bar", f"sensitivity:draws=4,of={names}", samples=2)
+        rows = run.frame("sensitivity", "tolerances").set_index("quantity")
+        assert rows.loc[pole, ["drawn_spread", "drawn_worst", "lost"]].isna().all(axis=None)
+        spreads.append(rows.loc["theta_32", "drawn_spread"].to_numpy())
+        assert "nan" not in " ".join(run.summary["remarks"])
+    assert np.isfinite(spreads[0]).any()
+    assert np.array_equal(*spreads, equal_nan=True)
+
+
+def test_the_largest_deviation_is_unknown_if_all_draws_are_lost():
+    mechanism = crank_rocker(**BESIDE_A_DEAD_CENTRE)
+    text = "sensitivity:of=theta_hinge,draws=3,deviation=80"
+    rows = sk.run(mechanism, text, samples=3).frame("sensitivity", "tolerances")
+    all_lost = rows["lost"] == 1.0
+    assert all_lost.any()
+    assert rows.loc[all_lost, ["drawn_spread", "drawn_worst"]].isna().all(axis=None)
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("links.3.arc", 'found "links.3.arc", expected KEY:DEVIATION'),
+        ("0.02", 'found "0.02", expected KEY:DEVIATION'),
+        ("links.3.arc:0.1+links.3.arc:0.5", "links.3.arc is given twice"),
+    ],
+)
+def test_deviations_without_a_key_or_given_twice_are_refused(text, message):
+    with pytest.raises(AnalysisError, match=message):
+        sk.run("four_bar", f"sensitivity:draws=0,deviations={text}", samples=2)
+
+
+def test_a_quantity_that_is_named_twice_has_its_rows_once():
+    run = sk.run("four_bar", "sensitivity:draws=0,of=theta_41+theta_41", samples=2)
+    rows = run.frame("sensitivity", "tolerances")
+    assert not rows.duplicated(["sample", "assembly_mode", "quantity"]).any()
+
+
+def test_the_remark_lists_only_numbers_that_deviate():
+    """A mass without a stated deviation is exact."""
+    by = "by=links.rocker.arc+mass.rocker.tensor.2.2"
+    text = f"sensitivity:draws=0,of=B,{by}"
+    run = sk.run(four_bar_with_spring_and_inertia(), text, samples=2)
+    assert run.summary["remarks"][-1].endswith("(normal): links.rocker.arc")
+
+
+def test_the_summary_names_all_sizes_that_matter_most_and_none_that_does_not():
+    run = sk.run("bevel_pair", "sensitivity:draws=0", samples=3)
+    assert run.summary["analyses"][0]["findings"]["theta_02"]["size"] == ""
+    run = sk.run("four_bar", "sensitivity:draws=0", samples=3)
+    rows = run.frame("sensitivity", "tolerances")
+    record = run.summary["analyses"][0]["findings"]["theta_41"]
+    assert record["size"] == rows.loc[rows["spread"].idxmax(), "matters_most"]
+
+
+def test_a_tiny_mass_matters_to_the_equivalent_inertia():
+    """The limit of rounding follows from the deviation of the mass, not of the arcs."""
+    tensor = np.diag([1e-12, 0.9e-12, 0.4e-12]).tolist()
+    mechanism = crank_rocker(mass={"rocker": {"tensor": tensor}})
+    key = "mass.rocker.tensor.2.2"
+    text = f"sensitivity:draws=0,of=B,by={key},deviations={key}:1e-15"
+    rows = sk.run(mechanism, text, samples=3).frame("sensitivity", "tolerances")
+    assert (rows["matters_most"] == key).any()
+
+
+def test_a_small_part_of_lost_draws_is_not_said_to_be_none():
+    record = {"spread": 1.0, "drawn": 1.0, "lost": 0.003}
+    assert "0.3% of them cannot be assembled" in _describe_draws(record, "B")

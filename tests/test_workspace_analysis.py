@@ -18,6 +18,11 @@ from mechanism_examples.named_mechanisms import (
 )
 from oracles.closed_forms import mid_plane_area
 from oracles.sphere_areas import common_area
+from spherekit_analyses.workspace_modes import (
+    DistinctPoses,
+    WorkspaceModes,
+    read_distinct_poses,
+)
 
 import spherekit as sk
 from spherekit.geometry.rotation import from_quaternion, transpose
@@ -571,3 +576,82 @@ def test_rounding_does_not_exclude_an_angle_that_is_on_its_limit():
         assert 0.0 <= margins[0] < 1e-15
         is_rounded_beyond.append(float(np.arccos(np.cos(limit))) < limit)
     assert any(is_rounded_beyond)
+
+
+def test_inputs_without_a_pose_are_named():
+    """The mechanism closes at only one of two sets of inputs. A warning names the other."""
+    result, findings = run_workspace(
+        FIVE_BAR, pose="21=40+51=45+21=-130+51=-130", working_mode="0", tolerance=1e-2
+    )
+    assert len(findings["pose"]) == 2
+    (warning,) = result.summary["warnings"]
+    assert warning.endswith("No pose was found at the inputs 21 = -130 deg, 51 = -130 deg")
+
+
+def test_poses_that_are_equal_up_to_rounding_are_examined_once():
+    """An angle with a whole revolution more gives the same pose, up to rounding.
+
+    The same orientation written as q and -q, with nearly qw = 0, is also one pose.
+    """
+    kinematics = closed_kinematics(FIVE_BAR)
+    by_direction = "azimuth=10+tilt=20+azimuth=370+tilt=20+azimuth=11+tilt=20"
+    assert len(read_distinct_poses(by_direction, kinematics).poses) == 2
+    # Each set of inputs has two poses.
+    assert len(read_distinct_poses("21=40+51=45+21=400+51=45", kinematics).poses) == 2
+    two_signs = "qx=0.6+qy=0.8+qz=0+qw=1e-17+qx=-0.6+qy=-0.8+qz=0+qw=1e-17"
+    kinematics = closed_kinematics(sk.load("agile_eye"))
+    assert len(read_distinct_poses(two_signs, kinematics).poses) == 1
+
+
+def test_warnings_about_an_area_say_no_more_than_is_known():
+    """An area without unresolved triangles has no borders that touch.
+
+    In unresolved triangles, a workspace can be hidden. It is then not said to be empty.
+    """
+    kinematics = closed_kinematics(FIVE_BAR)
+    modes = WorkspaceModes(
+        FIVE_BAR,
+        kinematics,
+        Constraints(),
+        kinematics.modes[:1],
+        DistinctPoses(np.empty((0, 3))),
+        1e-15,
+    )
+    (workspace,) = modes.workspaces
+    _, warning = modes.summarize(workspace)
+    assert warning.startswith("the area ") and warning.endswith(" sr")
+    region = replace(
+        workspace.region,
+        area=0.0,
+        error=1e-3,
+        unresolved=1e-3,
+        components=(),
+        boundaries=(),
+        excluding=((0,),),
+    )
+    _, warning = modes.summarize(replace(workspace, region=region))
+    assert "empty" not in warning and "at most 0.001 sr" in warning
+    assert "no direction was found that satisfies" in warning
+
+
+def test_each_mode_has_its_own_page_of_singularities():
+    """All modes of the five-bar have one workspace, but different singularities.
+
+    `SceneListener` collects what is drawn. The map of a page shows the angle (rad) to the
+    nearest singularity of its mode.
+    """
+    listener = SceneListener()
+    sk.run(FIVE_BAR, ["workspace:tolerance=1e-2"], samples=2, recorder=listener)
+    assert "Workspace" in listener.primitives_by_page
+    kinematics = closed_kinematics(FIVE_BAR)
+    bounds = bounds_of(kinematics, Constraints())
+    for label, signs in zip(kinematics.labels, kinematics.modes, strict=True):
+        primitives = listener.primitives_by_page[f"Singularity {label}"]
+        (sphere_map,) = [item for item in primitives if isinstance(item, SphereMap)]
+        judged = judge(kinematics, bounds, signs, sphere_map.vertices)
+        sines = np.fmin(judged.type_1, judged.type_2)
+        is_known = np.isfinite(sines)
+        assert is_known.any()
+        assert np.allclose(np.sin(sphere_map.values[is_known]), sines[is_known])
+        (text,) = [item.markdown for item in primitives if isinstance(item, Text)]
+        assert f"Mode {label}:" in text

@@ -63,6 +63,10 @@ FIXED_AXIS_TOLERANCE_RAD = 1e-9
 """A rotation that deviates by less counts as a rotation about a fixed axis. Larger:
 rotations about a moving axis count as feasible; smaller: rounding makes rotations
 infeasible."""
+CHECKED_ANGLES = 91
+"""Number of equally spaced angles at which deviations from the fixed axis and extremes of
+the inputs are searched, in addition to the rows. Larger: short ones are found; smaller:
+they are missed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,9 +96,9 @@ class EquivalentRotation(AbstractAnalysis):
         Number or signs of the configuration at the start. The summary lists all such
         configurations.
     end_mode
-        Number or signs of the orientation at the end, if the pose `end` has several. Number
-        0 is the nearest to the start. By default it is the nearest in the assembly and
-        working mode of the start.
+        Number or signs of the orientation at the end, if the pose `end` has several. They
+        are numbered by their angle from the start, singular ones last. By default it is the
+        nearest in the assembly and working mode of the start.
     output
         Name of the output, needed if the mechanism declares several.
     samples
@@ -111,8 +115,8 @@ class EquivalentRotation(AbstractAnalysis):
     shape
         Time law of the schedule: cycloidal, cubic, quintic or septic.
     cycle
-        Cycle time (s) of the controller that executes the schedule. The schedule then has
-        one row for each cycle, and its duration is a whole number of cycles.
+        Cycle time (s) of the controller that executes the schedule. The rows of the
+        schedule are then one cycle apart, and its duration is a whole number of cycles.
     """
 
     name = "equivalent_rotation"
@@ -245,7 +249,7 @@ class EquivalentRotation(AbstractAnalysis):
 
         Raises
         ------
-        AnalysisError
+        AnalysisError, ModelError
             If a parameter is not valid for the mechanism.
         """
         chosen_output(mechanism, self.output or None)
@@ -370,9 +374,11 @@ class EquivalentRotation(AbstractAnalysis):
         rotation = result.rotation
         samples = result.samples
         start = result.start
-        orientation_error = _largest_finite(samples.orientation_error)
-        # Samples without a configuration. Singular samples have one.
+        orientation_error = _largest_finite(result.checked.orientation_error)
+        # Samples without a configuration. Singular samples have one, but not beyond the end
+        # of the rotation.
         has_failed = ~np.isin(samples.status, (Status.OK, Status.AT_SINGULARITY))
+        has_failed |= samples.theta > rotation.reached
         keeps_axis = orientation_error < FIXED_AXIS_TOLERANCE_RAD
         is_feasible = rotation.end == Status.OK and keeps_axis and not np.any(has_failed)
         summary: dict[str, Any] = {
@@ -384,7 +390,7 @@ class EquivalentRotation(AbstractAnalysis):
             "reached_rad": rotation.reached,
             "end": Status(rotation.end).name,
             "largest_orientation_error_rad": orientation_error,
-            "largest_drift_rad": _largest_finite(samples.drift),
+            "largest_drift_rad": _largest_finite(result.checked.drift),
             "crossings_rad": list(rotation.crossings),
             "start": {
                 "mode": str(start.labels[result.start_number]),
@@ -408,7 +414,7 @@ class EquivalentRotation(AbstractAnalysis):
             f"The output turns by {np.degrees(rotation.angle):.6g} deg about the fixed "
             f"axis {axes}."
         ]
-        remarks += _describe_input_ranges(samples.inputs, rotation.inputs)
+        remarks += _describe_input_ranges(result.checked.inputs, rotation.inputs)
         end = result.end
         if isinstance(end, EndOrientation) and end.count > 1:
             summary["end_pose"] = {"end_mode": end.number, "orientations": end.count}
@@ -499,12 +505,15 @@ class EquivalentRotation(AbstractAnalysis):
         rotation = finder.rotation(start, start_number, end)
         theta = np.linspace(0.0, rotation.angle, self.samples)
         if self.theta:
-            theta = np.radians(self.theta)
-            if not np.max(theta) <= rotation.angle:
+            angle_deg = np.degrees(rotation.angle)
+            # The whole angle may also be given as it is rounded in the message.
+            if max(self.theta) > max(angle_deg, float(f"{angle_deg:.9g}")):
                 raise SolveError(
-                    f"theta: {max(self.theta):g} deg is beyond the rotation, whose angle "
-                    f"is {np.degrees(rotation.angle):.9g} deg"
+                    f"theta: {max(self.theta):.12g} deg is beyond the rotation, whose "
+                    f"angle is {angle_deg:.9g} deg"
                 )
+            theta = np.minimum(np.radians(self.theta), rotation.angle)
+        checked_theta = np.linspace(0.0, rotation.angle, CHECKED_ANGLES)
 
         # 4. The schedule.
         schedule = None
@@ -532,6 +541,7 @@ class EquivalentRotation(AbstractAnalysis):
             end=end,
             rotation=rotation,
             samples=rotation.at(theta),
+            checked=rotation.at(np.append(checked_theta, theta)),
             architecture=architecture,
             schedule=schedule,
             trajectory=None if schedule is None else schedule.table(self.samples),
@@ -577,7 +587,8 @@ def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator
     """
     rotation = result.rotation
     samples = result.samples
-    orientation_error = _largest_finite(samples.orientation_error)
+    checked = result.checked
+    orientation_error = _largest_finite(checked.orientation_error)
     # `rotation.end` is OK if the mechanism follows the whole rotation. Else it is the
     # reason why the mechanism does not follow beyond the angle `rotation.reached`.
     if rotation.end != Status.OK:
@@ -601,9 +612,9 @@ def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator
     # one. The drift is the angle between the instantaneous axis of the link and the fixed
     # axis.
     if orientation_error >= FIXED_AXIS_TOLERANCE_RAD:
-        worst = np.nanargmax(samples.orientation_error)
-        worst_theta_deg = np.degrees(samples.theta[worst])
-        largest_drift_deg = np.degrees(_largest_finite(samples.drift))
+        worst = np.nanargmax(checked.orientation_error)
+        worst_theta_deg = np.degrees(checked.theta[worst])
+        largest_drift_deg = np.degrees(_largest_finite(checked.drift))
         yield (
             "The output link cannot turn exactly about the fixed axis: its orientation "
             f"deviates by up to {np.degrees(orientation_error):.4g} deg, at theta = "

@@ -50,7 +50,7 @@ class _RotationEnd:
     name
         The word for this end in drawings.
     row
-        Row of this end among the samples: 0 for the first one, -1 for the last one.
+        Row of this end in the order of theta: 0 for the first one, -1 for the last one.
     plane_colour
         Index of the colour of the mid-plane at this end, in the list of drawing colours.
         The base and the output link are mirror images of each other about the mid-plane.
@@ -87,6 +87,8 @@ class RotationResult:
         The rotation.
     samples
         The rotation at the sampled angles.
+    checked
+        The rotation at these and at other angles, where extreme values are searched.
     architecture
         The mid-plane symmetric architecture of the mechanism, or None.
     schedule, trajectory
@@ -103,6 +105,7 @@ class RotationResult:
     end: EndOrientation | AtRotation
     rotation: FixedAxisRotation
     samples: RotationSamples
+    checked: RotationSamples
     architecture: MidPlaneArchitecture | None
     schedule: TimeScaling | None
     trajectory: Trajectory | None
@@ -202,8 +205,8 @@ class RotationResult:
 
         In a mid-plane symmetric mechanism, the output link is the mirror image of its
         reference link about a plane, the mid-plane. Mid-planes are drawn as great circles.
-        One great circle moves with the rows. Two fixed circles show the first and last
-        position.
+        One great circle moves with the rows. Two fixed circles show the positions at the
+        smallest and largest angle.
         """
         mechanism = self.mechanism
         orientations = self.orient_links(samples.values)
@@ -221,9 +224,9 @@ class RotationResult:
             # formulas are simplest. `frame` turns the normals back, and `reference`
             # converts them to ground axes.
             normals = np.matvec(reference @ self.architecture.frame, normals)
-            # Failed rows are NaN. Start and end are the first and last row that the
-            # mechanism reaches.
-            finite_normals = _finite_rows(normals)
+            # Failed rows are NaN. Start and end are the rows with the smallest and largest
+            # theta that the mechanism reaches. The user can list angles in any order.
+            finite_normals = _finite_rows(normals[np.argsort(samples.theta)])
             if len(finite_normals):
                 # The row of an end is 0 or -1.
                 for end in ROTATION_ENDS:

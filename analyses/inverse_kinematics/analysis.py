@@ -58,12 +58,12 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     output
         Name of the output, needed if the mechanism declares several.
     working_mode
-        Label or number of one working mode. By default all modes.
+        Label or number of one working mode of given poses. By default all modes.
     graph
         Whether to solve the closure equations of all links, even if there is a closed form
         for some of their solutions or for all.
     pairs
-        Pairs whose variables are listed in the table `pairs`, or ``all``.
+        Pairs whose variables at given poses are listed in the table `pairs`, or ``all``.
     nearest
         Number of poses out of reach for which the nearest reachable pose is computed.
     """
@@ -96,7 +96,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
 
         Raises
         ------
-        AnalysisError, FileError
+        AnalysisError, FileError, ModelError
             If a parameter is not valid for the mechanism, or the file cannot be read.
         """
         # Each of these calls raises an error if a parameter is not valid.

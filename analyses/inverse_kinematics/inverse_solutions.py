@@ -79,7 +79,7 @@ class InverseSolutions:
     pairs
         Indices of the pairs whose variables are listed.
     max_nearest
-        Number of rows out of reach for which the nearest reachable pose is computed.
+        Largest number of rows for which the nearest reachable pose is computed.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class InverseSolutions:
         (n,) number of solutions (configurations) of each pose.
     nearest_poses, nearest_distances
         (rows, 3 or 4) the nearest reachable direction or quaternion, and its angular
-        distance (rows,) in rad; NaN if not computed.
+        distance (rows,) in rad; NaN if not computed or not found.
     nearest_count
         Number of rows for which the nearest reachable pose was computed.
     """
@@ -176,7 +176,7 @@ class InverseSolutions:
         A solution is a configuration in which the output has a requested pose. The columns
         have the pose and the inputs, the rates of the inputs, the margin of the nearest
         limit, measures of singularities, the status, and the nearest reachable pose. The
-        columns of the nearest pose are NaN if that was not computed.
+        columns of the nearest pose are NaN if that was not computed or not found.
         """
         mechanism = self.mechanism
         solver = self.solver
@@ -233,7 +233,7 @@ class InverseSolutions:
           the least measures of singularities in each working mode. The measure of type I is
           0 if an input moves while the output rests, that of type II if the output can move
           while the inputs rest.
-        - Remarks say how many configurations there are, and which poses have none.
+        - Remarks say how many configurations there are, and how many poses have none.
         - A table for the screen has the configurations, or the working modes.
         """
         # 1. Summary. The closure equations are tested at some evenly chosen poses only.
@@ -413,8 +413,8 @@ class InverseSolutions:
         # A row of the solutions is one pose in one working mode (way to assemble the legs).
         # The row has a measure of type I for each input, and one of type II. At type I the
         # output rests while an input moves. At type II the output can move while the inputs
-        # rest. A measure is the sine of the angle to such a singularity. The smallest one
-        # counts.
+        # rest. A measure is taken as the sine of the angle to such a singularity. The
+        # smallest one counts.
         type_1 = np.min(solutions.type_1, axis=1)
         # `fmin` ignores a measure that is NaN if the other is a number.
         row_measure = np.fmin(type_1, solutions.type_2)

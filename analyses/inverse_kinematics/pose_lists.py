@@ -23,17 +23,16 @@ from ..output_poses import (
     AZIMUTH_TILT_TERMS,
     CONVERSION_OF_FORM,
     DIRECTION_TERMS,
+    MATRIX_TERMS,
     MID_PLANE_TERMS,
     NO_DIRECTION,
     QUATERNION_TERMS,
     ROTATION_VECTOR_TERMS,
     TILT_TORSION_TERMS,
-    is_angle,
+    find_angular_terms,
     read_terms,
 )
 
-MATRIX_TERMS = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
-"""The names of the entries of a rotation matrix."""
 ROTATION_TOLERANCE = 1e-6
 """A matrix whose R R^T differs from 1 by more is not a rotation. Larger: rounded numbers in
 files are accepted; smaller: they are refused."""
@@ -64,7 +63,7 @@ class PoseList:
 
 @dataclass(frozen=True)
 class NumberTable:
-    """Numbers that describe n poses, as the user wrote them, before their conversion.
+    """Numbers that describe n poses, before their conversion to poses.
 
     Attributes
     ----------
@@ -73,7 +72,7 @@ class NumberTable:
     rows
         (n, k) numbers, one row for each pose.
     units
-        Unit of columns by name, if the file states one.
+        Unit of columns by name, if it is known.
     locations
         Position of each row in the file, for error messages; empty for other sources.
     grid_shape
@@ -128,6 +127,8 @@ def read_poses(
     AnalysisError, FileError
         If the poses cannot be read. The message has the position in the list or the line of
         the file.
+    PlanError
+        If inputs cannot be computed from poses of the output, and no inputs are given.
     """
     sources = {parameter: poses, "file": file, "window": window}
     given_sources = [name for name, source in sources.items() if source]
@@ -155,18 +156,21 @@ def read_poses(
             table = _read_window(solver, where, window, angle_unit)
         else:
             table = _read_list(solver, where, poses, angle_unit)
-        _check_pose_count(len(table.rows), where)
     except AnalysisError:
-        if not solver.labels:
+        texts = [*poses, *window]
+        given_names = {text.partition(":")[0].partition("=")[0] for text in texts}
+        gives_inputs = not given_names.isdisjoint(solver.mechanism.input_pairs)
+        if not solver.labels and not gives_inputs:
             # The output cannot be solved for poses. This call raises an error with the
             # reason, which is more useful than the present error.
             solver.inverse(np.zeros((0, 3, 3)), ())
         raise
+    _check_pose_count(len(table.rows), where)
     gives_inputs = table.terms == solver.mechanism.input_pairs
     # Columns of angles are converted to rad. A unit that the file states takes precedence.
+    angular_terms = find_angular_terms(table.terms, solver.mechanism.input_pairs)
     is_in_degrees = [
-        is_angle(term, solver.mechanism.input_pairs)
-        and (table.units.get(term) or angle_unit) == "deg"
+        term in angular_terms and (table.units.get(term) or angle_unit) == "deg"
         for term in table.terms
     ]
     rows = np.where(is_in_degrees, np.radians(table.rows), table.rows)
@@ -191,7 +195,7 @@ def _read_list(
         The inverse kinematics of the output, which decides in which forms a pose can be
         given.
     where
-        Name of the parameter with the list, for error messages.
+        Name of the analysis and of the parameter, for error messages.
     poses
         The texts. A name that occurs again begins the next pose.
     angle_unit
@@ -243,23 +247,33 @@ def _read_file(
     ------
     AnalysisError
         If a term has no column, or the columns fit no form or several forms.
+    FileError
+        If the file cannot be read, or if a cell is not a finite number.
     """
     # Columns of the file by name without unit.
     header = columns_of(path)
     forms = _forms_of_output(solver)
-    # Tables of spherekit have the input PAIR in the column q_PAIR.
-    pair_of_column = {f"q_{pair}": pair for pair in solver.mechanism.input_pairs}
+    # Tables of spherekit have the input PAIR in the column q_PAIR, a single input in q.
+    pairs = solver.mechanism.input_pairs
+    pair_of_column = {f"q_{pair}": pair for pair in pairs}
+    if len(pairs) == 1:
+        pair_of_column["q"] = pairs[0]
     column_of_term = {
         pair_of_column.get(name, name): column for name, column in header.items()
     }
-    missing = [name for name in columns if name not in column_of_term]
+    terms = tuple(pair_of_column.get(name, name) for name in columns)
+    missing = [
+        name
+        for name, term in zip(columns, terms, strict=True)
+        if term not in column_of_term
+    ]
     if missing:
         raise AnalysisError(
             f"{where}: the file has no column {listing(missing)}; columns: "
             f"{listing(header)}"
         )
     if columns:
-        forms_of_file = [_match_form(forms, columns, where)]
+        forms_of_file = [_match_form(forms, terms, where)]
     else:
         # Forms whose terms are all in the file.
         complete = [form for form in forms if set(form) <= set(column_of_term)]
@@ -303,14 +317,17 @@ def _read_window(
         The inverse kinematics of the output, which decides in which forms a pose can be
         given.
     where
-        Name of the parameter, for error messages.
+        Name of the analysis and of the parameter, for error messages.
     window
         Texts ``NAME:FROM:TO:COUNT``, one for each number of the poses. The grid has all
         combinations of their values.
     angle_unit
         Unit of angles in `window` that state no unit, and of all angles in the result.
     """
-    values_of_term: dict[str, Floats] = {}
+    names = [text.partition(":")[0] for text in window]
+    angular_terms = find_angular_terms(names, solver.mechanism.input_pairs)
+    # The ends and the number of values of each term.
+    ranges: dict[str, tuple[float, float, int]] = {}
     for text in window:
         name, *numbers = text.split(":")
         try:
@@ -318,7 +335,7 @@ def _read_window(
             count = float(count_text)
             # The numbers are angles if the name is an angle of a pose, such as azimuth, or
             # the name of an input pair.
-            if is_angle(name, solver.mechanism.input_pairs):
+            if name in angular_terms:
                 # A text can state its own unit. All angles are returned in `angle_unit`.
                 low_and_high = [
                     read_quantity(end, ANGLE, angle_unit, target=angle_unit) for end in ends
@@ -331,16 +348,16 @@ def _read_window(
             raise AnalysisError(f'{where}: "{text}": {problem}') from None
         except ValueError:
             is_valid = False
-        if not is_valid or name in values_of_term:
+        if not is_valid or name in ranges:
             raise AnalysisError(
                 f'{where}: "{text}" is not of the form NAME:FROM:TO:COUNT with each name '
                 "once; write for example azimuth:0:360:37"
             )
-        values_of_term[name] = np.linspace(low, high, int(count))
-    form = _match_form(_forms_of_output(solver), tuple(values_of_term), where)
-    axes = [values_of_term[term] for term in form]
-    grid_shape = tuple(len(values) for values in axes)
+        ranges[name] = (low, high, int(count))
+    form = _match_form(_forms_of_output(solver), tuple(ranges), where)
+    grid_shape = tuple(ranges[term][2] for term in form)
     _check_pose_count(prod(grid_shape), where)
+    axes = [np.linspace(*ranges[term]) for term in form]
     grids = np.meshgrid(*axes, indexing="ij")
     rows = np.stack([grid.ravel() for grid in grids], axis=1)
     return NumberTable(form, rows, grid_shape=grid_shape)
@@ -437,7 +454,7 @@ def _forms_of_output(solver: OutputKinematics) -> list[tuple[str, ...]]:
 
     A form is a tuple of the names of its numbers, such as azimuth and tilt. Without working
     modes (`solver.labels`), inputs cannot be computed from poses, so poses can only be
-    described by inputs.
+    described by inputs. A form with the names of the inputs is left out.
     """
     forms: list[tuple[str, ...]] = []
     # Poses are directions if the solver has `points`, else rotations.
@@ -448,7 +465,8 @@ def _forms_of_output(solver: OutputKinematics) -> list[tuple[str, ...]]:
     # In a mid-plane symmetric architecture (`form`), base and output mirror each other.
     if solver.form is not None:
         forms.append(MID_PLANE_TERMS)
-    return [*forms, solver.mechanism.input_pairs]
+    inputs = solver.mechanism.input_pairs
+    return [*(form for form in forms if set(form) != set(inputs)), inputs]
 
 
 def _match_form(

@@ -301,10 +301,11 @@ def _find_working_modes(
     modes = np.full(len(poses) + 1, "", dtype=object)
     if isinstance(solver, ClosedKinematics):
         # One row for each pose (`rows.pose`) and working mode, with the variables of all
-        # pairs.
-        all_pairs = range(len(mechanism.pairs))
-        rows = solver.inverse(poses, solver.labels, all_pairs)
-        solution_values = values[rows.pose]
+        # pairs but those of wheels, which can differ by whole revolutions of other pairs.
+        names = [pair.name for pair in solver.carrying.pairs]
+        pairs = [mechanism.pair_number[name] for name in names]
+        rows = solver.inverse(poses, solver.labels, pairs)
+        solution_values = values[rows.pose][:, pairs]
         differences = np.abs(wrap(rows.values - solution_values)).max(axis=1)
         same = np.flatnonzero(differences < SAME_SOLUTION_RAD)
         modes[rows.pose[same]] = rows.mode[same]

@@ -27,6 +27,7 @@ from spherekit.mechanism.sizes import to_radians
 from spherekit.numerics.minima import minimize_in_brackets
 from spherekit.outputs.rotation_path import (
     LEAP_LENGTHS_RAD,
+    LEAP_SMOOTHNESS_RAD,
     STEP_VERIFICATION,
     PathNodes,
     RotationPath,
@@ -91,7 +92,7 @@ Larger: matrices that are not rotations are accepted. Smaller: rounded ones are 
 """
 
 RANGE_TOLERANCE = 1e-12
-"""Part of a range by which an angle or a time may be outside because of rounding.
+"""Part of a range, or of 1 if it is shorter, by which a value may be outside by rounding.
 
 Larger: values outside are accepted and moved to the end. Smaller: rounded ends are refused.
 """
@@ -125,9 +126,9 @@ class RotationSamples:
         (n,) transmission measure of the inputs, 0 at a singularity of type II, see
         `spherekit.velocities.transmission_measure`.
     status
-        (n,) codes of `Status`. Rows with other codes than OK and AT_SINGULARITY are NaN. At
-        AT_SINGULARITY the inputs do not determine the configuration, but the rotation
-        continues. Rates that are not finite are NaN.
+        (n,) codes of `Status`. Rows with other codes than OK and AT_SINGULARITY are NaN, as
+        are rows beyond the end of the path. At AT_SINGULARITY the inputs or the orientation
+        do not determine the configuration. Rates that are not finite are NaN.
     """
 
     theta: Floats
@@ -162,8 +163,9 @@ class FollowedRotation(RotationPath):
         The configurations computed during tracking, in the order of the angle theta of
         rotation.
     end
-        Status beyond `reached`: OUT_OF_REACH if the output link cannot turn further,
-        AT_SINGULARITY if the loops stop determining the links, MODE_LOST otherwise.
+        OK if the whole angle was reached, otherwise the status beyond `reached`:
+        OUT_OF_REACH if the output link cannot turn further, AT_SINGULARITY if the equations
+        hardly determine the links, MODE_LOST otherwise.
     leaps
         Angles (rad) of singular configurations that were stepped over. The rates near them
         are interpolated.
@@ -186,7 +188,7 @@ class FollowedRotation(RotationPath):
     def crossings(self) -> tuple[float, ...]:
         """Angles (rad) at which the inputs do not determine the output (type II).
 
-        At some angles, the leaps, the tracking of the rotation stepped over a singular
+        Some angles are leaps, where the tracking of the rotation stepped over a singular
         configuration. The other angles are found where the transmission measure falls to 0.
         This measure says how well the locked inputs hold the output. All angles are between
         0 and `reached`, up to which the rotation was tracked.
@@ -209,12 +211,30 @@ class FollowedRotation(RotationPath):
         # A minimum near a leap is the singular configuration of this leap, which is listed
         # already. Near means: at most the length of the longest leap away.
         longest_leap = LEAP_LENGTHS_RAD[-1]
-        distances = np.abs(singular[:, None] - np.array(self.leaps))
+        leaps = self._leaps_of_type_2()
+        distances = np.abs(singular[:, None] - leaps)
         is_apart = np.all(distances > longest_leap, axis=1)
-        crossings = np.concatenate([self.leaps, singular[is_apart]])
+        crossings = np.concatenate([leaps, singular[is_apart]])
         # Adding 0.0 turns -0.0 into 0.0.
         angles_in_range = np.clip(crossings, 0.0, self.reached) + 0.0
         return tuple(np.sort(angles_in_range).tolist())
+
+    def _leaps_of_type_2(self) -> Floats:
+        """Return the leaps (n,) at which the inputs do not determine the output (rad).
+
+        A leap can also lie before the start or beyond the end of the rotation, and the
+        inputs can determine the output there. Such leaps are left out.
+        """
+        leaps = np.array(self.leaps)
+        # A leap is known to about the tolerance of its smoothness.
+        is_in_range = (leaps >= -LEAP_SMOOTHNESS_RAD) & (
+            leaps <= self.reached + LEAP_SMOOTHNESS_RAD
+        )
+        leaps = leaps[is_in_range]
+        values, _ = self.nodes.interpolate(leaps)
+        measure = self.transmission.measure_configurations(self.output_link.closure, values)
+        # The measure can be NaN at a singular configuration.
+        return leaps[~(measure > SINGULAR_TRANSMISSION)]
 
     def _measure_transmission(self, theta: Floats) -> Floats:
         """Return the transmission measure (n,) at angles (n,) rad up to `reached`.
@@ -228,6 +248,7 @@ class FollowedRotation(RotationPath):
             self.output_link.closure, deviation.values
         )
 
+    @checked(SolveError)
     def at(self, theta: ArrayLike) -> RotationSamples:
         """Return samples of the rotation at some angles.
 
@@ -410,13 +431,15 @@ def axis_and_angle(first: Floats, second: Floats) -> tuple[Floats, float]:
 def unit(axis: ArrayLike) -> Floats:
     """Return a direction (3,) with length 1; `SolveError` if it has none."""
     direction = np.asarray(axis, dtype=float)
-    length = float(np.linalg.norm(direction))
-    if direction.shape != (3,) or not 0.0 < length < np.inf:
+    size = max_abs(direction)
+    if direction.shape != (3,) or not 0.0 < size < np.inf:
         raise SolveError(
             f"direction: found {direction.tolist()}, expected three finite numbers, not "
             "all zero"
         )
-    return direction / length
+    # The largest component becomes 1, so that no square overflows or underflows.
+    scaled = direction / size
+    return scaled / float(np.linalg.norm(scaled))
 
 
 def check_range(values: ArrayLike, maximum: float, name: str, unit: str) -> Floats:
@@ -490,8 +513,8 @@ def follow_rotation(
     ModelError
         If the output is unknown.
     SolveError
-        If the configuration does not close, or if the output link cannot turn from it in as
-        many ways as there are inputs.
+        If the configuration does not close, if the output link cannot turn from it in as
+        many ways as there are inputs, or if it does not reach the start of the rotation.
     """
     mechanism = mechanism_of(mechanism)
     angle = to_radians(angle, angle_unit)
@@ -500,6 +523,8 @@ def follow_rotation(
     unit_axis = unit(axis)
     if not 0.0 < angle < np.inf:
         raise SolveError(f"angle: found {angle:g} rad, expected a finite angle above 0")
+    if not 0.0 <= lead < np.inf:
+        raise SolveError(f"lead: found {lead:g} rad, expected a finite angle, 0 or more")
     output_link = OutputLink.from_output(mechanism, declared_output)
     start_values = _check_values(output_link, values, mechanism.name)
     deviation = _close_start(output_link, start_values, mechanism.name)
@@ -516,6 +541,13 @@ def follow_rotation(
     )
     first_node = path.make_nodes(np.array([0.0 - lead]), deviation)
     tracked_path = path.track(first_node, angle)
+    last_theta = float(tracked_path.nodes.theta[-1])
+    if last_theta < 0.0:
+        raise SolveError(
+            f"{mechanism.name}: the rotation does not reach its start: {lead:.6g} rad lead "
+            f"to it, but the path ends {-last_theta:.6g} rad before it "
+            f"({tracked_path.end.name}); start from a nearer configuration"
+        )
     return FollowedRotation(
         output_link=output_link,
         axis=unit_axis,
@@ -562,9 +594,6 @@ def follow_to(
     mechanism = mechanism_of(mechanism)
     output_link = OutputLink.from_output(mechanism, chosen_output(mechanism, output))
     start_values = _check_values(output_link, values, mechanism.name)
-    # (1, links, 3, 3) orientations of all links at the start, relative to the base. The
-    # base is the link that the output is relative to.
-    start_rotations = output_link.closure.linearise(start_values[None]).rotations
     target = np.asarray(orientation, dtype=float)
     is_right_handed = target.shape == (3, 3) and np.linalg.det(target) > 0.0
     if (
@@ -572,8 +601,10 @@ def follow_to(
         or not max_abs(target @ target.T - np.eye(3)) < UNIT_ORIENTATION_TOLERANCE
     ):
         raise SolveError("the orientation has to be a rotation matrix (3, 3)")
-    axis, angle = axis_and_angle(start_rotations[0, output_link.number], target)
-    return follow_rotation(mechanism, values, axis, angle, output)
+    # Closing the loops can turn the output link, so it precedes the choice of the axis.
+    start = _close_start(output_link, start_values, mechanism.name)
+    axis, angle = axis_and_angle(start.orientations[0], target)
+    return follow_rotation(mechanism, start.values[0], axis, angle, output)
 
 
 def _check_values(
@@ -625,8 +656,9 @@ def _close_start(
     Raises
     ------
     SolveError
-        If the configuration does not close or is singular, if the inputs do not determine
-        it, or if the output link cannot turn in as many ways as there are inputs.
+        If the configuration does not close or is singular, if the mobility is not the
+        number of inputs, or if the output link cannot turn in as many ways as there are
+        inputs.
     """
     variable_count = len(values)
     input_count = output_link.degrees_of_freedom
@@ -666,7 +698,12 @@ def _close_start(
     # The remaining singular values, in falling order, are then 0.
     excess = singular_values[variable_count - input_count :]
     has_higher_rank = np.any(excess > SINGULAR_TARGET_CONDITION * largest)
-    if has_higher_rank or not deviation.loop_conditioning[0] > SINGULAR_TARGET_CONDITION:
+    # Near singular configurations Newton's method may not converge.
+    is_closed = (
+        deviation.error(can_follow=False)[0] < NEAREST_TOLERANCE_RAD
+        and deviation.loop_conditioning[0] > SINGULAR_TARGET_CONDITION
+    )
+    if has_higher_rank or not is_closed:
         raise SolveError(
             f"{mechanism_name}: the configuration to start from is singular, or the "
             f"mobility is not the number of inputs, {input_count}; start from another "

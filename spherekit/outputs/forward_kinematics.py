@@ -25,12 +25,12 @@ from spherekit.numerics.angles import wrap
 from spherekit.outputs.wheel_revolutions import find_assembled_configuration
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.assembly_enumeration import enumerate_assemblies
-from spherekit.positions.assembly_mode import AssemblyMode, has_configuration
+from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.input_grid import make_path
 from spherekit.positions.motion import Motion
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.status import Status
-from spherekit.wording import listing
+from spherekit.wording import counted, listing
 
 
 @dataclass(frozen=True)
@@ -266,8 +266,9 @@ class ForwardKinematics:
         Raises
         ------
         SolveError
-            If a group of links is no dyad (ask for `solutions` then), or the inputs are not
-            finite or not as many as the mechanism has.
+            If a group of links is no dyad (ask for `solutions` then), if a mode does not
+            have one sign for each dyad, or if the inputs are not finite or not as many as
+            the mechanism has.
         """
         # Links are placed in groups, the smallest sets that are rigid when the inputs are
         # locked. Only groups that are dyads have a closed form.
@@ -282,6 +283,14 @@ class ForwardKinematics:
         # `make_path` checks the number of inputs, and that they are finite.
         q = make_path(np.asarray(inputs, dtype=float), len(self.solver.driven)).q
         signs = self._modes if modes is None else tuple(map(tuple, modes))
+        dyad_count = len(self.solver.assembly.groups)
+        is_valid = [len(mode) == dyad_count and set(mode) <= {1, -1} for mode in signs]
+        if not (signs and all(is_valid)):
+            raise SolveError(
+                f"modes: found {[list(map(int, mode)) for mode in signs]}, expected at "
+                "least one mode, which has 1 or -1 for each of "
+                f"{counted(dyad_count, 'dyad')}"
+            )
         configurations = self._evaluate(q, signs)
         orientations = output_orientations(
             self.mechanism, self.output, configurations.rotations
@@ -318,8 +327,9 @@ class ForwardKinematics:
         """Return every configuration found at some inputs, for any mechanism.
 
         Mechanisms of dyads (groups of two links and three R pairs) are computed in closed
-        form, and no configuration is missed. Others are solved for one set of inputs after
-        another. The returned inputs are reduced to (-pi, pi].
+        form, and no configuration is missed unless `complete` is false. Others are solved
+        for one set of inputs after another. The returned inputs are reduced to (-pi, pi]
+        unless wheels count their turns.
 
         Parameters
         ----------
@@ -331,15 +341,21 @@ class ForwardKinematics:
         SolveError
             If the inputs are not finite or not as many as the mechanism has.
         """
+        q = np.asarray(inputs, dtype=float)
+        if q.shape == (0, len(self.solver.driven)):  # there are no inputs
+            return find_configurations(self.solver, self.output, q)
         # `make_path` checks the number of inputs, and that they are finite.
-        q = make_path(np.asarray(inputs, dtype=float), len(self.solver.driven)).q
+        q = make_path(q, len(self.solver.driven)).q
         if not self.solver.assembly.has_closed_form:
             return find_configurations(self.solver, self.output, q)
         # A mode is a tuple of signs, one for each dyad.
         configurations = self._evaluate(q, self._modes)
+        # Failed samples are NaN, and so are those whose pair variables are not determined.
+        is_found = all_finite(configurations.values, 2)
+        is_absent = configurations.status == Status.OUT_OF_REACH
         # `T` changes the axes from (modes, n) to (n, modes), so that all modes of one set
         # of inputs follow each other.
-        row, mode = np.nonzero(has_configuration(configurations.status).T)
+        row, mode = np.nonzero(is_found.T)
         values = configurations.values[mode, row]
         orientations = output_orientations(
             self.mechanism, self.output, configurations.rotations[mode, row]
@@ -352,7 +368,7 @@ class ForwardKinematics:
             rotations=orientations,
             directions=output_directions(self.output, orientations),
             signs=tuple(modes[k] for k in mode),
-            complete=np.ones(len(q), dtype=bool),
+            complete=np.all(is_found | is_absent, axis=0),
         )
 
 

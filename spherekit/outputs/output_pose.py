@@ -160,7 +160,7 @@ class PoseCandidates(ArrayRows):
         """
         if mode in self.labels:
             return self.labels.tolist().index(mode)
-        if mode.isdigit() and int(mode) < len(self):
+        if mode.isdecimal() and int(mode) < len(self):
             return int(mode)
         raise SolveError(
             f'the pose has no configuration "{mode}"; its configurations are '
