@@ -449,6 +449,30 @@ def test_angles_that_count_turns_are_continuous_through_crossings(arcs, zero):
         assert np.nanmax(np.abs(difference)) < 1e-12
 
 
+@pytest.mark.parametrize(
+    ("arcs", "zero"), [((70, 40, 60, 30), "0"), ((100, 60, 80, 120), "180")]
+)
+def test_angles_that_count_turns_do_not_depend_on_the_first_sample(arcs, zero):
+    """Whole turns are counted from an input of zero, however many crossings are before it.
+
+    With `crossings="pass"` the order of the modes depends on the first sample.
+    """
+    mechanism = loaded(four_bar_text(arcs, low=0, high=360, zero=zero))
+    pairs = [pair.name for pair in mechanism.pairs]
+    angles_at_end = []
+    for first_deg in (-10.0, -200.0, -400.0, -800.0):
+        path = np.radians(np.linspace(first_deg, 100.0, 20))[:, None]
+        position_analysis = PositionAnalysis(mechanism, path=path, crossings="pass")
+        angles = continue_angles(
+            position_analysis.motion(), pairs, position_analysis.angle_unwrapping, last={}
+        )
+        # (modes, pairs) angles at 100 deg
+        at_end = np.array([angles[pair].reshape(2, -1)[:, -1] for pair in pairs]).T
+        angles_at_end.append(at_end[np.argsort(np.sin(at_end[:, 1]))])
+    for angles in angles_at_end[1:]:
+        assert np.allclose(angles, angles_at_end[0], rtol=0.0, atol=1e-9)
+
+
 def test_evaluate_follows_smooth_curves():
     """With `crossings="pass"`, `evaluate` follows the smooth curve through a flat state.
 

@@ -24,6 +24,7 @@ from spherekit.files.time_law import ConstantSpeed
 from spherekit.mechanism.bevel_gears import pitch_angles
 from spherekit.mechanism.elements import Input, Pair, PoseGeometry, Profile
 from spherekit.mechanism.inertia import Mass
+from spherekit.mechanism.load_kinds import PairTorque
 from spherekit.outputs.forward_kinematics import ForwardKinematics
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
@@ -450,3 +451,25 @@ def test_modes_half_a_turn_of_the_arm_apart_are_two_although_a_planet_has_turned
     distances = np.abs(np.sin(0.5 * (arms[:, None] - scanned)))
     assert np.max(np.min(distances, axis=1)) < 1e-3
     assert np.max(np.min(distances, axis=0)) < 1e-3
+
+
+def test_a_load_acts_although_the_wheels_do_not_follow_the_input():
+    """A spring on the arm of `PLANET_WITH_PIN` is balanced by the torque of its energy.
+
+    The input is the crank. No gear ratio leads from it to the wheels, so the configurations
+    have no known period. The torque is a central difference of the energy of the spring.
+    """
+    stiffness = 0.7
+    mechanism = loads(PLANET_WITH_PIN.format(55.0))
+    spring = PairTorque("spring", "arm_pivot", f"-{stiffness}*theta_arm_pivot")
+    step_rad = 1e-4
+    path = np.radians(20.0) + step_rad * np.array([[-1.0], [0.0], [1.0]])
+    position_analysis = PositionAnalysis(mechanism, path=path)
+    mode_count = len(position_analysis.assembly_modes)
+    assert mode_count == 4
+    angles = position_analysis.motion().values[:, mechanism.angles["arm_pivot"]]
+    energy = 0.5 * stiffness * angles.reshape(mode_count, 3) ** 2
+    expected = (energy[:, 2] - energy[:, 0]) / (2.0 * step_rad)
+    loaded = replace(mechanism, loads=(spring,))
+    torques = sk.run(loaded, "statics", path=path).frame()["tau"].to_numpy()
+    assert torques.reshape(mode_count, 3)[:, 1] == pytest.approx(expected, rel=1e-5)

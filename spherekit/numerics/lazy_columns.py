@@ -90,10 +90,11 @@ class Interleaved:
         self.parts: tuple[Array | LazyColumn, ...] = tuple(
             part if isinstance(part, LazyColumn) else np.asarray(part) for part in parts
         )
-        self.dtype = np.result_type(*{part.dtype for part in self.parts})
+        dtypes = {part.dtype for part in self.parts}
+        self.dtype = np.result_type(*dtypes) if dtypes else np.dtype(np.float64)
 
     def __len__(self) -> int:
-        return len(self.parts) * len(self.parts[0])
+        return sum(len(part) for part in self.parts)
 
     __array__ = _convert_to_array
 
@@ -236,7 +237,8 @@ def _divide_into_parts(
     if not isinstance(column, Interleaved):
         return [_PartCopy(column, output, spans)]
     count = len(column.parts)
-    part_spans = _count_in_part(spans, count)
+    # A column without subjects has no rows.
+    part_spans = _count_in_part(spans, count) if count else []
     return [
         _PartCopy(part, output[subject::count], part_spans)
         for subject, part in enumerate(column.parts)

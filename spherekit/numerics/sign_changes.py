@@ -187,7 +187,7 @@ def find_sign_changes(
 
     positions = np.concatenate(zeros_of_cells)
     slopes = np.concatenate(slopes_of_cells)
-    doubtful_intervals = _merge_intervals(np.concatenate(doubtful_of_cells))
+    doubtful_intervals = merge_intervals(np.concatenate(doubtful_of_cells))
     # Near an extremum that is zero up to the error, sign changes may be due to the error.
     starts = doubtful_intervals[:, :1]
     stops = doubtful_intervals[:, 1:]
@@ -344,7 +344,7 @@ def _enclose_touching_extrema(series: Floats, touching: Floats, error: float) ->
     return np.stack([touching - half_widths, touching + half_widths], axis=1)
 
 
-def _merge_intervals(intervals: Floats) -> Floats:
+def merge_intervals(intervals: Floats) -> Floats:
     """Return intervals (d, 2) in rising order, after merging those that overlap or touch.
 
     The common end of two intervals can differ by rounding. A gap of at most `MERGE_RATIO`

@@ -124,8 +124,8 @@ class UnwrappedStretch:
     An assembly mode is one way to assemble the links. Angles of pairs are known up to full
     revolutions. Along the stretch the angles were followed continuously. Their revolutions
     are counted so that the angles are in (-pi, pi] at the reference input. The reference
-    input is the anchor (the input of the reference pose). If the stretch does not reach the
-    anchor, the reference input is the input nearest to the anchor.
+    input is the anchor (the input of the reference pose, or zero), or one period above. If
+    the stretch reaches neither, the reference input is the one nearest to the anchor.
 
     Attributes
     ----------
@@ -281,7 +281,7 @@ class AngleUnwrapping:
             range of the input. The result is stored under this number for later calls.
         values
             (n, variables) configurations of the mode (rad). With several inputs each is
-            followed from the one before.
+            followed to the one before.
         q
             (n, inputs) inputs (rad) over full revolutions. They may differ from the inputs
             in `values` by whole periods, after which configurations repeat.
@@ -295,7 +295,7 @@ class AngleUnwrapping:
 
         Returns
         -------
-        (n, variables) whole revolutions.
+        (n, variables) whole revolutions, NaN for angles that cannot be followed.
         """
         revolutions = np.zeros_like(values)
         # Angles that gear ratios fix are linear functions of the inputs, which need not be
@@ -331,10 +331,10 @@ class AngleUnwrapping:
         """Return revolutions that are continuous through the crossings that a mode passes.
 
         At a crossing, two curves of configurations intersect. The mode consists of pieces:
-        from each crossing on, it is another assembly mode of the mechanism, which lies on
-        the same smooth curve. The revolutions of the angles are first counted on each piece
+        from each crossing on, it is the assembly mode of the mechanism that lies on the
+        same smooth curve. The revolutions of the angles are first counted on each piece
         separately. The angles are then shifted so that they continue the angles of the
-        piece before.
+        piece before. At the anchor, if it is in the range, they are in (-pi, pi].
 
         Parameters
         ----------
@@ -350,12 +350,14 @@ class AngleUnwrapping:
 
         Returns
         -------
-        (n, variables) whole revolutions. Below the first crossing they are the revolutions
-        of the first piece.
+        (n, variables) whole revolutions. On the piece with the anchor they are the
+        revolutions of this piece.
         """
         revolutions = np.zeros_like(values)
         piece_numbers = mode.pieces_at(q[:, 0])
+        (anchor,) = self.solver.anchor_inputs
         shift = np.zeros(values.shape[1])
+        anchor_shift = shift  # the shift of the piece with the anchor
         for number, (crossing, piece) in enumerate(mode.pieces):
             # `count` stores the followed curve of each piece under its own negative number.
             # Numbers from 0 on are those of modes.
@@ -389,7 +391,10 @@ class AngleUnwrapping:
                 revolutions[at_crossing] = shift + np.round(difference / TURN)
                 change = np.round((below - above) / TURN)
                 shift = shift + change
+                if crossing <= anchor:
+                    anchor_shift = shift
                 revolutions[rows] += change
+        revolutions -= anchor_shift
         revolutions[:, self._driven] = 0.0
         return revolutions
 
@@ -446,8 +451,9 @@ class AngleUnwrapping:
         configuration that is on no stretch, not even on the one followed from it.
         """
         (driven,) = self._driven
-        # Growth of the input (rad) after which configurations repeat, or infinite.
-        (period,) = self.solver.periods
+        # Growth of the input (rad) after which configurations repeat, or infinite. It is
+        # unknown (NaN) if wheels do not follow the input by gear ratios.
+        (period,) = np.nan_to_num(self.solver.periods, nan=np.inf, posinf=np.inf)
         revolutions = nans((len(values), len(self._angles)))
         # Indices of the configurations that are on no stretch so far.
         remaining = np.arange(len(values))
@@ -473,18 +479,18 @@ class AngleUnwrapping:
     ) -> UnwrappedStretch:
         """Follow an assembly mode from a configuration, to count revolutions of its angles.
 
-        The anchor is the input of the reference pose. Angles of pairs are known up to full
-        revolutions; at the anchor they are in (-pi, pi] by definition. If configurations
-        repeat after a period of the input, the curve is followed over the period that
-        begins at the anchor. Without a period, the curve is followed over the anchor and
-        `inputs`.
+        The anchor is the input of the reference pose, or zero. Angles of pairs are known up
+        to full revolutions; at the anchor they are in (-pi, pi] by definition. If
+        configurations repeat after a period of the input, the curve is followed over the
+        period that begins at the anchor. Without a period, or if the curve does not repeat,
+        it is followed over the anchor and `inputs`.
 
         Parameters
         ----------
         start
             (variables,) a configuration (rad).
         inputs
-            (m,) further inputs (rad). Not used with a period.
+            (m,) further inputs (rad). Not used if the curve repeats.
         period
             Growth of the input (rad) after which the configurations repeat, or infinite.
 
@@ -690,7 +696,8 @@ def continue_angles(
     ----------
     motion
         The block. Its rows are all samples of the first assembly mode (one way to assemble
-        the links), then all samples of the next mode. Rows without a solution stay NaN.
+        the links), then all samples of the next mode. Passive variables of rows without a
+        solution stay NaN.
     names
         Names of pairs with one variable.
     unwrapping

@@ -62,7 +62,7 @@ class GroupGeometry:
     pair_frames
         (2, pairs, samples, 3, 3) rotations from the frame of each pair to the axes of its
         first body [0] and of its second body [1]. Real or complex. A sample is one choice
-        of the inputs, or one complex solution of the groups that were placed before.
+        of the inputs, or one real or complex solution of the groups placed before.
     """
 
     group: Group
@@ -77,7 +77,7 @@ class GroupGeometry:
         """Return the sine (samples,) of the arc between the two axes of a binary link.
 
         A binary link has two pairs. If the sine is zero, its axes coincide and the link can
-        rotate freely about them.
+        rotate freely about them. The pair frames must be real.
         """
         axes_in_link, _ = self._link_axes(binary_link)
         return np.asarray(np.linalg.norm(cross(*axes_in_link), axis=-1))
@@ -214,7 +214,7 @@ class GroupGeometry:
 
         Returns
         -------
-        (solutions, pairs) angles in (-pi, pi] (rad).
+        (solutions, pairs) angles in [-pi, pi] (rad).
         """
         first_bodies, second_bodies = np.transpose(self.group.ends)
         # Frames (pairs, 3, 3) of all pairs in the axes of their first and second bodies.
@@ -244,7 +244,7 @@ class GroupGeometry:
 
         Returns
         -------
-        (k, pairs) angles in (-pi, pi] (rad).
+        (k, pairs) angles in [-pi, pi] (rad).
         """
         first_bodies, second_bodies = np.transpose(self.group.ends)
         # Frames (pairs, samples, 3, 3) of all pairs in their first and second bodies.

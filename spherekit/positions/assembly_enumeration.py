@@ -509,7 +509,7 @@ def group_signs(
         (n, variables) closed configurations (rad).
     least
         Least reciprocal condition number of a matrix with a reliable sign. With 0, all
-        signs count as reliable.
+        signs count as reliable, and a matrix that is not square has the sign 1.
 
     Returns
     -------
@@ -555,7 +555,7 @@ def random_starts(
         (inputs,) ranges of the inputs (rad).
     samples
         (n, inputs) inputs (rad) at which the loops have to close. If None, the inputs are
-        drawn from the range, and change with the passive variables until the loops close.
+        drawn from the range. Without wheels they change until the loops close.
     seed
         Seed of the random numbers.
 
@@ -577,7 +577,8 @@ def random_starts(
     start_low[driven] = low
     start_high[driven] = high
     # If there are wheels, the lengths that they have rolled (`rolled`) are computed from
-    # the inputs. Inputs and rolled lengths stay fixed while the loops are closed.
+    # the inputs, if they follow from them. Inputs and these lengths then stay fixed while
+    # the loops are closed.
     rolled = [] if gear_phases is None else list(gear_phases.variables)
     keeps_inputs = gear_phases is not None or samples is not None
     fixed = driven + rolled if keeps_inputs else []

@@ -28,10 +28,12 @@ class AssemblyMode(NamedTuple):
         follow from the inputs by gear ratios, has one mode only and the sign 0.
     guide
         Verified configurations over the inputs: a curve for one input, the samples of a
-        grid for several. None if all groups are dyads or trains of wheels.
+        grid for several. None if all groups are dyads or trains of wheels and the mode has
+        a configuration.
     group_signs
         For each group the sign of the determinant of its velocity equations, which is
-        constant in a mode. Empty if all groups are dyads or trains of wheels.
+        constant in a mode. Empty if all groups are dyads or trains of wheels, or if the
+        mode has no configuration.
     name
         The name that the file gives to the mode, empty if it gives none.
     pieces

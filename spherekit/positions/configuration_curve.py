@@ -1,8 +1,9 @@
 """The configuration curve of a mechanism with one degree of freedom, in its arc length.
 
-Every configuration that a mechanism can reach without being taken apart is a point of one
-curve in the space of its variables. At a dead centre of an input the curve continues
-smoothly. On a closed curve everything is a periodic function of the arc length.
+Unless curves cross, every configuration that a mechanism can reach without being taken
+apart is a point of one curve in the space of its variables. At a dead centre of an input
+the curve continues smoothly. On a closed curve everything is a periodic function of the arc
+length.
 """
 
 from collections.abc import Callable
@@ -404,8 +405,8 @@ class ArcCurve(Chords):
         growth_in_lap = abs(self.rise[variable])
         if growth_in_lap != 0.0:
             return growth_in_lap
-        # The variable has no growth in a lap, so it swings. If no wheel counts its
-        # revolutions, the angle plus 2 pi is the same position.
+        # The variable has no growth in a lap. If no wheel counts its revolutions, the angle
+        # plus 2 pi is the same position.
         no_wheel_follows = np.isnan(period)
         if self.closed and no_wheel_follows:
             return TURN

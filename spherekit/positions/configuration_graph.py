@@ -93,7 +93,7 @@ class NodeEdges(NamedTuple):
     """Edges of the configuration graph, by the nodes that they join.
 
     A node is one configuration of the mechanism at one sample of the inputs. An edge is a
-    verified path between configurations at neighbouring samples.
+    verified path between configurations at neighbouring samples, or joins two of a sheet.
 
     Attributes
     ----------
@@ -220,11 +220,11 @@ class NodePieces:
 class ConfigurationGraph:
     """Configurations at the n samples of an input grid, and the paths that join them.
 
-    Joined configurations belong to the same assembly mode (one way to assemble the links).
-    Each configuration is a node. Nodes are numbered 0 to k - 1 as they are added. A
-    direction is a row of `InputGrid.neighbours`: 2 a leads to the next sample along axis a
-    (an input), and 2 a + 1 to the previous one. The opposite direction is ``direction ^
-    1``.
+    Joined configurations become assembly modes (ways to assemble the links), with at most
+    one at each sample. Each configuration is a node. Nodes are numbered 0 to k - 1 as they
+    are added. A direction is a row of `InputGrid.neighbours`: 2 a leads to the next sample
+    along axis a (an input), and 2 a + 1 to the previous one. The opposite direction is
+    ``direction ^ 1``.
 
     Parameters
     ----------
@@ -284,7 +284,7 @@ class ConfigurationGraph:
         # (directions, k) whether the node is the end of a verified path that was followed
         # in the direction, from the sample before.
         self._is_reached = np.empty((len(self._neighbours), 0), dtype=bool)
-        # The nodes at the start and at the end of each verified path.
+        # The nodes at the start and at the end of each edge.
         self._edges: list[NodeEdges] = []
         self._progress = ProgressReporter(
             "joining the configurations of neighbouring samples"
@@ -328,7 +328,7 @@ class ConfigurationGraph:
 
         A node is one configuration at one sample (choice of the inputs). The sign of the
         determinant of its closure Jacobian is stored with it. Two configurations with
-        opposite signs never count as equal.
+        opposite signs become one node only through one without a reliable sign.
 
         Parameters
         ----------
@@ -411,8 +411,8 @@ class ConfigurationGraph:
     ) -> Indices:
         """Return, for each configuration, the one of them that represents it.
 
-        The representative is the earliest configuration that is equal, directly or through
-        a chain of equal configurations.
+        The representative is the earliest configuration that is equal. If another one
+        represents it, that one represents both.
 
         Parameters
         ----------

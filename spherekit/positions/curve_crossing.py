@@ -37,7 +37,7 @@ missed if the search starts farther from it.
 MAX_CROSSING_STEPS = 20
 """Largest number of Newton steps to a crossing, a direction, or an outgoing curve."""
 MAX_CROSSING_DISTANCE_RAD = 0.05
-"""The crossing is at most this far from the configuration from which it is searched."""
+"""Largest difference of a variable at the crossing from that at the start of the search."""
 CROSSING_TOLERANCE = 1e-9
 """Largest closure residual (rad) of a crossing, and largest of its zero singular values.
 
@@ -56,7 +56,7 @@ DIRECTION_TOLERANCE = 1e-7
 
 Two directions are the same if one minus the cosine of their angle is smaller.
 """
-MAX_INVERSE_NORM = 1e4
+MAX_INVERSE_NORM = 1e3
 """If the inverse of a direction's equations has a larger norm, directions may coincide."""
 RADIUS_RAD = 0.02
 """Distance of the configurations on outgoing curves from the one that they leave."""
@@ -93,8 +93,8 @@ class Crossing(NamedTuple):
         (curves, variables) unit tangent of each real curve through the crossing, in one of
         its two directions.
     resolved
-        Whether second-order terms determine the number of curves. If not, `tangents` is
-        empty.
+        Whether the number of curves was found from second-order terms. If not, `tangents`
+        is empty.
     miss
         How far the configuration is from an exact crossing (rad). At an exact crossing the
         loops are closed: the closure residual is zero. The closure Jacobian has lost rank:

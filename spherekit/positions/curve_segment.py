@@ -224,7 +224,8 @@ def correct(
         (n, variables) corrected points (rad). Points that have not converged are NaN or
         have a closure residual, which the caller checks.
     newton_steps
-        The sizes of the first two steps. The steps are small if the prediction was good.
+        The first step (rad), and the ratio of the second to the first. Both are small if
+        the prediction was good.
     """
 
     def compute_steps(current_values: Floats, rows: Indices) -> Floats:

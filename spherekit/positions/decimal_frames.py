@@ -5,12 +5,12 @@ float64 numbers. The mechanism is written as a file in degrees and read again, w
 restores the decimals.
 
 The z axis of a pair frame is the pair axis. Its x axis is the direction from which the pair
-variable is measured. It points to another pair axis of the link, by the same rule as in
-float64 (`spherekit.mechanism.pair_frames.reference_frame`).
+variable is measured. It is chosen by the same rule as in float64
+(`spherekit.mechanism.pair_frames.pair_frames`).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -50,7 +50,9 @@ def decimal_frames(mechanism: Mechanism) -> dict[int, Frames]:
     The frames (3, 3) of each pair in its first and in its second link, by the index of the
     pair. The columns of a frame are axes in link axes; the last one is the pair axis.
     """
-    document = parse(canonical_text(mechanism, "deg"), mechanism.name)
+    # Loads and user data can be Python objects that a file cannot have.
+    written = replace(mechanism, loads=(), user={})
+    document = parse(canonical_text(written, "deg"), mechanism.name)
     geometry = mechanism.geometry
     if isinstance(geometry, PoseGeometry):
         # The file has the axes of all pairs in one configuration, the reference pose. The
@@ -97,7 +99,7 @@ def _frames_from_pose(
     frames: dict[str, Frames] = {}
     for name, axis in axes.items():
         # `repr` returns the shortest decimal number that float64 rounds to this number.
-        # This is the number of the file, if the file has at most 15 digits.
+        # This is the number of the file, if it has at most 15 digits and was not scaled.
         exact_axis = normalize(_parse_decimals([repr(float(x)) for x in axis]))
         # The float64 axis selects the x axis, as in computations with float64.
         first = _frame_with_any_x_axis(exact_axis, np.array(axis, dtype=float))

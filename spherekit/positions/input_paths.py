@@ -1,8 +1,10 @@
 """Follows configurations while the inputs move along straight lines, by verified steps.
 
-The steps are tested as `spherekit.positions.verified_steps` describes, and in addition the
-determinant of the closure Jacobian with locked inputs must keep its sign. A path therefore
-never passes a configuration at which the inputs do not determine the motion.
+The corrections and the directions of the steps are tested as
+`spherekit.positions.verified_steps` describes. In addition the closure Jacobian with locked
+inputs must not become nearly singular, and its determinant must keep its sign. A path
+therefore does not pass a configuration at which the inputs do not determine the motion.
+With redundant constraints there is no determinant, and a step can pass one.
 """
 
 from collections.abc import Sequence
@@ -52,10 +54,16 @@ Larger: more steps near dead centres are accepted, perhaps on another path.
 MAX_TRIED_STEPS = 20000
 """Largest number of tried steps of one path. After so many steps the mode is lost."""
 SMALLEST_INPUT_STEP_RAD = 4e-13
-"""If not even a smaller step is verified, the input has reached a dead centre.
+"""If not even a step of about this length is verified, the path ends.
 
 Larger: paths end farther from dead centres. Smaller: steps are rounding errors of the
 inputs.
+"""
+SMALLEST_PATH_CONDITION = 1e-8
+"""Reciprocal condition of the closure Jacobian with locked inputs at which no step ends.
+
+Near a crossing of curves, rounding errors can lead from one curve to another. Larger: paths
+end farther from dead centres. Smaller: paths can pass a crossing.
 """
 
 ARRIVAL_TOLERANCE = 1e-9
@@ -200,7 +208,7 @@ def _try_steps(
     is verified if it passed these tests, which show that it has not left its path:
 
     - The correction is small compared with the predicted move, and converges.
-    - The determinant with locked inputs keeps its sign, so no singularity is passed.
+    - The Jacobian with locked inputs is regular, and its determinant keeps its sign.
     - Contacts stay within their profiles.
     - The direction of motion turns little.
 
@@ -248,7 +256,8 @@ def _try_steps(
     # path. Long moves count only up to a limited length.
     limited_move = np.minimum(LARGEST_PREDICTED_MOVE_RAD, predicted_move)
     is_verified &= INPUT_STEP_TESTS.accepts_correction(newton_steps, limited_move)
-    # The determinant of the closure Jacobian with locked inputs keeps its sign.
+    # The Jacobian with locked inputs is regular, and its determinant keeps its sign.
+    is_verified &= ~is_nearly_singular(linearisation, driven, SMALLEST_PATH_CONDITION)
     new_nodes = nodes_at(linearisation, driven, nodes.direction)
     is_verified &= (new_nodes.sign == nodes.sign) & all_finite(new_nodes.slope, 1)
     # Contacts stay within their profiles.

@@ -1,10 +1,9 @@
 """All inputs in a range at which assembly modes meet, and where to look for modes.
 
-The inputs are sign changes of the functions of `spherekit.positions.mode_coalescence`.
+The inputs are zeros of the functions of `spherekit.positions.mode_coalescence`.
 Between two neighbouring ones the number of real modes is constant. A component of the
-configuration curve either passes through the whole range or turns back at two of these
-inputs. The modes at one input in each interval between them therefore lie on all
-components.
+configuration curve covers one or more of the intervals between them. The modes at one input
+in each interval therefore lie on all components.
 """
 
 from itertools import pairwise
@@ -15,10 +14,12 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.completeness import Completeness, Guarantee
+from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.sign_changes import (
     MAX_CELLS,
     SAMPLES_PER_CELL,
     find_sign_changes,
+    merge_intervals,
 )
 from spherekit.positions.curve_crossing import Crossing
 from spherekit.positions.mode_coalescence import make_mode_coalescence
@@ -36,6 +37,12 @@ POINTLIKE_INTERVAL_RAD = 1e-4
 
 Modes are searched on both sides of such an interval. Larger: components that exist only
 inside are missed. Smaller: more inputs are examined, at which modes nearly coincide.
+"""
+SAME_TURNING_INPUT_RAD = 1e-12
+"""Turning inputs that differ by less are one input, at which modes of several groups meet.
+
+Larger: modes between two turning inputs are missed. Smaller: rounding errors separate equal
+inputs, and modes are searched between them.
 """
 SMOOTH_WIDTH_RAD = 4.0 * np.pi
 """Width of an interval in which a function is smooth, times its number of factors.
@@ -71,7 +78,7 @@ class InputTurningPoints(NamedTuple):
     low, high
         Ends of the range (rad).
     turning_inputs
-        (k,) inputs (rad) at which two modes appear or vanish, rising.
+        (k,) inputs (rad) at which two modes appear or vanish, each once, rising.
     doubtful
         (d, 2) intervals (rad) in which turning inputs may be missing. The whole range is
         doubtful if no functions with zeros at these inputs are known for the mechanism.
@@ -94,13 +101,16 @@ class InputTurningPoints(NamedTuple):
 
         Modes appear or vanish at turning inputs. In a doubtful interval, such inputs may
         have been missed. A mode between two such inputs is found only if a probe (an input
-        at which modes are computed) is between them. The result is the greatest distance of
-        neighbouring probes (``probes(step)``) in doubtful intervals. The width is zero
-        without doubtful intervals.
+        at which modes are computed) is between them. The result is the width of the widest
+        part of the doubtful intervals without one of the probes (``probes(step)``). The
+        width is zero without doubtful intervals.
         """
-        widths = np.diff(self.doubtful)
-        widths = widths[widths > 0.0]
-        return float(np.max(widths / np.ceil(widths / step), initial=0.0))
+        probes = self.probes(step)
+        widest = 0.0
+        for start, stop in merge_intervals(self.doubtful).tolist():
+            inside = probes[(start < probes) & (probes < stop)]
+            widest = max(widest, max_abs(np.diff([start, *inside, stop])))
+        return float(widest)
 
     def probes(self, step: float) -> Floats:
         """Return the inputs (n,) in rad at which all assembly modes should be computed.
@@ -163,8 +173,8 @@ class InputTurningPoints(NamedTuple):
             box=gap,
             sentence=(
                 f"All assembly modes were computed at {probe_text} and followed from "
-                "there over the range. A mode that exists only between two of these "
-                f"values, which are up to {np.degrees(gap):.3g} deg apart, could be missed."
+                "there over the range. A mode that exists at no such value, over at most "
+                f"{np.degrees(gap):.3g} deg of the input, could be missed."
             ),
         )
 
@@ -196,10 +206,11 @@ class InputTurningPoints(NamedTuple):
         """
         if not self._meeting_count:
             return ""
-        return (
-            f", which include each interval between the {self._meeting_count} known values "
-            f"at which modes meet{self._crossing_remark}"
-        )
+        if self._meeting_count == 1:
+            intervals = "both sides of the known value"
+        else:
+            intervals = f"each interval between the {self._meeting_count} known values"
+        return f", which include {intervals} at which modes meet{self._crossing_remark}"
 
     @property
     def _crossing_remark(self) -> str:
@@ -273,10 +284,12 @@ def find_input_turning_points(
         all_sign_changes.append(sign_changes)
         all_doubtful.append(doubtful)
     doubtful = np.concatenate(all_doubtful)
+    turning_inputs = np.sort(np.concatenate(all_sign_changes))
+    is_new = np.diff(turning_inputs, prepend=-np.inf) > SAME_TURNING_INPUT_RAD
     turning_points = InputTurningPoints(
         low,
         high,
-        turning_inputs=np.sort(np.concatenate(all_sign_changes)),
+        turning_inputs=turning_inputs[is_new],
         doubtful=doubtful[np.argsort(doubtful[:, 0])],
     )
     return _with_crossings(solver, turning_points)

@@ -16,9 +16,9 @@ errors of redundant equations are taken for independent equations.
 def condition_numbers(matrices: Floats) -> Floats:
     """Return the condition numbers (n,) of matrices (n, rows, columns) in the 2-norm.
 
-    The numbers are infinite if the columns are linearly dependent, for example if there are
-    more columns than rows. The numbers are 1 without columns, and NaN if a matrix is not
-    finite.
+    The numbers are infinite or about 1e16 if the columns are linearly dependent. They are
+    infinite if there are more columns than rows, 1 without columns, and NaN if a matrix is
+    not finite.
     """
     _, rows, columns = matrices.shape
     is_finite = all_finite(matrices, (1, 2))
@@ -36,8 +36,9 @@ def left_inverse(matrices: Floats) -> Floats:
 
     Returns
     -------
-    The inverses. An inverse is NaN if the columns of the matrix depend on each other. All
-    are NaN if the matrices have fewer rows than columns, or no columns.
+    The inverses. An inverse is NaN if the columns of the matrix depend on each other: of
+    square matrices exactly, of others up to `REDUNDANT_EQUATION_RATIO`. All are NaN if the
+    matrices have fewer rows than columns.
     """
     n, rows, columns = matrices.shape
     if rows == columns:
@@ -85,10 +86,20 @@ def solve_least_norm(matrices: Floats, right_sides: Floats) -> Floats:
     -------
     (n, columns) solutions x. The solutions are very large if a matrix is nearly singular.
     """
-    # `solve` is fastest, but fails if the matrices are not square or one of the n is
-    # singular. After a failure, the pseudoinverse is used for all n.
-    try:
-        return np.asarray(np.linalg.solve(matrices, right_sides[..., None])[..., 0])
-    except np.linalg.LinAlgError:
-        inverses = np.linalg.pinv(matrices, rcond=REDUNDANT_EQUATION_RATIO)
-        return np.einsum("nij,nj->ni", inverses, right_sides)
+    n, rows, columns = matrices.shape
+    is_regular = np.zeros(n, dtype=bool)
+    solutions = np.empty((n, columns))
+    if rows == columns:
+        # `solve` is fastest, but fails if one of the n matrices is exactly singular. The
+        # others are then solved without it, so that their solutions do not depend on it.
+        try:
+            return np.asarray(np.linalg.solve(matrices, right_sides[..., None])[..., 0])
+        except np.linalg.LinAlgError:
+            with np.errstate(invalid="ignore"):
+                is_regular = np.linalg.slogdet(matrices)[0] != 0.0
+            solutions[is_regular] = np.linalg.solve(
+                matrices[is_regular], right_sides[is_regular, :, None]
+            )[..., 0]
+    inverses = np.linalg.pinv(matrices[~is_regular], rcond=REDUNDANT_EQUATION_RATIO)
+    solutions[~is_regular] = np.einsum("nij,nj->ni", inverses, right_sides[~is_regular])
+    return solutions

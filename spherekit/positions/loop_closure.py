@@ -44,10 +44,10 @@ class NewtonSteps(NamedTuple):
     Attributes
     ----------
     first_step
-        (n,) the largest change of a variable in the first step (rad).
+        (n,) the largest component of the first step (rad), before it is shortened.
     contraction
-        (n,) the largest change of a variable in the second step, divided by `first_step`. 0
-        if there was one step only.
+        (n,) the largest component of the second step, divided by `first_step`. 0 if there
+        was one step only.
     """
 
     first_step: Floats
