@@ -14,6 +14,7 @@ from mechanism_examples.wide_five_bar import wide_five_bar
 import spherekit as sk
 from benchmarks.harness import list_own_mechanisms
 from spherekit.errors import SpherekitError
+from spherekit.files.library import find
 from spherekit.files.mechanism_reader import loads
 from spherekit.files.study import Study
 from spherekit.numerics.lazy_columns import LazyColumn
@@ -115,6 +116,27 @@ def test_kernel_agrees_with_reference_on_grids_of_two_inputs(name, samples):
     assert differences.are_none, differences
     is_ok = evaluations.reference_motion.status == Status.OK
     assert differences.share == np.mean(is_ok)
+
+
+@pytest.mark.parametrize("options", [{"samples": (5, 4), "grid": True}, {"samples": 20}])
+def test_kernel_agrees_with_reference_if_the_angles_of_the_first_sample_are_unknown(
+    options,
+):
+    """At the first sample the tips of both cranks of the five-bar coincide."""
+    cranks_of_60_degrees = find("five_bar").read_text("utf-8")
+    for axes in ('["21", "32"]', '["51", "54"]'):
+        cranks_of_60_degrees = cranks_of_60_degrees.replace(
+            f"axes = {axes}\narcs = [75.0]", f"axes = {axes}\narcs = [60.0]"
+        )
+    # Two sides of 60 degrees over the base of 90 degrees.
+    azimuth = np.degrees(np.arccos(1.0 / np.sqrt(3.0)))
+    text = cranks_of_60_degrees.replace(
+        "from = 40.0\nto = 140.0", f"from = {azimuth}\nto = {azimuth + 20.0}"
+    ).replace("from = 40.0\nto = 70.0", f"from = {-azimuth}\nto = {20.0 - azimuth}")
+    evaluations = evaluate_both_ways(loads(text), **options)
+    assert np.all(evaluations.reference_motion.failed[::20])
+    differences = find_differences(evaluations)
+    assert differences.are_none, differences
 
 
 def set_slice_rows(monkeypatch, slice_rows):

@@ -5,9 +5,10 @@ import json
 
 import pytest
 
+from spherekit.cli.analyses import _default_text
 from spherekit.cli.main import main
 from spherekit.runs.parameter_meanings import parameter_meanings, plain_meaning
-from spherekit.runs.parameter_text import describe_parameters
+from spherekit.runs.parameter_text import Parameter, describe_parameters
 from spherekit.runs.registry import analysis_names, load_analysis
 
 
@@ -79,3 +80,10 @@ def test_two_parameters_can_share_a_meaning():
         "high": "Ends of the range of `low` to ``high``.",
         "other": "Another one.",
     }
+
+
+@pytest.mark.parametrize(
+    ("default", "text"), [(5, "5 deg"), ((1, 2.5), "1+2.5 deg"), ((), "-"), (None, "None")]
+)
+def test_a_default_value_is_shown_with_its_unit(default, text):
+    assert _default_text(Parameter("angle", default, "deg")) == text

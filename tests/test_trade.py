@@ -351,6 +351,115 @@ def test_an_angle_just_below_a_turn_is_close_to_zero():
     assert not item.missing
 
 
+@dataclass(frozen=True, kw_only=True)
+class NoPlaces(AngleBesideZero):
+    """An analysis that finds no place, whatever its parameter."""
+
+    def compute(self, batch):
+        return {"beside": {"x": np.zeros(0)}}
+
+
+def test_runs_that_all_find_no_place_agree():
+    """Two tables without any position agree, so the setting can be recommended."""
+    measured = trade(sk.load("four_bar"), NoPlaces(), rounds=1)
+    (item,) = measured.settings
+    assert item.error == EPS
+    assert not item.missing
+    assert measured.cheapest(1e-9) is item
+
+
+@dataclass(frozen=True, kw_only=True)
+class SizeWithSpread(MinimalAnalysis):
+    """A size that does not depend on `off`, and a column `x_spread` that does."""
+
+    name: ClassVar = "beside"
+    reads_samples: ClassVar = False
+    tables: ClassVar = (
+        Table("beside", "", (Column("x", "", ""), Column("x_spread", "", ""))),
+    )
+    trades: ClassVar = (ParameterTrade("off", (1.0, 0.0), "beside", "x", ()),)
+    off: float = 0.0
+
+    def compute(self, batch):
+        return {"beside": {"x": np.ones(1), "x_spread": np.array([self.off])}}
+
+
+def test_a_column_whose_name_begins_with_the_compared_one_is_not_compared():
+    (item,) = trade(sk.load("four_bar"), SizeWithSpread(), rounds=1).settings
+    assert item.error == EPS
+
+
+@dataclass(frozen=True, kw_only=True)
+class CountedSamples(MinimalAnalysis):
+    """The inputs of all samples of its run, collected in `shapes` and `inputs`."""
+
+    name: ClassVar = "counted"
+    tables: ClassVar = (Table("counted", "", (Column("x", "", ""),)),)
+    trades: ClassVar = (ParameterTrade("off", (1.0, 0.0), "counted", "x", ()),)
+    off: float = 0.0
+    inputs: ClassVar = []
+
+    def compute(self, batch):
+        self.inputs.append(batch.inputs)
+        return {"counted": {"x": np.ones(1)}}
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "largest_count"),
+    [
+        ("two_dof_spm", {"samples": 5, "grid": True}, 25),
+        ("two_dof_spm", {"samples": (6, 7)}, 31),
+        ("two_dof_spm", {"samples": 7, "grid": True}, 31),
+        ("four_bar", {"path": np.linspace(0.2, 0.9, 100)[:, None]}, 31),
+    ],
+)
+def test_values_of_a_parameter_are_compared_at_few_samples_of_the_same_run(
+    name, options, largest_count
+):
+    """A grid remains a grid over the same ranges, and a path has the same ends."""
+    mechanism = sk.load(name)
+    CountedSamples.inputs.clear()
+    trade(mechanism, CountedSamples(), rounds=1, assembly_mode=0, **options)
+    all_inputs = sampling_of(mechanism, **({"samples": 9} | options)).inputs
+    for inputs in CountedSamples.inputs:
+        assert 4 < len(inputs) <= largest_count
+        assert np.array_equal(np.min(inputs, axis=0), np.min(all_inputs, axis=0))
+        assert np.array_equal(np.max(inputs, axis=0), np.max(all_inputs, axis=0))
+        if inputs.shape[1] > 1:
+            counts = [len(np.unique(column)) for column in inputs.T]
+            assert np.prod(counts) == len(inputs)
+
+
+def test_a_long_run_that_begins_out_of_reach_has_a_trade(monkeypatch):
+    """The default setting is timed at samples that are spread over the whole run.
+
+    The first tenth of the range of input 41 cannot be reached.
+    """
+    monkeypatch.setattr("spherekit.runs.batch_runner.MIN_KERNEL_ROWS", 16)
+    mechanism = sk.load("four_bar").with_inputs(
+        "41", ranges={"41": (0.0, 360.0)}, angle_unit="deg"
+    )
+    (item,) = trade(
+        mechanism, samples=300, settings=FEW_SETTINGS[:1], checked=31, rounds=1
+    ).settings
+    assert item.counts
+    assert item.seconds > 0.0
+
+
+def test_errors_are_measured_at_as_many_samples_as_asked_for():
+    """The default limit of 361 samples does not apply to a number that is given."""
+    measured = trade(
+        sk.load("four_bar"),
+        "poles:only=21",
+        samples=400,
+        checked=400,
+        settings=FEW_SETTINGS[:1],
+        rounds=1,
+        assembly_mode=0,
+    )
+    assert measured.checked == 400
+
+
 @pytest.mark.slow
 def test_singularities_of_coarse_samplings_are_accurate():
     """Singularities are refined between samples; each is compared with the nearest one."""

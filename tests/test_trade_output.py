@@ -195,6 +195,15 @@ def test_names_of_settings_in_the_figure_do_not_cover_each_other(tolerance):
         assert not first.overlaps(second)
 
 
+@pytest.mark.parametrize("tolerance", [1e-30, 1e-20, 1e-5, 1e5])
+def test_the_line_of_the_tolerance_is_within_the_frame_of_the_chart(tolerance):
+    for trade in (make_trade(), replace(make_trade(), settings=())):
+        (chart, _) = scene(trade, tolerance).primitives
+        (line,) = [item for item in chart.curves if item.label.startswith("tolerance")]
+        bottom, top = chart.y_range
+        assert np.all((line.points[:, 1] > bottom) & (line.points[:, 1] < top))
+
+
 def test_a_trade_without_settings_has_a_chart():
     trade = Trade("m", "poles", 9, 9, 9, "truth", 2e-16, 1, (), (), {})
     assert scene(trade).primitives

@@ -14,9 +14,9 @@ from spherekit.errors import PluginError, SpherekitError
 from spherekit.wording import counted
 
 PLUGIN_LOG = logging.getLogger("spherekit.plugins")
-"""Receives the traceback of every error of a plugin, at the level of debugging."""
+"""Receives the tracebacks of errors of plugins, at the level of debugging."""
 
-LIBRARY_FOLDERS = (str(Path(__file__).parent.parent), str(Path(str(np.__file__)).parent))
+LIBRARY_FOLDERS = (Path(__file__).parent.parent, Path(str(np.__file__)).parent)
 """Folders of spherekit and NumPy: lines in them are not named as the place of an error."""
 
 STANDARD_LIBRARY_FOLDER = sysconfig.get_path("stdlib")
@@ -80,14 +80,20 @@ def describe_failure(analysis: str, reason: str) -> str:
 
 
 def describe_exception(problem: BaseException) -> str:
-    """Return an exception as text, with the last line of a plugin that led to it."""
+    """Return an exception as text, with the last line outside libraries that led to it.
+
+    Libraries are spherekit, NumPy and the standard library.
+    """
     message, _, _ = str(problem).strip().partition("\n")
     location = ""
     for frame in traceback.extract_tb(problem.__traceback__):
-        path = frame.filename
-        is_library = path.startswith((*LIBRARY_FOLDERS, "<"))
-        is_installed = path.startswith(INSTALLED_PACKAGES_FOLDER)
-        is_standard = path.startswith(STANDARD_LIBRARY_FOLDER) and not is_installed
+        path = Path(frame.filename)
+        # Names such as "<string>" are no files.
+        is_library = frame.filename.startswith("<") or any(
+            path.is_relative_to(folder) for folder in LIBRARY_FOLDERS
+        )
+        is_installed = path.is_relative_to(INSTALLED_PACKAGES_FOLDER)
+        is_standard = path.is_relative_to(STANDARD_LIBRARY_FOLDER) and not is_installed
         if not is_library and not is_standard:
-            location = f" ({Path(path).name}, line {frame.lineno})"
+            location = f" ({path.name}, line {frame.lineno})"
     return f"{type(problem).__name__}{': ' if message else ''}{message}{location}"

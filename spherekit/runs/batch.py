@@ -56,6 +56,13 @@ _QUANTITY_BY_NAME: Mapping[str, PoleQuantity] = {
 }
 """The quantity of a pole that has this name, or whose error bound has it."""
 
+_VECTOR_SIZES: Mapping[str, int] = {
+    quantity.name: quantity.components
+    for quantity in POLE_QUANTITIES
+    if quantity.components > 1
+}
+"""Numbers of components of the quantities of a pole that are vectors."""
+
 
 @dataclass(frozen=True)
 class Batch:
@@ -63,9 +70,9 @@ class Batch:
 
     An analysis may read only the quantities that it has declared as its needs. Arrays have
     n rows: all samples in the first assembly mode (way to assemble the mechanism), then all
-    samples in the next mode, and so on. Failed rows are NaN. The arrays cannot be written
-    to; copy one to change it. Signs of directions and `continued_value` continue from block
-    to block.
+    samples in the next mode, and so on. In failed rows, computed numbers are NaN. The
+    arrays cannot be written to; copy one to change it. Signs of directions and
+    `continued_value` continue from block to block.
 
     A method with the parameter `moved` returns a quantity while one input moves and the
     other inputs are locked. `moved` is the index of that input, by default the first.
@@ -81,8 +88,8 @@ class Batch:
         What the analysis has declared. Other quantities raise `UndeclaredNeed`.
     timed
         Whether the samples are times of a time law or of a simulation. Otherwise the
-        samples are values of inputs, and the times are the times of an input that moves at
-        1 rad/s.
+        samples are values of inputs, and the times are those of a motion in which the
+        fastest input moves at 1 rad/s.
     """
 
     mechanism: Mechanism
@@ -248,6 +255,11 @@ class Batch:
         `spherekit.velocities.pole_field.POLE_QUANTITIES` by name, the bound of its error,
         such as ``"velocity_coefficient_error_bound"``, or ``"pole_status"``. The component
         is the index in a vector, or None for a number.
+
+        Raises
+        ------
+        AnalysisError
+            In the returned function, if there is no such quantity or component.
         """
 
         def make_column(quantity: str, component: int | None) -> Interleaved:
@@ -270,6 +282,14 @@ class Batch:
                 raise AnalysisError(
                     f"found the quantity {quantity!r}, expected one of "
                     f"{listing(_POLE_FIELD_NAMES)}"
+                )
+            components: Sequence[int | None] = (None,)
+            if quantity in _VECTOR_SIZES:
+                components = range(_VECTOR_SIZES[quantity])
+            if component not in components:
+                raise AnalysisError(
+                    f"{quantity}: found the component {component}, expected "
+                    f"{' or '.join(map(str, components))}"
                 )
             values_by_pole: list[Array | LazyColumn] = []
             # The links i and j of the pole, and the index of the input that moves while the
@@ -341,8 +361,8 @@ class Batch:
         ----------
         poles
             For each pole the indices of two links, and the index of the input that moves
-            while the other inputs are locked. The motion of the second link is stated
-            relative to the first link.
+            while the other inputs are locked. The motion of the link with the larger index
+            is stated relative to the other link.
 
         Returns
         -------
@@ -359,8 +379,8 @@ class Batch:
         # These columns have equal texts in all batch rows of a pole.
         links = self.mechanism.links
         texts_by_column = {
-            "link": [links[j] for _, j, _ in poles],
-            "relative_to": [links[i] for i, _, _ in poles],
+            "link": [links[max(i, j)] for i, j, _ in poles],
+            "relative_to": [links[min(i, j)] for i, j, _ in poles],
             "moving": [self.moving_inputs[moved] for _, _, moved in poles],
         }
         for name, texts in texts_by_column.items():
@@ -466,7 +486,8 @@ class Batch:
         """Return the relative error bound (n,) of angular velocities and derivatives.
 
         The error is relative to the largest value of all links, or to 1 if that value is
-        smaller than 1. Error bounds below about 1e-10 are given as 0.
+        smaller than 1. The bound is given as 0 in rows that float64 certifies, where it is
+        at most about 1e-8.
         """
         return _read_only(self._pole_field(moved).relative_error_bound)
 
@@ -475,7 +496,7 @@ class Batch:
         return self._pole(i, j, "planes", moved)
 
     def pair_value(self, name: str) -> Floats:
-        """Return the variable (n,) of a pair, rad in (-pi, pi]."""
+        """Return the variable (n,) of a pair, rad, passive angles in (-pi, pi]."""
         self._check("pair_value", "pair_values", name)
         (number,) = self.mechanism.variables_of(self.mechanism.pair_number[name])
         return _read_only(self._motion.values[:, number])
@@ -483,9 +504,9 @@ class Batch:
     def continued_value(self, name: str) -> Floats:
         """Return the variable (n,) of a pair without jumps of whole revolutions, rad.
 
-        The variable of a driven pair is the input itself. Other variables are in (-pi, pi]
-        at the first sample of each assembly mode, and are assumed to move by less than half
-        a revolution from one sample to the next.
+        The variable of a driven pair is the input itself. Revolutions of passive angles are
+        counted from the inputs of the reference pose, or from zero, where the angles are in
+        (-pi, pi]. Angles that cannot be followed are NaN.
         """
         self._check("continued_value", "continued_values", name)
         return _read_only(self._angles[name])
@@ -501,12 +522,16 @@ class Batch:
         The angular velocity is relative to the ground. The input is that with the index
         `moved`.
         """
-        return self._link_rate(link, self._pole_field(moved).w)
+        self._check("angular_velocity", "link_rates", link)
+        w = self._pole_field(moved).w
+        return _read_only(w[self.mechanism.link_number[link]])
 
     def angular_velocity_dq(self, link: str, moved: int = 0) -> Floats:
         """Return the input derivative (n, 3) of the angular velocity of a link, 1/rad."""
+        self._check("angular_velocity_dq", "link_rates", link)
         self._check("angular_velocity_dq", "derivatives")
-        return self._link_rate(link, self._pole_field(moved).dw)
+        dw = self._pole_field(moved).dw
+        return _read_only(dw[self.mechanism.link_number[link]])
 
     def pair_rate(self, name: str, moved: int = 0) -> Floats:
         """Return the rate (n,) of a pair's variable per unit rate of the input.
@@ -537,7 +562,7 @@ class Batch:
         # w[second] - w[first] is the axis times the rate that is sought.
         w = self._pole_field(moved).w
         along_axis = np.sum((w[second] - w[first]) * axis, axis=1)
-        return along_axis / np.vecdot(axis, axis)
+        return _read_only(along_axis / np.vecdot(axis, axis))
 
     def _check(self, quantity: str, need: str, name: str | None = None) -> None:
         """Raise `UndeclaredNeed` if an analysis reads a quantity that it has not declared.
@@ -563,10 +588,6 @@ class Batch:
                 f'{quantity}("{name}") was read; declare it in Needs({need}=...)'
             )
 
-    def _link_rate(self, link: str, values: Mapping[int, Floats]) -> Floats:
-        self._check("angular_velocity", "link_rates", link)
-        return _read_only(values[self.mechanism.link_number[link]])
-
     @property
     def _timing(self) -> Timing:
         self._check("time", "time")
@@ -589,8 +610,8 @@ class Batch:
         """Return the values (n,) of the only input, from an array (n, inputs)."""
         if columns.shape[1] != 1:
             raise SolveError(
-                f"{self.mechanism.name} has {columns.shape[1]} inputs; read input_rates "
-                "or input_accelerations"
+                f"{self.mechanism.name} has {columns.shape[1]} inputs; read inputs, "
+                "input_rates or input_accelerations"
             )
         return columns[:, 0]
 

@@ -84,7 +84,7 @@ Larger: an analysis that begins to read columns late then has larger blocks in m
 """
 
 MAX_BLOCK_FACTOR = 32
-"""Blocks have at most this factor times the samples of blocks without a kernel."""
+"""Blocks that do not grow have at most this factor times the samples without a kernel."""
 
 
 class BlockRows:
@@ -108,8 +108,8 @@ class BlockRows:
     Attributes
     ----------
     values
-        (variables, n) pair variables, rad. If the kernel has no closed form, they have to
-        be predicted before `fill`.
+        (variables, n) pair variables, rad. If the kernel has no closed form, they are
+        predicted before `fill`, or NaN.
     closure_residual, configuration_error
         (n,) closure residual of each row, and the error bound of its configuration, rad.
     is_certified
@@ -117,7 +117,7 @@ class BlockRows:
     status
         (n,) status of each row.
     singular_error
-        (n,) as in `Motion`; NaN for certified rows.
+        (n,) as in `Motion`; NaN for rows that are not solved again.
     slices
         Index of the assembly mode and rows of each slice.
     """
@@ -150,7 +150,7 @@ class BlockRows:
         # Rows count as certified, and have the status OK (0), until `fill` changes this.
         self.is_certified = np.ones(n, dtype=bool)
         self.status = np.zeros(n, dtype=np.int8)
-        # Error bounds near dead centres. The solver fills them in uncertified rows only.
+        # Error bounds near dead centres, only of rows that are solved again.
         self.singular_error = nans(n)
         # `values` are the pair variables (joint angles). `_column_function` computes the
         # error bounds of rows.
@@ -1055,8 +1055,8 @@ class BatchRunner:
         # Rows are sorted by mode. Arrays of this shape have an axis for the modes and an
         # axis for the samples.
         shape = (len(motion.assembly_modes), motion.samples)
-        # A row fails if it has no configuration.
-        is_assembled = ~rows.has_failed.reshape(shape)
+        # A row fails if it has no configuration, or unknown angles beside a dead centre.
+        is_assembled = ~motion.failed.reshape(shape)
         is_uncertified = is_uncertified.reshape(shape)
         # `requests` has one item for each moving input.
         input_count = len(self.requests)

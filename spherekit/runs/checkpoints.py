@@ -168,7 +168,8 @@ def checkpointing(
             reason = ""
             if run_plan.whole_analyses:
                 names = listing(run_plan.whole_analyses)
-                reason = f", since {names} needs all samples at once"
+                verb = "needs" if len(run_plan.whole_analyses) == 1 else "need"
+                reason = f", since {names} {verb} all samples at once"
             error.add_note(f"nothing was kept{reason}")
         raise
     if run_folder is not None:

@@ -5,9 +5,10 @@ parameters. It declares what it needs before anything is computed. It then reads
 that, block by block or for all samples at once, and returns its declared tables.
 """
 
+import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from typing import Any, ClassVar, Literal, Self
 
 from spherekit.conventions import Names
@@ -148,7 +149,10 @@ class AbstractAnalysis(ABC):
         The attribute `on_request` of a column is the name of a parameter of the analysis.
         The column is left out if this parameter has its default value.
         """
-        defaults = {item.name: item.default for item in fields(self)}  # type: ignore[arg-type]
+        defaults = {}
+        for item in fields(self):  # type: ignore[arg-type]
+            factory = item.default_factory
+            defaults[item.name] = item.default if factory is MISSING else factory()
         return tuple(
             replace(
                 table,
@@ -215,7 +219,8 @@ class AbstractAnalysis(ABC):
         AnalysisError
             If the findings of the next block differ from the earlier findings.
         """
-        if before != now:
+        # Findings of a resumed run come from its journal, where tuples have become lists.
+        if before != now and json.dumps(asdict(before)) != json.dumps(asdict(now)):
             raise AnalysisError(
                 f"{self.name}: the findings differ between blocks of samples; define "
                 "joined(), which combines two findings into one that holds for both"
@@ -231,9 +236,9 @@ Analyses = Sequence[AbstractAnalysis]
 class BrokenAnalysis(AbstractAnalysis):
     """Takes the place of an analysis that cannot be used.
 
-    The other analyses of the run are still computed. The methods raise `PluginError` with
-    the reason `why`, for example that a plugin cannot be imported. The run notes this error
-    as the failure of the analysis.
+    The other analyses of the run are still computed. `needs` and `compute` raise
+    `PluginError` with the reason `why`, for example that a plugin cannot be imported. The
+    run notes this error as the failure of the analysis.
     """
 
     name: str  # type: ignore[misc]

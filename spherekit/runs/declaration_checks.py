@@ -1,10 +1,9 @@
-"""Checks of the class of an analysis and of its needs, before anything is computed.
+"""Checks of the class of an analysis and of its needs, before anything is computed."""
 
-`Needs`, tables and columns check the types of their own fields.
-"""
-
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, is_dataclass
+from functools import cache
 from itertools import groupby
 from typing import Any, get_args, get_type_hints
 
@@ -93,6 +92,8 @@ def _find_table_faults(tables: Sequence[Table]) -> Iterator[str]:
     are checked.
     """
     for table in tables:
+        if fault := _find_field_fault(table):
+            yield f"table {table.name}: {fault}"
         if not NAME_PATTERN.fullmatch(table.name):
             yield (
                 f"the name {table.name!r} of a table may contain only letters, digits and "
@@ -102,6 +103,8 @@ def _find_table_faults(tables: Sequence[Table]) -> Iterator[str]:
             yield f"table {table.name}: columns have to be a tuple with at least one Column"
         for column in table.columns:
             where = f"table {table.name}: column {column.name}"
+            if fault := _find_field_fault(column):
+                yield f"{where}: {fault}"
             if not NAME_PATTERN.fullmatch(column.name):
                 yield f"{where}: its name may contain only letters, digits and underscores"
             if not is_unit(column.unit):
@@ -127,6 +130,21 @@ def _find_table_faults(tables: Sequence[Table]) -> Iterator[str]:
         yield f"two tables have the same name: {listing(table.name for table in tables)}"
 
 
+_field_types = cache(get_type_hints)
+
+
+def _find_field_fault(declaration: Any) -> str:
+    """Return why a field of a declaration has a wrong type, empty if none has.
+
+    The declaration is a table, a column or the needs of an analysis.
+    """
+    cls: Any = type(declaration)
+    for field, annotation in _field_types(cls).items():
+        if fault := type_fault(field, getattr(declaration, field), annotation):
+            return fault
+    return ""
+
+
 NEEDS_OF_LINK_NUMBERS = ("directions", "rates", "planes", "turns", "links")
 """Fields of `Needs` with numbers of links, or pairs of them."""
 
@@ -147,7 +165,7 @@ def check_needs(analysis: AbstractAnalysis, mechanism: Mechanism) -> Needs:
     ------
     PluginError
         If the class of the analysis is faulty, or if it declares links or pairs that do not
-        exist, or values of a wrong type.
+        exist, values of a wrong type, or columns with equal names for the mechanism.
     SpherekitError
         If the analysis itself refuses the mechanism or its parameters.
     """
@@ -159,7 +177,9 @@ def check_needs(analysis: AbstractAnalysis, mechanism: Mechanism) -> Needs:
     if not fault:
         with convert_plugin_errors(name, "needs"):
             needs = analysis.needs(mechanism)
-        fault = _find_needs_fault(needs, mechanism)
+        fault = _find_needs_fault(needs, mechanism) or _find_repeated_column(
+            analysis, mechanism
+        )
     if fault:
         raise PluginError(f"{name}: {fault}")
     return needs
@@ -169,13 +189,26 @@ def _find_needs_fault(needs: Any, mechanism: Mechanism) -> str:
     """Return what is wrong with declared needs, empty if nothing is."""
     if not isinstance(needs, Needs):
         return f"needs returns a {type(needs).__name__}; it has to return Needs(...)"
-    for field, annotation in get_type_hints(Needs).items():
-        if fault := type_fault(field, getattr(needs, field), annotation):
-            return f"Needs: {fault}"
+    if fault := _find_field_fault(needs):
+        return f"Needs: {fault}"
     for field, value in vars(needs).items():
         for item in value if isinstance(value, frozenset) else ():
             if fault := _find_item_fault(field, item, mechanism):
                 return f"Needs({field}=...) holds {item!r}{fault}"
+    return ""
+
+
+def _find_repeated_column(analysis: AbstractAnalysis, mechanism: Mechanism) -> str:
+    """Return which table has columns of equal names for a mechanism, empty if none has.
+
+    A mechanism adds columns to a table: for each input, for each passive variable, and for
+    the names of its assembly modes (ways to assemble the mechanism).
+    """
+    for table in analysis.requested_tables():
+        columns = table.of(mechanism).with_names(mechanism).columns
+        for name, count in Counter(column.name for column in columns).items():
+            if count > 1:
+                return f"table {table.name}: {count} columns have the name {name!r}"
     return ""
 
 

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from spherekit.argument_validation import checked_class
 from spherekit.errors import AnalysisError
 from spherekit.velocities.pole_request import ROUTES, Route
@@ -51,7 +53,10 @@ class Setting:
         parts: list[str] = [self.engine]
         # A tolerance is set only if settings of a simulation are compared.
         if self.tolerance is not None:
-            parts = [self.integrator, f"tolerance {self.tolerance:.0e}"]
+            # Four digits, because settings with other tolerances have other names.
+            rounded = float(f"{self.tolerance:.3e}")
+            text = np.format_float_scientific(rounded, trim="-", exp_digits=2)
+            parts = [self.integrator, f"tolerance {text}"]
         elif self.engine == "numpy":
             parts.append(self.route)
         return " ".join(parts)

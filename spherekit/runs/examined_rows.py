@@ -28,7 +28,7 @@ from spherekit.status import Status
 from spherekit.velocities.transmission_angle import transmission_angle_of_group
 
 RESTING_RATIO = 1e-9
-"""Velocity ratio below which an output counts as resting.
+"""Velocity ratio, speed (rad/s) or step (rad) below which an output counts as resting.
 
 It is also the singular value up to which the sign of the determinant of a Jacobian is not
 trusted. Larger: slow outputs seem to rest; smaller: rounding errors seem to be motions.
@@ -70,38 +70,43 @@ class OutputRows(ArrayRows):
     ratios: Floats
 
     @classmethod
-    def from_last_row(cls, numbers: Sequence[float | None]) -> Self:
-        """Return the last row of the previous block, with which the next block continues.
+    def from_last_rows(cls, stored_rows: Sequence[Sequence[float | None]]) -> Self:
+        """Return the last rows of the previous block, with which the next block continues.
 
-        `OutputOverview.last_row` stores this row as a list of place, angle, rate, inputs
-        and ratios. None stands for NaN.
+        `OutputOverview.last_rows` stores each of them as a list of place, angle, rate,
+        inputs and ratios. None stands for NaN.
         """
-        row = np.array([np.nan if x is None else x for x in numbers])
-        place, angle, rate = row[:3, None]
-        inputs, ratios = row[3:].reshape(2, 1, -1)
-        return cls(place, angle, rate, inputs, ratios)
+        rows = np.array(
+            [[np.nan if x is None else x for x in numbers] for numbers in stored_rows]
+        )
+        places, angles, rates = rows[:, :3].T
+        inputs, ratios = np.split(rows[:, 3:], 2, axis=1)
+        return cls(places, angles, rates, inputs, ratios)
 
-    def last_row(self) -> list[float | None]:
-        """Return the last row of a block of samples as a list, for the next block.
+    def last_rows(self) -> list[list[float | None]]:
+        """Return the last rows of a block of samples as lists, for the next block.
 
-        The next block needs the row to find out whether the output turns back between the
-        blocks. The list has place (time, first input or sample number), angle, rate, inputs
-        and velocity ratios. NaN becomes None, because the list is stored as JSON.
+        The next block needs them to find out whether the output turns back between the
+        blocks. A list has place (time, first input or sample number), angle, rate, inputs
+        and velocity ratios. NaN becomes None, because the lists are stored as JSON.
 
-        If the output rests in the last row, place and rate come from the last row in which
-        the output moves. So the next block sees whether the rate changes its sign after the
-        rest. All other values come from the last row.
+        The last row in which the output moves and its two neighbours are followed by the
+        last row, as far as they differ. The rate is left out before that moving row, as its
+        reversals are already noted. If the rate is unknown in a later row, there is only
+        the last row.
         """
-        place, rate = self.places[-1], self.rates[-1]
-        # Rows in which the rate is not zero up to rounding.
+        last = len(self.rates) - 1
+        numbers = [last]
         moving = self.find_moving()
-        is_moving = abs(rate) > RESTING_RATIO
-        if not is_moving and len(moving):
-            last_moving = moving[-1]
-            place = self.places[last_moving]
-            rate = self.rates[last_moving]
-        numbers = [place, self.angles[-1], rate, *self.inputs[-1], *self.ratios[-1]]
-        return [float(x) if np.isfinite(x) else None for x in numbers]
+        rates = self.rates.copy()
+        if len(moving) and not np.any(np.isnan(rates[moving[-1] :])):
+            last_moving = int(moving[-1])
+            rates[:last_moving] = np.nan
+            neighbours = (max(last_moving - 1, 0), min(last_moving + 1, last))
+            numbers = sorted({last_moving, *neighbours, last})
+        columns = [self.places, self.angles, rates, *self.inputs.T, *self.ratios.T]
+        rows = np.stack(columns, axis=1)[numbers]
+        return [[x if np.isfinite(x) else None for x in row] for row in rows.tolist()]
 
     def segments(self) -> Iterator[Self]:
         """Yield the longest row ranges where all rows have a configuration, or none has."""
@@ -399,10 +404,12 @@ class ExaminedRows:
             (m, 3, 3) rotation matrix of each row (sample), from the axes of the link of the
             output to the axes of its reference link.
         closes
-            (m,) whether each row has a configuration. The other rows are left out.
+            (m,) whether each row has a configuration. The other rows have no angle.
         """
         valid = np.flatnonzero(closes & np.all(np.isfinite(relative), axis=(1, 2)))
+        angles = np.full(len(relative), np.nan)
         if not len(valid):
+            self._add_turned_angles(overview, angles)
             return
         # `poses` is (k, 3) for directions, or (k, 3, 3) for rotations.
         is_direction = output.direction is not None
@@ -413,13 +420,15 @@ class ExaminedRows:
             overview.first_pose = poses[0].ravel().tolist()
         first_pose = np.reshape(overview.first_pose, poses.shape[1:])
         find_angles = _angles_of_directions if is_direction else _angles_of_rotations
-        self._add_turned_angles(overview, find_angles(first_pose, poses))
+        angles[valid] = find_angles(first_pose, poses)
+        self._add_turned_angles(overview, angles)
 
     def _add_turned_angles(self, overview: OutputOverview, angles: Floats) -> None:
         """Extend the range of the angle by which an output has turned from its first pose.
 
-        The angles (m,) in rad are at least 0; the first pose has the angle 0. The largest
-        angle can be between two samples. `smooth_angle` estimates this angle by parabolas.
+        The angles (m,) in rad are at least 0, or NaN without a configuration; the first
+        pose has the angle 0. The largest angle can be between two samples. `smooth_angle`
+        estimates this angle by parabolas.
         """
         overview.widen_angle(angles)
         overview.smooth_angle.add(angles)
@@ -446,8 +455,8 @@ class ExaminedRows:
         The path is divided into segments. Either all rows (samples) of a segment have a
         configuration, or none has, and their angles are NaN. The first segment of a block
         (group of samples) continues the last segment of the block before.
-        `overview.last_row` is the last row that was added, or None if this row has no
-        configuration.
+        `overview.last_rows` are the last rows that were added, or None if the last row has
+        no configuration.
 
         Parameters
         ----------
@@ -467,7 +476,7 @@ class ExaminedRows:
                 self._add_segment(overview, segment, has_rates)
             else:
                 # The next segment starts anew, without a row before it.
-                overview.last_row = None
+                overview.last_rows = None
                 # `smooth_angle` lays parabolas through successive angles. NaN interrupts
                 # them.
                 overview.smooth_angle.add(np.full(len(angles), np.nan))
@@ -495,12 +504,12 @@ class ExaminedRows:
             Whether the rates are known.
         """
         repeated_rows = 0
-        if overview.last_row is not None:
-            # The segment continues from the last row of the block before.
-            last_row = OutputRows.from_last_row(overview.last_row)
-            segment = OutputRows.concatenate([last_row, segment])
-            repeated_rows = 1
-        segment = replace(segment, angles=self._remove_jumps(segment))
+        if overview.last_rows is not None:
+            # The segment continues from the last rows of the block before.
+            last_rows = OutputRows.from_last_rows(overview.last_rows)
+            segment = OutputRows.concatenate([last_rows, segment])
+            repeated_rows = len(overview.last_rows)
+        segment = replace(segment, angles=self._remove_jumps(segment, repeated_rows))
         overview.widen_angle(segment.angles)
         if has_rates:
             # The rate changes its sign between the two rows of a reversal.
@@ -508,23 +517,22 @@ class ExaminedRows:
                 # The range is extended to the angle of the turning point.
                 self._add_turning_point(overview, segment, before, after)
         else:
-            # The rate of each row becomes the change of the angle since the row before. The
-            # first row keeps its rate.
-            segment = _take_steps_as_rates(segment)
-            # `smooth_angle` makes the parabolas. The row of the block before was added to
+            # The rate of each row becomes the change of the angle since the row before.
+            segment = _take_steps_as_rates(segment, repeated_rows)
+            # `smooth_angle` makes the parabolas. The rows of the block before were added to
             # `smooth_angle` with that block.
             overview.smooth_angle.add(segment.angles[repeated_rows:])
             for before, after in segment.find_reversals():
-                overview.add_rest(_place_of_rest(segment, before, after))
-        # The next segment continues from this row.
-        overview.last_row = segment.last_row()
+                overview.add_rest(_place_between_steps(segment, before, after))
+        # The next segment continues from these rows.
+        overview.last_rows = segment.last_rows()
 
-    def _remove_jumps(self, segment: OutputRows) -> Floats:
+    def _remove_jumps(self, segment: OutputRows, repeated_rows: int) -> Floats:
         """Return the output angles (m,) of successive rows without jumps of whole turns.
 
         Each step of the angle is predicted from the velocity ratios (output rate per input
         rate) by the trapezoidal rule. Whole turns are added so that the step is as near to
-        the prediction as possible.
+        the prediction as possible. The first `repeated_rows` rows have no such jumps.
         """
         mean_ratios = 0.5 * (segment.ratios[1:] + segment.ratios[:-1])
         predicted_steps = np.sum(mean_ratios * np.diff(segment.inputs, axis=0), axis=1)
@@ -535,6 +543,7 @@ class ExaminedRows:
             is_uncertain[:] = True
         predicted_steps[is_uncertain] = 0.0
         turns = np.round((predicted_steps - np.diff(segment.angles)) / TURN)
+        turns[: max(repeated_rows - 1, 0)] = 0.0
         angles = segment.angles.copy()
         angles[1:] += TURN * np.cumsum(turns)
         return angles
@@ -544,9 +553,10 @@ class ExaminedRows:
     ) -> None:
         """Note that an output turns back between two rows, and extend its range to there.
 
-        If the rate is nearly linear between both rows, the place and the angle of the
-        turning point are interpolated. If the rate is not linear, only the two rows are
-        noted. The error of the angle at the turning point is always noted.
+        If the output rests in rows between both rows, it turns back in these. Otherwise, if
+        the rate is nearly linear between both rows, the place and the angle of the turning
+        point are interpolated. If the rate is not linear, only the two rows are noted. The
+        error of an angle that no row has is always noted.
 
         Parameters
         ----------
@@ -557,6 +567,11 @@ class ExaminedRows:
         before, after
             Indices of the two rows. The rates in these rows have opposite signs.
         """
+        if after - before > 1:
+            # The range already has the angles of the rows in which the output rests.
+            first_rest, last_rest = segment.places[before + 1], segment.places[after - 1]
+            overview.add_rest(float(0.5 * (first_rest + last_rest)))
+            return
         rate_before = segment.rates[before]
         rate_after = segment.rates[after]
         # The rates are derivatives of the angle with respect to time, or to the single
@@ -592,15 +607,16 @@ class ExaminedRows:
         overview.widen_angle(np.array([extreme]))
 
 
-def _take_steps_as_rates(segment: OutputRows) -> OutputRows:
+def _take_steps_as_rates(segment: OutputRows, repeated_rows: int) -> OutputRows:
     """Return successive rows with steps of the angle in place of its rates.
 
     A step is the change of the angle from the previous row. Its sign shows in which
-    direction the output moves. The first row of the segment keeps its rate.
+    direction the output moves. The first row of the segment and the first `repeated_rows`
+    rows keep their rates, which already are steps.
     """
-    first_rate = segment.rates[0]
-    steps = np.diff(segment.angles)
-    return replace(segment, rates=np.append(first_rate, steps))
+    kept_rows = max(repeated_rows, 1)
+    steps = np.diff(segment.angles)[kept_rows - 1 :]
+    return replace(segment, rates=np.append(segment.rates[:kept_rows], steps))
 
 
 def _place_of_rest(path: OutputRows, before: int, after: int) -> float:
@@ -608,6 +624,24 @@ def _place_of_rest(path: OutputRows, before: int, after: int) -> float:
     share = path.rates[before] / (path.rates[before] - path.rates[after])
     distance = path.places[after] - path.places[before]
     return float(path.places[before] + share * distance)
+
+
+def _place_between_steps(path: OutputRows, before: int, after: int) -> float:
+    """Return the place at which an angle turns back, from the steps that end in two rows.
+
+    In the middle of a step the rate is the step divided by its length. Between the middles
+    the rate is interpolated linearly. If the output rests between the steps, the place is
+    the middle of this rest.
+    """
+    places = path.places
+    if after - before > 1:
+        return float(0.5 * (places[before] + places[after - 1]))
+    rows = np.array([before, after])
+    lengths = places[rows] - places[rows - 1]
+    middle_before, middle_after = 0.5 * (places[rows] + places[rows - 1])
+    rate_before, rate_after = path.rates[rows] / lengths
+    share = rate_before / (rate_before - rate_after)
+    return float(middle_before + share * (middle_after - middle_before))
 
 
 def _angles_of_directions(first: Floats, directions: Floats) -> Floats:

@@ -72,7 +72,7 @@ class Execution:
     accuracy: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
-        """Raise `AnalysisError` if a value is wrong, or has no effect with the others."""
+        """Raise `AnalysisError` if a value is wrong, or `unfinished` has no folder."""
         check_fields(self, AnalysisError, "run")
         for name in ("block", "log_every"):
             number = getattr(self, name)

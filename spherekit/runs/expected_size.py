@@ -276,7 +276,7 @@ def predict_recording(
             costs.append(recorder.cost)
     short_cost, long_cost = costs
     sample_count = study.count
-    # A long run records only every `stride`-th sample. -(-a // b) is a / b, rounded up.
+    # A long run records about every `stride`-th sample. -(-a // b) is a / b, rounded up.
     stride = -(-sample_count // MAX_RECORDED_SAMPLES)
     recorded_samples = -(-sample_count // stride)
     growth_factor = recorded_samples / short_count - 1.0

@@ -1,5 +1,6 @@
 """Figures of merit: one number for a design in an assembly mode, from the result rows."""
 
+import math
 import re
 from dataclasses import dataclass
 
@@ -100,6 +101,10 @@ class FigureOfMerit:
                 f"{self.name}: the reduction at(EXPRESSION, Q) needs an input value Q, "
                 "and no other reduction accepts one"
             )
+        if not all(map(math.isfinite, self.point)):
+            raise AnalysisError(
+                f"{self.name}: the reduction at(EXPRESSION, Q) needs a finite input value Q"
+            )
 
     @property
     def of_table(self) -> tuple[str, str]:
@@ -146,9 +151,8 @@ class FigureOfMerit:
             several inputs has, for example, the name ``q_21``.
         """
         if REDUCTION_BY_NAME[self.reduction].returns_input:
-            # `place` is the pair of the input, such as "21", if there are several inputs.
-            input_name = f"q_{self.place}" if self.place else "q"
-            return names.get(input_name, "")
+            # `place` is the pair of the input, such as "21". It may name a single input.
+            return names.get(f"q_{self.place}", names.get("q", ""))
         quantity = _QUANTITY_PATTERN.fullmatch(self.expression)
         return names.get(quantity["name"], "") if quantity else ""
 

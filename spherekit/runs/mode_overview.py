@@ -98,12 +98,11 @@ class OutputOverview:
     first_pose
         The first rotation (9,), direction (3,) or angle (1,), from which the following
         rows are measured. None for an angle along a path.
-    last_row
-        The last examined row of a path, which the next block needs: place, angle (rad),
-        rate, inputs (rad) and velocity ratios, with None in place of NaN. If the output
-        rests in this row, place and rate come from the last row in which the output moves.
-        The attribute is None for outputs without a fixed axis, on a grid, and if the last
-        row has no configuration.
+    last_rows
+        Last examined rows of a path, which the next block needs, from
+        `OutputRows.last_rows`. Each has place, angle (rad), rate, inputs (rad) and velocity
+        ratios, with None in place of NaN. The attribute is None for outputs without a fixed
+        axis, on a grid, and if the last row has no configuration.
     turning_error_rad
         Largest estimated error (rad) of an angle at which the output turns back between
         two samples.
@@ -130,7 +129,7 @@ class OutputOverview:
     last_determinant: list[float] | None = None
     last_velocities: list[list[float]] | None = None
     first_pose: list[float] | None = None
-    last_row: list[float | None] | None = None
+    last_rows: list[list[float | None]] | None = None
     turning_error_rad: float = 0.0
     smooth_angle: SmoothExtremes = field(default_factory=SmoothExtremes)
     smooth_ratios: list[SmoothExtremes] = field(default_factory=list)

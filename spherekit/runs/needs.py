@@ -29,7 +29,7 @@ class Needs:
         Poles that are found as the intersection of two great circles, of which these
         circles are read.
     pair_values
-        Pairs for which the variable is read, in rad within (-pi, pi].
+        Pairs for which the variable is read, in rad, passive angles within (-pi, pi].
     continued_values
         Pairs for which the variable is read without jumps of whole revolutions.
     rotations

@@ -59,6 +59,8 @@ def describe_parameters(cls: type) -> dict[str, Parameter]:
     hints = get_type_hints(cls, include_extras=True)
     parameters = {}
     for item in fields(cls):
+        if not item.init:
+            continue  # users cannot give it
         factory = item.default_factory
         default = item.default if factory is MISSING else factory()
         type_text = describe_type(hints[item.name], _TEXT_WORDING)
@@ -150,8 +152,8 @@ def parse_fields(
     Parameters
     ----------
     text
-        The text, such as ``key=value,key=value``, where a key is the name of a field. A
-        list is written ``a+b+c``.
+        The text, such as ``key=value,key=value``, where a key is the name of a field or
+        its key in `key_of_field`. A list is written ``a+b+c``.
     cls, name
         The dataclass, and its name in messages.
     key_of_field
@@ -170,7 +172,7 @@ def parse_fields(
     Raises
     ------
     AnalysisError
-        For unknown keys, unreadable values and missing fields, with what is allowed.
+        For unknown and repeated keys, unreadable values and missing fields.
     """
 
     def make_error(_faulty_keys: Names, message: str) -> AnalysisError:
@@ -209,6 +211,8 @@ def parse_fields(
         key, equals, value = part.partition("=")
         if not equals:
             raise make_error((), f'"{part}" is not a parameter; write {part}=VALUE')
+        if key in items:
+            raise make_error((), f'the parameter "{key}" is given twice; give it once')
         items[key] = value
     return read_fields(cls, name, items, read, make_error, key_of_field)
 

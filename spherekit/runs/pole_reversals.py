@@ -28,7 +28,7 @@ directions of certified rows. Larger: more rows are compared; smaller: reversals
 """
 
 MAX_ROWS_COMPARED = 256
-"""Number of rows that are compared one by one; see `_find_reversals`."""
+"""Rows are halved only if each half has more rows than this; see `_find_reversals`."""
 
 
 @dataclass(frozen=True, eq=False)

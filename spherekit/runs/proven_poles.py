@@ -126,7 +126,7 @@ PROVEN_TABLE = Table(
         ),
         Column(
             "u_error",
-            "",
+            "rad",
             "proven upper bound of the angular error of the pole axis in the table poles",
             scale="none",
         ),
@@ -199,7 +199,7 @@ class ProvenPoles:
             findings = ", ".join(
                 f"{n} {FINDING_WORDS[finding]}" for finding, n in sorted(counts.items())
             )
-            parts.append(f"{bound}: {findings}")
+            parts.append(f"{bound}: {findings or 'none'}")
         proven = max(counts.total() for counts in self.counts.values())
         return (
             f"{proven} of {len(self.data['status'])} rows of poles were compared with "
@@ -463,16 +463,20 @@ def _compare_row(run_row: Facts, pole: EnclosedPole) -> Facts:
     )
     # A pole axis has no sense of its own, so the sense of the run is used.
     axis = axis if axis @ run_axis > 0 else -axis
-    axis_distance = np.linalg.norm(run_axis - axis)
-    # The radius of three components, and four rounding errors of the distance. The rounding
-    # errors are relative to the distance; the added 1e-3 is a margin.
-    axis_uncertainty = np.sqrt(3.0) * axis_radius + 4.0 * 2.0**-53 * (axis_distance + 1e-3)
+    # The angle (rad) between both axes. It is at most a right angle.
+    axis_distance = 2.0 * np.arcsin(np.linalg.norm(run_axis - axis) / 2.0)
+    # The radius of three components, and eight rounding errors of the angle. The angle
+    # changes by at most sqrt(2) times the change of the chord. The rounding errors are
+    # relative to the angle; the added 1e-3 is a margin.
+    axis_uncertainty = np.sqrt(6.0) * axis_radius + 8.0 * 2.0**-53 * (axis_distance + 1e-3)
 
     coefficient = centre_float(pole.coefficient)
     coefficient_radius = upper_magnitude(pole.coefficient - exact_ball(coefficient))
     coefficient_distance = abs(abs(run_row["velocity_coefficient"]) - coefficient)
-    # The subtraction is rounded.
-    coefficient_uncertainty = coefficient_radius + 2.0**-52 * coefficient
+    # The subtraction and the sums are rounded.
+    coefficient_uncertainty = coefficient_radius + 4.0 * 2.0**-53 * (
+        coefficient_distance + coefficient_radius
+    )
 
     columns: Facts = {
         f"proven_u{component}": value for component, value in zip("xyz", axis, strict=True)
@@ -482,7 +486,7 @@ def _compare_row(run_row: Facts, pole: EnclosedPole) -> Facts:
         "proven_velocity_coefficient": coefficient,
         "proven_velocity_coefficient_off": coefficient_radius,
         "u_error": axis_distance + axis_uncertainty,
-        "velocity_coefficient_error": coefficient_distance + coefficient_radius,
+        "velocity_coefficient_error": coefficient_distance + coefficient_uncertainty,
     }
     for name, distance, uncertainty in (
         ("error_bound", axis_distance, axis_uncertainty),

@@ -58,9 +58,9 @@ class Recorder(Protocol):
         scene
             The drawings.
         samples
-            (k,) sample numbers. Empty for a scene that does not move.
+            (k,) sample numbers, or row numbers of a scene over other quantities.
         inputs
-            (k,) values of the input, rad. None if the run has several inputs.
+            (k,) values of the input, rad. None with several inputs, or over time.
         times
             (k,) times, s. None if the samples are no times.
         """
@@ -95,7 +95,7 @@ class RecordingSession:
             Receives the scenes (drawings).
         every
             Number of successive samples of which one is recorded. By default it is chosen
-            for at most `MAX_RECORDED_SAMPLES` in each assembly mode.
+            for about `MAX_RECORDED_SAMPLES` at most in each assembly mode.
         sampling
             The samples of the whole run.
         plans

@@ -30,7 +30,7 @@ from spherekit.runs.overview_plan import OverviewPlan
 from spherekit.runs.resource_checks import need_memory
 from spherekit.runs.result_checks import compute_checked_tables
 from spherekit.runs.run_identity import code_identity
-from spherekit.runs.run_result import MOTION
+from spherekit.runs.run_result import MOTION, tables_by_file_stem
 from spherekit.runs.run_state import RunState, describe_analyses, hash_array
 from spherekit.runs.sampled_poles import evaluate_sample
 from spherekit.runs.sampling import EVENTS, Sampling
@@ -447,7 +447,8 @@ def collect_needs(analyses: Analyses, mechanism: Mechanism) -> DeclaredNeeds:
     Raises
     ------
     AnalysisError
-        If a parameter does not fit the mechanism, or two analyses have the same name.
+        If a parameter does not fit the mechanism, or two analyses have the same name, or
+        tables with the same file name.
     PlanError
         If the mechanism has no pair that can be driven.
     """
@@ -471,7 +472,28 @@ def collect_needs(analyses: Analyses, mechanism: Mechanism) -> DeclaredNeeds:
             reason_by_refused_analysis[analysis.name] = str(error)
             # The list needs an entry for each analysis, here an empty one.
             needs.append(Needs())
+    _refuse_equal_file_stems(
+        [item for item in analyses if item.name not in reason_by_refused_analysis]
+    )
     return DeclaredNeeds(needs, reason_by_refused_analysis)
+
+
+def _refuse_equal_file_stems(analyses: Analyses) -> None:
+    """Raise `AnalysisError` if tables of two analyses have the same file name.
+
+    The second table of the analysis ``a`` can have the same file name as the first table of
+    an analysis ``a_b``. A run writes events of a simulation, too.
+    """
+    owner_by_stem = {f"{MOTION}_{EVENTS.name}": "the run itself"}
+    for analysis in analyses:
+        tables = {analysis.name: analysis.requested_tables()}
+        for stem in tables_by_file_stem(tables):
+            owner = owner_by_stem.setdefault(stem, analysis.name)
+            if owner != analysis.name:
+                raise AnalysisError(
+                    f"{analysis.name}: its table {stem!r} has the name of a table of "
+                    f"{owner}; rename the analysis or its table, or use two runs"
+                )
 
 
 def _missing_time_sentence(sampling: Sampling) -> str:

@@ -164,7 +164,7 @@ def run_study(
         if execution.accuracy is not None and "setting" in identity:
             # The journal of another version can have other fields. `resume_or_start`
             # refuses such a journal with a message.
-            with suppress(TypeError):
+            with suppress(AnalysisError, TypeError):
                 setting = Setting(**identity["setting"])
 
         recording_session: RecordingSession | None = None

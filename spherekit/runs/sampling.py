@@ -95,14 +95,17 @@ class Sampling:
         Number of samples for each input of a grid. Along a path it is (k,).
     timing
         Times, and rates and accelerations of the inputs, at the k samples. None over a grid
-        of several inputs, where no motion is stated.
+        or a listed path of several inputs, where no motion is stated.
     is_over_time
         Whether the samples are times, of time laws or of a simulation. Otherwise an input
         moves at `DEFAULT_INPUT_SPEED`.
     laws
         Time law of each input, by the name of the driven pair.
+    has_default_law
+        Whether the only input moves over time at `DEFAULT_INPUT_SPEED`, without a law of
+        the user.
     duration
-        Time of the last sample that was asked for, s.
+        Duration that was asked for, s.
     simulation
         The solved simulation, if the motion follows from loads.
     tolerance
@@ -115,6 +118,7 @@ class Sampling:
     timing: Timing | None
     is_over_time: bool
     laws: Mapping[str, Law]
+    has_default_law: bool = False
     duration: float | None = None
     simulation: Simulation | None = None
     tolerance: float | None = None
@@ -137,9 +141,9 @@ class Sampling:
         """Rate (rad/s) of each driven pair, by name, if the user has given no time laws.
 
         Torques and reactions depend on these rates. The result is empty with time laws, for
-        a simulation, and over a grid of several inputs.
+        a simulation, and over a grid or a listed path of several inputs.
         """
-        if self.is_over_time or self.timing is None:
+        if self.timing is None or (self.is_over_time and not self.has_default_law):
             return {}
         # The rates are the same at all samples.
         rates = self.timing.dq[0].tolist()
@@ -280,7 +284,7 @@ class Sampling:
         """Mean direction of the axes and contact points in the first assembly mode.
 
         It is a unit vector (3,) in ground axes, from which recordings (files for the
-        viewer) are viewed. About 24 samples are used, to save time. The result is None if
+        viewer) are viewed. At most 47 samples are used, to save time. The result is None if
         the axes cancel each other.
         """
         spread_samples = np.arange(0, len(self), max(1, len(self) // 24))
@@ -344,7 +348,8 @@ class Sampling:
         - ``energy_imbalance_J``, ``power_imbalance_W``: errors of the balance between the
           kinetic energy and the work of the loads;
         - ``energy_scale_J``: the largest energy, with which its error is compared;
-        - ``closure_drift_rad``: the largest opening of a loop of links.
+        - ``closure_drift_rad``: the largest opening of a loop of links;
+        - ``event_kinds``: kinds of all events. ``event_list`` has only the first events.
 
         The result is empty if the samples are no times.
         """
@@ -361,6 +366,7 @@ class Sampling:
         start_rates = self.timing.dq[0]
         end = simulation.end
         checks = simulation.checks
+        own_load_names = {load.name for load in self.position_analysis.mechanism.loads}
         facts |= {
             "end": {"kind": end.kind, "t": end.t, "reason": end.message},
             "tolerance": self.tolerance,
@@ -372,9 +378,15 @@ class Sampling:
             "closure_drift_rad": checks.closure,
             "engine": {"name": simulation.engine.name, "steps": simulation.engine.steps},
             "events": len(simulation.events),
+            "event_kinds": sorted({event.kind for event in simulation.events}),
             "event_list": self._summarize_events(simulation.events),
+            # Driving torques are loads that the mechanism itself does not have.
             "loads": [
-                {"name": load.name, "kind": load.kind}
+                {
+                    "name": load.name,
+                    "kind": load.kind,
+                    "drives": load.name not in own_load_names,
+                }
                 for load in simulation.mechanism.loads
             ],
             "start": {
@@ -557,6 +569,7 @@ def _sample_laws(study: Study, mechanism: Mechanism, t: Floats) -> Sampling:
         timing=timing,
         is_over_time=True,
         laws=laws,
+        has_default_law=not study.laws,
         duration=study.duration,
     )
 
@@ -640,7 +653,9 @@ def _simulate_study(
         engine=engine,
         seen=None if on_progress is None else show_progress,
     )
-    return sample_simulation(position_analysis, simulation, t, study.tolerance)
+    sampling = sample_simulation(position_analysis, simulation, t, study.tolerance)
+    # A single sample is at time 0, not at the end.
+    return replace(sampling, duration=study.duration)
 
 
 def sample_simulation(
@@ -787,6 +802,8 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
             ("samples",),
             "with a duration the samples are times; give a single number of samples",
         )
+    elif study.samples < 1:
+        yield ("samples",), f"found {study.samples}, expected at least 1 sample"
 
 
 def _default_timing(q: Floats, is_straight: bool) -> Timing:

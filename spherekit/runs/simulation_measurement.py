@@ -69,9 +69,9 @@ class TradeOptions:
         Settings to measure. By default they are all settings of a simulation if the run is
         one, otherwise all settings with which velocities at samples are computed.
     checked
-        Largest number of samples at which errors are measured. By default there are two
-        limits: one for the number of samples, and one for the number of rows in all
-        assembly modes.
+        Largest number of samples at which errors are measured, before samples are added at
+        peaks of the error bounds. By default there are two limits: one for the number of
+        samples, and one for the number of rows in all assembly modes.
     rounds
         Number of times that each setting is run. Each round has another order.
     budget
@@ -90,6 +90,9 @@ class TradeOptions:
 
     def __post_init__(self) -> None:
         check_fields(self, AnalysisError, "trade")
+        for name, number in (("checked", self.checked), ("rounds", self.rounds)):
+            if number is not None and number < 1:
+                raise AnalysisError(f"trade: {name} must be at least 1, not {number}")
 
 
 INTEGRATORS: tuple[Integrator, ...] = ("numpy", "compiled")
@@ -378,6 +381,12 @@ def measure_simulation_settings(
         for tolerance in TOLERANCES_RAD
         if tolerance >= MIN_TOLERANCE_BY_ENGINE[integrator]
     ]
+    for given_setting in settings:
+        if given_setting.tolerance is None:
+            raise AnalysisError(
+                f'trade: settings: the setting "{given_setting}" has no tolerance; give '
+                'one, such as Setting(integrator="numpy", tolerance=1e-9)'
+            )
     tightest = _simulate_tightest(run_plan, study)
     reference_fields: tuple[PoleField, ...]
     try:
@@ -447,8 +456,8 @@ def _simulate(run_plan: RunPlan, study: Study, setting: Setting) -> Sampling:
     Parameters
     ----------
     run_plan
-        A run of the same study, which has the times of the samples. Like every run of a
-        simulation, it has one assembly mode (way to assemble the mechanism).
+        A run of the same study, with the same duration and number of samples. Like every
+        run of a simulation, it has one assembly mode (way to assemble the mechanism).
     study
         Start and driving torques of the simulation.
     setting
@@ -464,6 +473,7 @@ def _simulate(run_plan: RunPlan, study: Study, setting: Setting) -> Sampling:
         torque=study.driving_torque,
         assembly_mode=sampling.position_analysis.assembly_modes[0].number,
         tolerance=setting.tolerance,
+        crossings=study.crossings,
         engine=setting.integrator,
     )
     t = np.linspace(0.0, sampling.duration, len(sampling))
@@ -495,7 +505,7 @@ def _simulate_tables(
     Returns
     -------
     The tables with their times. The time of the simulation counts as time before the first
-    sample, because it does not grow with the number of samples.
+    sample, because it hardly grows with the number of samples.
     """
     start = time.process_time()
     sampling = _simulate(run_plan, study, setting)
@@ -510,14 +520,14 @@ def _simulate_tables(
     timed_tables = compute_timed_tables(sampling, analysis, ORDINARY, reference_fields)
     return TimedTables(
         timed_tables.tables,
-        first_seconds=simulation_seconds,
+        first_seconds=simulation_seconds + timed_tables.first_seconds,
         seconds=simulation_seconds + timed_tables.seconds,
     )
 
 
 @dataclass(frozen=True)
 class _TightestSimulation:
-    """The most accurate simulation (smallest tolerance), the reference for the others.
+    """The most accurate float64 simulation (smallest tolerance).
 
     Attributes
     ----------

@@ -123,8 +123,10 @@ def find_parabola_extremes(
         # The second difference of the values, which is zero on a straight line.
         curvature = np.abs(before - 2.0 * middle + after)
         excess = np.where(curvature > 0.0, (after - before) ** 2 / (8.0 * curvature), 0.0)
-        is_maximum = (middle >= before) & (middle >= after) & np.isfinite(excess)
-        is_minimum = (middle <= before) & (middle <= after) & np.isfinite(excess)
+        # An infinite middle value has the excess 0.
+        is_finite = np.isfinite(middle) & np.isfinite(excess)
+        is_maximum = (middle >= before) & (middle >= after) & is_finite
+        is_minimum = (middle <= before) & (middle <= after) & is_finite
     return ParabolaExtremes(
         maxima=(middle + excess)[is_maximum], minima=(middle - excess)[is_minimum]
     )

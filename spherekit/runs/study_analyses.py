@@ -12,7 +12,7 @@ from spherekit.files.study import Study
 from spherekit.quantity import AngleUnit, QuantityError, field_unit_of, read_quantity
 from spherekit.runs.analysis_faults import convert_plugin_errors
 from spherekit.runs.contract import AbstractAnalysis, BrokenAnalysis
-from spherekit.runs.declaration_checks import check_needs
+from spherekit.runs.declaration_checks import check_needs, find_class_fault
 from spherekit.runs.parameter_text import read_fields
 from spherekit.runs.registry import create_analysis, load_analysis
 from spherekit.type_descriptions import TypeWording, describe_type, read_value
@@ -106,7 +106,7 @@ def make_run_analyses(
                 analyses.append(BrokenAnalysis(name, str(fault)))
     for request in requests:
         if isinstance(request, AbstractAnalysis):
-            analyses.append(request)
+            analyses.append(_replace_faulty(request))
             continue
         try:
             analyses.append(create_analysis(request, study.mechanism.angle_unit))
@@ -114,6 +114,16 @@ def make_run_analyses(
             name, _, _ = request.partition(":")
             analyses.append(BrokenAnalysis(name, str(fault)))
     return analyses
+
+
+def _replace_faulty(analysis: AbstractAnalysis) -> AbstractAnalysis:
+    """Return an analysis, or a `BrokenAnalysis` with its name if its class is faulty."""
+    cls = type(analysis)
+    fault = "" if cls is BrokenAnalysis else find_class_fault(cls)
+    if not fault:
+        return analysis
+    name = str(getattr(analysis, "name", cls.__name__))
+    return BrokenAnalysis(name, f"{name}: {fault}")
 
 
 def _make_study_analysis(

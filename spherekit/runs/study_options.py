@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, fields, replace
 from typing import Any, TypeVar
 
+from spherekit.arrays import Floats
 from spherekit.conventions import Facts
 from spherekit.errors import AnalysisError
 from spherekit.files.study import Start, Study
@@ -94,8 +95,11 @@ def apply_study_options(
     if fault := type_fault("angle_unit", angle_unit, AngleUnit):
         raise AnalysisError(f"{function}: {fault}")
     if angle_unit == "deg":
-        if study_changes.get("path") is not None:
-            study_changes["path"] = angles_in_radians(study_changes["path"], angle_unit)
+        path = study_changes.get("path")
+        if fault := type_fault("path", path, Floats | None):
+            raise AnalysisError(f"{function}: {fault}")
+        if path is not None:
+            study_changes["path"] = angles_in_radians(path, angle_unit)
         if isinstance(study_changes.get("start"), Mapping):
             study_changes["start"] = Start.of(study_changes["start"], angle_unit)
     # A study may list the values of its inputs at its samples (`path`). The list does not

@@ -90,6 +90,10 @@ def summarize_run(run_plan: RunPlan, run_state: RunState) -> Facts:
         "mechanism_hash": mechanism_hash(mechanism),
         "inputs": dict(zip(position_analysis.inputs, input_ranges, strict=True)),
         "inputs_unit": "rad",
+        # The inputs at the first and the last sample. A range may be given downwards.
+        "input_ends": dict(
+            zip(position_analysis.inputs, sampling.inputs[[0, -1]].T.tolist(), strict=True)
+        ),
         # The variable of a pair is the angle of its second link relative to the first.
         "input_links": {
             pair: list(mechanism.pair(pair).links) for pair in position_analysis.inputs

@@ -25,9 +25,11 @@ class Deviation:
         rounding error of float64.
     scale
         1 for absolute errors, such as errors of angles. Otherwise the largest reference
-        value of all columns of the table with the same unit.
+        value of all columns of the table with the same unit, with the exceptions that
+        `_find_scale` lists. Of values of a parameter, the largest value in the column.
     compared
-        Number of reference values.
+        Number of reference values. Values of a parameter are compared in both directions,
+        and both count.
     missing
         Number of reference values for which the table has no number.
     estimate
@@ -52,8 +54,8 @@ def describe_scale(column: Column) -> str:
     """Return how errors of a column are measured."""
     if is_absolute(column):
         return f"absolute {column.unit}".strip()
-    in_unit = f" in {column.unit}" if column.unit else ""
-    words = f"relative to the largest number{in_unit} of the table"
+    in_unit = f"in {column.unit}" if column.unit else "without unit"
+    words = f"relative to the largest number {in_unit} of the table"
     unit = _integrated_unit(column.unit)
     if unit is None:
         return words
@@ -68,7 +70,9 @@ def _integrated_unit(unit: str) -> str | None:
     /rad.
     """
     integrated = unit.removesuffix("/rad")
-    return None if integrated == unit else integrated.removeprefix("1")
+    if integrated == unit:
+        return None
+    return "" if integrated == "1" else integrated
 
 
 def compute_deviations(
@@ -88,7 +92,8 @@ def compute_deviations(
     tables
         The declared tables.
     given, reference
-        Columns of these tables with the same rows: the numbers, and the reference values.
+        Columns of these tables: the numbers, and the reference values. Tables with
+        different numbers of rows have no deviation; all their numbers count as missing.
     """
     deviations = []
     for table in tables:

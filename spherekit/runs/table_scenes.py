@@ -20,7 +20,7 @@ from spherekit.tables.table import (
 )
 
 MAX_SUBJECTS = 60
-"""Number of rows at a sample, such as poles, above which a table is not drawn.
+"""Number of subjects of rows, such as poles, above which a table is not drawn.
 
 Larger: figures with more lines than a reader can tell apart.
 """
@@ -129,5 +129,5 @@ def _name_subjects(table: Table, data: TableArrays, rows: Indices) -> list[str]:
 
 
 def _is_result(column: Column) -> bool:
-    """Return whether a column has numbers, and is neither the time nor an error."""
+    """Return whether a column has numbers that are results, and is not the time."""
     return column.kind == "number" and column.scale != "none" and column != TIME

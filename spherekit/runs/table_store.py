@@ -92,7 +92,8 @@ class StoredTables:
             columns=sorted_block.columns,
             notes={MODES: group_modes},
             groups=group_rows,
-            # The file is only read once, when the tables of the complete run are written.
+            # The file is only read when the run is resumed, and when the tables of the
+            # complete run are written.
             compression="none",
         )
         self._file_counts[key] += 1

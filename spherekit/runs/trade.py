@@ -58,13 +58,13 @@ Larger: fewer large errors are missed, in more time.
 """
 
 MAX_CHECKED_SAMPLES = 361
-"""Largest number of samples at which errors are measured, before peaks are refined.
+"""Default number of samples at which errors are measured, before peaks are refined.
 
 Larger: fewer large errors are missed, in more time.
 """
 
 MAX_CHECKED_ROWS = 1500
-"""Largest number of rows, samples of all assembly modes, at which errors are measured.
+"""Default number of rows, samples of all assembly modes, at which errors are measured.
 
 It is exceeded if less than `MIN_CHECKED_SAMPLES` samples would remain. Larger: more time
 for mechanisms with many modes.
@@ -233,15 +233,16 @@ def trade(
           ``"rad"``;
         - fields of `spherekit.files.study.Study`, which replace the values in the study;
         - `settings`: the settings to measure, by default all that apply;
-        - `checked`: largest number of samples at which errors are measured;
+        - `checked`: largest number of samples at which errors are measured, before
+          samples are added at peaks of the error bounds;
         - `rounds`: number of times that each setting is run, 5 by default;
-        - `budget`: time (s) after which no further round begins, 30 by default.
+        - `budget`: time (s) after which no third or later round begins, 30 by default.
 
     Raises
     ------
     AnalysisError
         If the analysis has nothing that trades speed for accuracy.
-    PlanError, SolveError, ModelError
+    FileError, PlanError, SolveError, ModelError
         See `spherekit.run`.
     """
     study, trade_options = apply_study_options("trade", subject, options, TradeOptions)
@@ -295,7 +296,7 @@ def _choose_sampling(
         The study of the run.
     trade_options
         Its attribute `checked` is the largest number of samples at which errors are
-        measured, None for the default.
+        measured, before peaks are refined. None for the default.
     """
     sampling = run_plan.sampling
     max_count = _max_checked_samples(sampling, trade_options)
@@ -314,7 +315,7 @@ def _choose_sampling(
 
 
 def _max_checked_samples(sampling: Sampling, trade_options: TradeOptions) -> int:
-    """Return the largest number of samples at which errors are measured.
+    """Return the largest number of samples at which errors are measured, without peaks.
 
     The time depends on the number of configurations: one for each sample in each assembly
     mode (way to assemble the mechanism). By default this number is limited. With many modes
@@ -322,7 +323,7 @@ def _max_checked_samples(sampling: Sampling, trade_options: TradeOptions) -> int
     """
     mode_count = len(sampling.position_analysis.assembly_modes)
     default_count = max(MIN_CHECKED_SAMPLES, MAX_CHECKED_ROWS // mode_count)
-    return min(MAX_CHECKED_SAMPLES, trade_options.checked or default_count)
+    return trade_options.checked or min(MAX_CHECKED_SAMPLES, default_count)
 
 
 def _make_coarser_grid(study: Study, shape: tuple[int, ...], max_count: int) -> Sampling:
@@ -330,12 +331,19 @@ def _make_coarser_grid(study: Study, shape: tuple[int, ...], max_count: int) -> 
 
     Errors of settings are measured at these fewer samples, to save time.
 
-    `shape` has the number of samples of each input in the study. At least two samples of
-    each input remain.
+    `shape` has the number of samples of each input in the study.
+    """
+    return make_sampling(replace(study, samples=_coarsen_grid(shape, max_count)))
+
+
+def _coarsen_grid(shape: tuple[int, ...], max_count: int) -> tuple[int, ...]:
+    """Return the shape of a grid with at most about `max_count` samples.
+
+    `shape` has the number of samples of each input. Inputs with at least two samples keep
+    at least two of them.
     """
     largest_side = max(2, int(max_count ** (1.0 / len(shape))))
-    samples = tuple(min(axis_samples, largest_side) for axis_samples in shape)
-    return make_sampling(replace(study, samples=samples))
+    return tuple(min(axis_samples, largest_side) for axis_samples in shape)
 
 
 def _choose_kernel_sampling(run_plan: RunPlan, study: Study) -> Sampling | None:
@@ -346,9 +354,10 @@ def _choose_kernel_sampling(run_plan: RunPlan, study: Study) -> Sampling | None:
     usually timed at the samples at which errors are measured, and these are too few for a
     kernel.
 
-    For a long run along a path, the first samples of the run are therefore returned. They
-    have `KERNEL_SAMPLE_FACTOR` times the number of rows that a kernel needs. The result is
-    None for a run that is too short for a kernel, and for a grid of several inputs.
+    For a long run along a path, samples that are spread evenly over the run are therefore
+    returned. They have about `KERNEL_SAMPLE_FACTOR` times the number of rows that a kernel
+    needs. The result is None for a run that is too short for a kernel, and for a grid of
+    several inputs.
     """
     sampling = run_plan.sampling
     sample_count = len(sampling)
@@ -359,7 +368,7 @@ def _choose_kernel_sampling(run_plan: RunPlan, study: Study) -> Sampling | None:
     if not (is_path and is_long):
         return None
     timed_count = min(sample_count, KERNEL_SAMPLE_FACTOR * min_rows // mode_count)
-    return take_samples(sampling, np.arange(timed_count), study.search)
+    return take_samples(sampling, spread_samples(sampling, timed_count), study.search)
 
 
 def _trade_samples(run_plan: RunPlan, study: Study, trade_options: TradeOptions) -> Trade:
@@ -565,8 +574,7 @@ def _run_with_value(
     """Run an analysis with one value of a parameter, and measure the time.
 
     The parameter trades speed for accuracy. The parameter may be the number of samples of
-    the run. With any other parameter only a few samples are computed, because the search of
-    the analysis takes nearly all of the time.
+    the run. With any other parameter only a few samples are computed, to save time.
 
     Parameters
     ----------
@@ -585,14 +593,11 @@ def _run_with_value(
     # The values of other parameters, which are the same in all runs.
     parameters = dict(parameter_trade.beside)
     if parameter_trade.parameter == "samples":
-        sample_count = value
+        study = replace(study, samples=value)
     else:
-        sample_count = min(study.count, MAX_SAMPLES_OF_PARAMETER_RUN)
+        study = _take_few_samples(study)
         parameters[parameter_trade.parameter] = value
-    result = run(
-        replace(study, samples=sample_count),
-        replace(analysis, **parameters),  # type: ignore[type-var]
-    )
+    result = run(study, replace(analysis, **parameters))  # type: ignore[type-var]
     if result.failures:
         raise AnalysisError(result.failures[analysis.name])
     data = arrays(result.results[analysis.name].data[parameter_trade.table])
@@ -602,6 +607,22 @@ def _run_with_value(
     return TimedTables(
         {parameter_trade.table: data}, first_seconds=seconds, seconds=seconds
     )
+
+
+def _take_few_samples(study: Study) -> Study:
+    """Return a study with at most about `MAX_SAMPLES_OF_PARAMETER_RUN` samples.
+
+    The first and the last sample remain, and a grid remains a grid.
+    """
+    max_count = MAX_SAMPLES_OF_PARAMETER_RUN
+    if study.count <= max_count:
+        return study
+    if study.path is not None:
+        samples = np.linspace(0, study.count - 1, max_count).astype(np.intp)
+        return replace(study, path=study.path[samples])
+    if len(study.shape) > 1:
+        return replace(study, samples=_coarsen_grid(study.shape, max_count))
+    return replace(study, samples=max_count)
 
 
 def _compare_column(
@@ -648,10 +669,14 @@ def _compare_column(
         for first, second in (both, both[::-1]):
             distances, _ = cKDTree(first, **tree_options).query(second)
             errors += np.divide(distances, scale).tolist()
-    # A position that only one of the two columns has counts as missing. Other numbers count
-    # as missing only if the reference has them.
+    # A position with texts that only one of the two tables has counts as missing. Other
+    # numbers count as missing only if the reference has them.
     expected = numbers | reference_numbers if parameter_trade.places else reference_numbers
     missing = sum(len(values) for key, values in expected.items() if key not in shared_keys)
+    compared = len(errors) - 1 + missing
+    if parameter_trade.places and not expected:
+        # Two tables without any position agree.
+        compared = 1
     # The error that the analysis itself estimates, relative to the largest number.
     estimate = np.nan
     if parameter_trade.error:
@@ -664,7 +689,7 @@ def _compare_column(
             column=f"{parameter_trade.table}.{parameter_trade.column}",
             error=max(errors),
             scale=scale,
-            compared=len(errors) - 1 + missing,
+            compared=compared,
             missing=missing,
             estimate=estimate,
         )
@@ -694,11 +719,10 @@ def _group_numbers(
     -------
     Values (n, numeric columns), keyed by the texts of their rows.
     """
-    number_columns = [
-        name
-        for name in data
-        if name == parameter_trade.column or name.startswith(f"{parameter_trade.column}_")
-    ]
+    number_columns = [parameter_trade.column]
+    if parameter_trade.column not in data:
+        prefix = f"{parameter_trade.column}_"
+        number_columns = [name for name in data if name.startswith(prefix)]
     rows = np.stack([data[name] for name in number_columns], axis=1)
     text_columns = [data[name].astype(str) for name in parameter_trade.match]
     numbers_by_texts: dict[Names, list[Floats]] = {}

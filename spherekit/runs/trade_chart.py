@@ -46,7 +46,7 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
     settings = [candidate for candidate in trade.settings if candidate.counts]
     # (settings, 2) time (s) and error.
     points = _make_points(settings)
-    (left, bottom), (right, top) = _find_frame(points)
+    (left, bottom), (right, top) = _find_frame(points, tolerance)
     curves = [
         PlaneCurve(
             points=_make_points(trade.pareto),
@@ -62,7 +62,8 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
         label = f"{number}: {measured.name}, {measured.error:.1e}"
         curves.append(PlaneCurve(point[None], tone, label))
     if tolerance is not None:
-        line = np.array([[left, tolerance], [right, tolerance]])
+        height = max(tolerance, MIN_LOGARITHM_ARGUMENT)
+        line = np.array([[left, height], [right, height]])
         curves.append(PlaneCurve(line, TOLERANCE_TONE, f"tolerance {tolerance:g}"))
         chosen = trade.cheapest(tolerance)
         if chosen is not None:
@@ -99,10 +100,16 @@ def _make_points(settings: Sequence[Measured]) -> Floats:
     return np.maximum(np.reshape(rows, (-1, 2)), MIN_LOGARITHM_ARGUMENT)
 
 
-def _find_frame(points: Floats) -> tuple[Floats, Floats]:
-    """Return the lower left and the upper right corner (2,) around points (n, 2)."""
+def _find_frame(points: Floats, tolerance: float | None) -> tuple[Floats, Floats]:
+    """Return the lower left and the upper right corner (2,) around points (n, 2).
+
+    The line of the tolerance, if there is one, is also between them.
+    """
     if not len(points):
-        return np.array([0.1, 0.1]), np.array([1.0, 1.0])
+        points = np.array([[0.1, 0.1], [1.0, 1.0]])
+    if tolerance is not None:
+        tolerance_point = (points[0, 0], max(tolerance, MIN_LOGARITHM_ARGUMENT))
+        points = np.vstack([points, tolerance_point])
     low, high = np.log10([points.min(axis=0), points.max(axis=0)])
     margin = np.maximum(CHART_MARGIN_RATIO * (high - low), MIN_CHART_MARGIN_DECADES)
     return 10.0 ** (low - margin), 10.0 ** (high + margin)
