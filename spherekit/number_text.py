@@ -47,6 +47,18 @@ def last_significant_digit(value: float, digits: int) -> float:
     return 10.0 ** (math.floor(math.log10(abs(value))) - digits + 1)
 
 
+def bound_text(bound: float) -> str:
+    """Return an error bound with one digit, rounded up so that it stays a bound."""
+    if not math.isfinite(bound):
+        return f"{bound:.0e}"
+    if bound <= 0.0:
+        return "0"
+    exponent = math.floor(math.log10(bound))
+    # The factor keeps a bound such as 3e-14 from being rounded up to 4e-14.
+    digit = math.ceil(bound / 10.0**exponent * (1.0 - 1e-12))
+    return f"{digit * 10.0**exponent:.0e}"
+
+
 def degrees_text(angle_rad: float) -> str:
     """Return an angle (rad) as text in degrees, without the unit."""
     degrees = math.degrees(angle_rad)

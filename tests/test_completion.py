@@ -9,12 +9,14 @@ import shlex
 import subprocess
 import sys
 import time
+from argparse import Namespace
 from pathlib import Path
 
 import pytest
 
 import spherekit as sk
 from spherekit.cli.command_line import COMMANDS, build_parser
+from spherekit.cli.completers import complete_analyses
 from spherekit.cli.main import main
 from spherekit.cli.new import KINDS
 
@@ -108,6 +110,11 @@ CASES = {
     "spherekit run four_bar -a eks": "eksergian",
     "spherekit run four_bar --asse": "--assembly-mode",
 }
+
+
+def test_parameters_of_an_unknown_analysis_are_not_completed():
+    assert complete_analyses("poles:", Namespace())[0] == "poles:only="
+    assert complete_analyses("nope:", Namespace()) == []
 
 
 def test_bash_completes_commands_mechanisms_analyses_and_options():

@@ -339,6 +339,11 @@ def test_what_is_not_known_is_not_predicted(capsys):
     assert "sizes: not predicted; a run of 2 samples" in capsys.readouterr().out
 
 
+def test_the_suggested_run_has_no_abbreviated_option_of_explain(capsys):
+    assert main(["explain", "four_bar", "--samples", "2", "--rec", "--verb"]) == 0
+    assert "spherekit run four_bar --samples 2  compute this" in capsys.readouterr().out
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("triads", [False, True])
 def test_explain_of_a_long_chain_measures_few_rows(triads, tmp_path, capsys, monkeypatch):

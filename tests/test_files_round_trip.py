@@ -15,7 +15,7 @@ import spherekit as sk
 from spherekit.errors import OutputError
 from spherekit.files.angle_units import to_radians, to_text, unit_vector
 from spherekit.files.mechanism_reader import load, loads
-from spherekit.files.mechanism_writer import canonical_text, dump, dumps
+from spherekit.files.mechanism_writer import canonical_text, dump, dumps, mechanism_hash
 from spherekit.files.schema import schema
 from spherekit.files.toml_document import LiteralNumber
 from spherekit.mechanism.elements import (
@@ -315,6 +315,11 @@ def test_a_folder_may_be_made_twice(tmp_path):
 def test_user_data_may_hold_nan_and_tuples():
     assert math.isnan(loads(dumps(small_mechanism(user={"x": math.nan}))).user["x"])
     assert loads(dumps(small_mechanism(user={"x": (1, 2)}))).user == {"x": [1, 2]}
+
+
+def test_a_mechanism_with_any_text_in_its_user_data_has_a_hash():
+    hashes = {mechanism_hash(small_mechanism(user={"x": x})) for x in ("", "\ud800", "é")}
+    assert len(hashes) == 3
 
 
 def test_canonical_text_exists_for_a_mechanism_that_has_no_file_in_radians():

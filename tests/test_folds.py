@@ -306,6 +306,11 @@ def test_the_range_of_a_new_vertex_is_the_longest(tmp_path):
         ),
         (["--kind", "vertex", "--sectors", "200,60,80,90"], "sector 1 has 200 deg"),
         (["--kind", "vertex", "--sectors", "170,10,20,30"], "no fold angles were found"),
+        (
+            # Each sector is smaller than the others together, but three are 510 > 370 deg.
+            ["--kind", "vertex", "--sectors", "170,170,170,10"],
+            "any three sectors together smaller than the sum of the others plus 360 deg",
+        ),
     ],
 )
 def test_sectors_that_make_no_vertex_are_refused(words, expected, tmp_path, capsys):

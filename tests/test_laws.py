@@ -9,7 +9,13 @@ from helpers.refusals import TABLES, check_call, mechanism_text
 from spherekit.errors import FileError, ModelError
 from spherekit.files.study import Start
 from spherekit.files.study_reader import load_study
-from spherekit.files.time_law import ConstantSpeed, Cycloidal, Polynomial, Tabulated
+from spherekit.files.time_law import (
+    ConstantSpeed,
+    Cycloidal,
+    Polynomial,
+    Tabulated,
+    make_field_readers,
+)
 
 TIMES_S = np.array([0.0, 0.3, 0.7, 1.1, 1.2, 1.9, 2.5, 3.0])
 """Times of tables."""
@@ -170,3 +176,21 @@ def test_large_coefficients_of_a_law_in_radians_are_allowed_but_a_large_start_is
     assert study.laws["21"] == Polynomial((0.0, 1.0, 40.0))
     with pytest.raises(FileError, match=r"start\.q: found 90\.0 rad"):
         read_study(tmp_path, text + CONSTANT + "[start]\nq = 90\n")
+
+
+@pytest.mark.parametrize("container", [list, np.array])
+def test_laws_take_lists_and_arrays_as_they_take_tuples(container):
+    coefficients = (0.5, 2.0)
+    assert Polynomial(container(coefficients)) == Polynomial(coefficients)
+    times, angles = (0.0, 1.0), (0.2, 0.5)
+    law = Tabulated(container(times), container(angles), rest_at_ends=True)
+    assert law == Tabulated(times, angles, rest_at_ends=True)
+    assert law.angles == angles
+    with pytest.raises(ModelError, match="coefficients: found nan"):
+        Polynomial(container((0.5, float("nan"))))
+
+
+def test_numbers_of_a_law_in_a_text_may_have_exponents():
+    readers = make_field_readers("rad")
+    assert readers["times"]("0+1e+1+2e1") == (0.0, 10.0, 20.0)
+    assert readers["coefficients"]("+1+2e+0rad/s") == (1.0, 2.0)

@@ -6,8 +6,10 @@ import sys
 import pytest
 from helpers.refusals import mechanism_text
 
+from spherekit.cli.main import main
 from spherekit.errors import FileError
-from spherekit.files.library import GROUP, find, shipped
+from spherekit.files import library
+from spherekit.files.library import GROUP, Pack, find, shipped
 from spherekit.files.mechanism_reader import load
 
 SOUND_FILE = mechanism_text("library_sound")
@@ -100,6 +102,25 @@ def test_broken_packs_are_listed_with_their_faults_and_leave_others_usable(insta
         find("delta")
 
 
+def test_a_pack_may_have_studies_only(install):
+    folder = install("sk_studies", ["beta.study.toml"])
+    pack = find_pack("sk_studies")
+    assert not pack.fault
+    assert dict(pack.studies) == {"beta": folder / "beta.study.toml"}
+    assert find("beta") == folder / "beta.study.toml"
+
+
+def test_broken_packs_are_named_if_there_is_no_mechanism_at_all(monkeypatch, tmp_path):
+    """The sentence about the folder ends before the one about the packs."""
+    broken = Pack("sk_broken", fault="why")
+    monkeypatch.setattr(library, "shipped", lambda: (broken,))
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(FileError) as caught:
+        find("delta")
+    ending = "no .toml files in the current folder. Broken packs: sk_broken (why)."
+    assert str(caught.value).endswith(ending)
+
+
 def test_a_name_that_several_packs_ship_is_refused(install):
     install("sk_one", ["same.toml"])
     install("sk_two", ["same.toml"])
@@ -148,3 +169,26 @@ def test_a_path_in_an_unknown_folder_is_refused(tmp_path):
 def test_names_that_no_file_can_have_are_refused(name):
     with pytest.raises(FileError):
         load(name)
+
+
+def test_a_mechanism_without_a_possible_input_is_left_out_of_the_list(install, capsys):
+    """A contact cannot be driven; the other mechanisms are listed."""
+    folder = install("sk_contact", ["alpha.toml", "beta.toml"])
+    text = find("roller_cam").read_text("utf-8")
+    driven = text.replace("[inputs.cam_shaft]", "[inputs.contact]")
+    (folder / "beta.toml").write_text(driven, "utf-8")
+    assert main(["mechanisms"]) == 0
+    out, err = capsys.readouterr()
+    assert "contact is a contact pair" in err.replace('"', "")
+    names = [line.split()[0] for line in out.splitlines()]
+    assert "alpha" in names and "beta" not in names
+
+
+def test_a_mechanism_without_a_description_is_listed_with_its_whole_source(install, capsys):
+    folder = install("sk_source", ["alpha.toml"])
+    lines = find("four_bar").read_text("utf-8").splitlines()
+    text = "\n".join(line for line in lines if not line.startswith("description"))
+    (folder / "alpha.toml").write_text(text, "utf-8")
+    assert main(["mechanisms"]) == 0
+    (line,) = [x for x in capsys.readouterr().out.splitlines() if x.split()[0] == "alpha"]
+    assert "R. Di Gregorio, Dynamic model of single-DOF" in line

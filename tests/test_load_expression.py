@@ -116,6 +116,12 @@ def test_deeply_nested_expressions_are_refused(text):
         parse(text, NAMES)
 
 
+def test_the_message_about_an_empty_expression_does_not_call_it_a_torque():
+    """Conditions and figures of merit are expressions too."""
+    with pytest.raises(ModelError, match="^column 1: the expression is empty$"):
+        parse("  ", NAMES)
+
+
 def test_long_expressions_are_refused():
     with pytest.raises(ModelError, match=f"at most {MAX_LENGTH} are allowed"):
         parse("1" * (MAX_LENGTH + 1), NAMES)

@@ -117,6 +117,14 @@ def test_a_differential_with_one_locked_side_halves_the_angle_of_the_other():
     assert carrier_angle == pytest.approx(0.5 * motion.q, abs=1e-12)
 
 
+def test_a_lock_one_revolution_from_the_reference_pose_keeps_the_pose():
+    """Without rolling contacts, all axes are the same after a whole revolution."""
+    mechanism = posed_three_rrr()
+    value = mechanism.geometry.values.get("a2", 0.0) + 2.0 * np.pi
+    locked = sk.lock(mechanism, {"a2": value}, angle_unit="rad")
+    assert "a2" not in locked.geometry.axes
+
+
 def test_locking_a_pair_keeps_the_name_of_a_link_with_a_contact():
     """Link 5 is a wheel: of the links 4 and 5 that become one, its name stays."""
     text = mechanism_text("geared_five_bar_wheels").format(20, 30, 0, 360)

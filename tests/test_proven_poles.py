@@ -1,12 +1,23 @@
 """Poles of runs enclosed by proof: bounds hold, and falsified tables are found out."""
 
+from collections import Counter
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.planning.assembly_plan import driven_at
-from spherekit.runs.proven_poles import prove_poles
+from spherekit.proof.ball_frames import exact_ball
+from spherekit.proof.balls import working_precision
+from spherekit.proof.enclosed_poles import EnclosedPole
+from spherekit.runs.proven_poles import (
+    PROVEN_TABLE,
+    ProvenPoles,
+    _compare_row,
+    prove_poles,
+)
 from spherekit.status import Status
 from spherekit.tables.table_files import read_parquet
 
@@ -61,3 +72,40 @@ def test_the_command_writes_the_table_beside_the_others(tmp_path, capsys):
     assert np.sum(known) > 50 and np.all((gap <= frame["u_error"])[known])
     assert main(["run", "four_bar", "-a", "singularities", "--prove"]) == 1
     assert "-a poles" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("angle", [1e-5, 1e-3, 0.1, 1.5])
+def test_the_error_of_an_axis_is_the_angle_and_not_the_shorter_chord(angle):
+    with working_precision(80):
+        axis = np.array([exact_ball(number) for number in (1.0, 0.0, 0.0)])
+        pole = EnclosedPole(1, 1, 0, direction=axis, coefficient=exact_ball(1.0))
+        run_row = {"ux": np.cos(angle), "uy": np.sin(angle), "uz": 0.0}
+        run_row |= {"velocity_coefficient": 1.0, "velocity_coefficient_error_bound": 0.0}
+        # The chord is shorter by the relative difference angle^2 / 24.
+        run_row["error_bound"] = angle * (1.0 - angle**2 / 50.0)
+        compared = _compare_row(run_row, pole)
+    assert compared["u_error"] >= angle
+    assert compared["error_bound_is"] == "exceeded"
+    units = {column.name: column.unit for column in PROVEN_TABLE.columns}
+    assert units["u_error"] == units["error_bound"] == "rad"
+
+
+def test_the_error_of_a_coefficient_is_an_upper_bound_after_rounding():
+    rng = np.random.default_rng(1)
+    with working_precision(80):
+        axis = np.array([exact_ball(number) for number in (1.0, 0.0, 0.0)])
+        run_row = {"ux": 1.0, "uy": 0.0, "uz": 0.0, "error_bound": 1.0}
+        run_row["velocity_coefficient_error_bound"] = 1.0
+        for run_value, proven_value in rng.uniform(0.1, 10.0, (200, 2)).tolist():
+            pole = EnclosedPole(
+                1, 1, 0, direction=axis, coefficient=exact_ball(proven_value)
+            )
+            compared = _compare_row(run_row | {"velocity_coefficient": run_value}, pole)
+            exact_error = abs(Fraction(run_value) - Fraction(proven_value))
+            assert Fraction(float(compared["velocity_coefficient_error"])) >= exact_error
+
+
+def test_the_sentence_about_no_compared_rows_says_none():
+    counts = {"bounds of axes": Counter(), "of coefficients": Counter()}
+    sentence = str(ProvenPoles({"status": np.zeros(3)}, counts))
+    assert sentence.endswith("bounds of axes: none; of coefficients: none")

@@ -1,7 +1,8 @@
 """Reactions in the pairs, holding torques and stiffness, against equations of the links."""
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ from oracles.newton_euler import newton_euler, newton_euler_arguments, with_mass
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.dynamics.inverse_dynamics import holding_torques
+from spherekit.dynamics.lift_off import end_at_lift_off
 from spherekit.dynamics.output_stiffness import output_stiffness
 from spherekit.dynamics.reactions import reactions
+from spherekit.dynamics.simulation_end import SimulationEnd
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 
@@ -305,6 +308,45 @@ def test_the_summary_of_a_run_states_when_a_contact_lifts_off(lift_off_simulatio
     seconds = run.summary["cost"]["seconds"]
     assert "simulation" in seconds
     assert "search" not in seconds
+
+
+@dataclass(frozen=True)
+class SimulationOfThreeContacts:
+    """What `end_at_lift_off` needs of a simulation: one step of 1 s, three contacts.
+
+    The pushes (N m) of the contacts "early" and "late" vanish after 0.52 s and 0.53 s. The
+    push of the contact "open" is not determined.
+    """
+
+    mechanism = SimpleNamespace(
+        name="made",
+        pairs=[SimpleNamespace(name=x, one_sided=True) for x in ("late", "open", "early")],
+    )
+    path = SimpleNamespace(starts=np.array([0.0]), lengths=np.array([1.0]))
+    end: SimulationEnd
+    events: tuple = ()
+
+    def moments(self, t):
+        moments = np.zeros((len(t), 3, 3))
+        moments[:, 0, 0] = 9.0 * (0.53 - t)
+        moments[:, 1, 0] = np.nan
+        moments[:, 2, 0] = 0.52 - t
+        return SimpleNamespace(moments=moments)
+
+    def at(self, t):
+        return SimpleNamespace(inputs=np.array(t)[:, None])
+
+
+def test_the_contact_that_lifts_off_first_ends_a_simulation():
+    """It does so although another contact pulls more soon afterwards.
+
+    Both lift off between two of the times at which pushes are computed. A contact whose
+    push is not determined does not end the simulation.
+    """
+    simulation = end_at_lift_off(SimulationOfThreeContacts(SimulationEnd("time", 1.0, "")))
+    assert simulation.end.t == pytest.approx(0.52, abs=1e-12)
+    assert "contact early lifts off" in simulation.end.message
+    assert [event.pair for event in simulation.events] == ["early"]
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 from itertools import pairwise
 
 import numpy as np
@@ -368,3 +369,37 @@ def test_a_folder_says_which_recording_it_took(tmp_path, capsys):
         os.utime(path, (age, age))
     assert find_recording(str(tmp_path)).name == "new.rrd"
     assert "old.rrd" in capsys.readouterr().err
+
+
+def test_a_folder_is_searched_for_files_only(tmp_path):
+    """A folder named as a recording, or a link to nowhere, does not hide a recording."""
+    (tmp_path / "a.rrd").write_bytes(b"RRF2")
+    (tmp_path / "folder.rrd").mkdir()
+    (tmp_path / "link.rrd").symlink_to(tmp_path / "nowhere")
+    assert find_recording(str(tmp_path)) == tmp_path / "a.rrd"
+
+
+def test_names_of_recordings_send_no_control_sequences(tmp_path, capsys):
+    for name in ("a.rrd", "\x1b[31m.rrd"):
+        (tmp_path / name).write_bytes(b"RRF2")
+    find_recording(str(tmp_path))
+    message = capsys.readouterr().err
+    assert "[U+001B]" in message
+    assert "\x1b" not in message
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["--sample", "0"], ["--front", "Compare"], ["--only-3d"], ["--size", "800x600"]],
+)
+def test_options_of_a_picture_are_refused_without_one(words, capsys):
+    assert main(["view", "four_bar", *words]) == 1
+    assert "add --png" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["stephenson_output", "my wrist.study.toml"])
+def test_a_study_is_refused_with_the_command_that_runs_it(name, capsys):
+    assert main(["view", name]) == 1
+    message = " ".join(capsys.readouterr().err.split())
+    assert "a study cannot be shown before it is run" in message
+    assert f"`{shlex.join(['spherekit', 'run', name, '--view'])}`" in message

@@ -11,6 +11,7 @@ from helpers.source_files import ROOT
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.cli.motion_screen import output_table, table_notes
+from spherekit.cli.run_report import _describe_simulation
 from spherekit.cli.singularity_text import describe_singularities
 from spherekit.errors import PluginError
 from spherekit.files.mechanism_writer import dumps
@@ -710,3 +711,94 @@ def test_an_accuracy_says_that_singular_samples_are_left_out(tmp_path, capsys):
 )
 def test_the_last_of_some_significant_digits_has_a_value(value, digits, last_digit):
     assert last_significant_digit(value, digits) == pytest.approx(last_digit)
+
+
+def test_a_range_that_is_given_downwards_is_printed_downwards(capsys, tmp_path):
+    """With ascending ranges the first line would name another path of both inputs."""
+    text = dumps(sk.load("five_bar"))
+    text = re.sub(
+        r"(\[inputs\.51\]\s+from = )\S+(\s+to = )\S+", r"\g<1>40.0\g<2>10.0", text
+    )
+    path = tmp_path / "down.toml"
+    path.write_text(text)
+    for samples in ("5", "2x2"):
+        heading = print_run(capsys, path, "--samples", samples).splitlines()[0]
+        assert "21 (link 2 relative to link 1) from 40 to 140 deg" in heading
+        assert "51 (link 5 relative to link 1) from 40 to 10 deg" in heading
+
+
+def test_a_grid_is_not_suggested_for_time_laws(capsys):
+    laws = [f"--law={pair}=constant_speed:speed=1,from=40deg" for pair in ("21", "51")]
+    words = ["five_bar", "--samples", "3"]
+    assert "computes a grid" in print_run(capsys, *words)
+    printed = print_run(capsys, *words, *laws, "--duration", "0.1")
+    assert "Other combinations of inputs are not computed." in printed
+    assert "computes a grid" not in printed
+
+
+def test_dead_centres_are_excluded_at_the_samples_only(capsys, tmp_path):
+    """The modes do not exist near 180 deg, between two samples that are 48.6 deg apart."""
+    four_bar = sk.load("four_bar")
+    text = dumps(four_bar).replace("arcs = [60.0]", "arcs = [90.001]")
+    text = text.replace("from = 0.0", "from = 10.0").replace("to = 360.0", "to = 350.0")
+    path = tmp_path / "gap.toml"
+    path.write_text(text)
+    printed = print_run(capsys, path, "--samples", "8")
+    assert "a dead centre) at the samples of this range." in printed
+    assert "in this range" not in printed
+
+
+def test_a_load_is_no_driving_torque_by_its_name(capsys, tmp_path):
+    text = dumps(sk.load("four_bar")).replace("loads.on_crank", "loads.driving_torque")
+    path = tmp_path / "named.toml"
+    path.write_text(text)
+    words = ["--start", "q=20deg,dq=60deg/s", "--duration", "0.1", "--samples", "3"]
+    printed = print_run(capsys, path, *words)
+    assert "by the loads driving_torque (torque), on_rocker (torque)." in printed
+    assert "The input is not driven" in printed
+    printed = print_run(capsys, "four_bar", *words, "--torque", "0.1")
+    assert "by the driving torque of --torque and the loads on_crank (torque)" in printed
+
+
+def test_a_singularity_after_the_listed_events_is_not_denied():
+    """The summary of a run lists the first events only."""
+    rest = {"kind": "rest", "t": 1.0, "pair": "", "swing_rad": 1.0}
+    simulation = {
+        "end": {"kind": "time", "t": 9.0},
+        "duration_s": 9.0,
+        "events": 5,
+        "event_kinds": ["dead_centre", "rest"],
+        "event_list": [rest, rest],
+    }
+    lines = "\n".join(_describe_simulation(simulation))
+    assert "meets no singularity" not in lines
+    assert "2 events: all links stop" in lines
+    assert "3 later events are only in the table of events." in lines
+
+
+def test_a_summary_has_the_kinds_of_all_events(monkeypatch):
+    monkeypatch.setattr("spherekit.runs.sampling.MAX_SUMMARIZED_EVENTS", 0)
+    start = {"q": 0.35, "dq": 1.0}
+    result = sk.run("four_bar", start=start, duration=1.0, samples=5, engine="numpy")
+    simulation = result.summary["simulation"]
+    assert simulation["events"] > len(simulation["event_list"]) == 0
+    assert simulation["event_kinds"] == ["rest"]
+
+
+def test_one_configuration_of_two_outputs_is_one_configuration():
+    measured = {
+        "least_transmission_measure": [0.5, 0.0],
+        "inputs_of_least_measure_rad": [0.1, 0.2],
+    }
+    mode = {"closes": [[0, 1]], "statuses": {}, "least_transmission": None}
+    summary = {
+        "inputs": {"a": [0.0, 1.0], "b": [0.0, 1.0]},
+        "overview": {
+            "is_path": True,
+            "modes": {"0": mode | {"outputs": [measured, measured]}},
+            "outputs": [],
+        },
+        "analyses": [],
+    }
+    (line,) = describe_singularities(summary)
+    assert "the closest configuration is in mode 0 at" in line

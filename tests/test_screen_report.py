@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from spherekit.cli.main import main
-from spherekit.cli.screen_report import ScreenReport
+from spherekit.cli.screen_report import ScreenReport, print_lines
 from spherekit.number_text import degree_range_text, degrees_text, number_text
 from spherekit.tables.screen_table import ScreenColumn, ScreenTable
 
@@ -191,3 +191,16 @@ def test_an_export_says_how_its_file_is_used(
     screen = capsys.readouterr().out
     assert f"Files: {files}" in screen
     assert suggested_commands(screen)[0] == first_command
+
+
+def test_a_line_of_any_length_is_not_broken_without_a_terminal(capsys):
+    print_lines(["word " * 3000 + "end"])
+    assert capsys.readouterr().out.count("\n") == 1
+
+
+def test_a_run_of_a_study_suggests_no_command_that_refuses_studies(capsys, tmp_path):
+    words = ["run", "stephenson_output", "--samples", "3", "-o", str(tmp_path / "tables")]
+    assert main(words) == 0
+    commands = suggested_commands(capsys.readouterr().out)
+    assert commands
+    assert all(command.startswith("spherekit run ") for command in commands)

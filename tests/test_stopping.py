@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -48,6 +49,32 @@ def test_a_signal_that_was_ignored_stays_ignored(number, request):
     with raise_on_interrupt(False):
         signal.raise_signal(number)
     assert signal.getsignal(number) is signal.SIG_IGN
+
+
+def test_an_error_in_another_thread_does_not_refer_to_signals():
+    errors = []
+
+    def fail():
+        """Raise an error where signals cannot be handled."""
+        try:
+            with raise_on_interrupt(False):
+                raise KeyError
+        except KeyError as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=fail)
+    thread.start()
+    thread.join()
+    assert errors[0].__context__ is None
+
+
+def test_a_faulty_command_fails_also_if_nobody_reads_its_message():
+    read_end, write_end = os.pipe()
+    os.close(read_end)
+    command = [*SPHEREKIT, "run", "four_bra"]
+    done = subprocess.run(command, stderr=write_end, check=False, timeout=60)
+    os.close(write_end)
+    assert done.returncode == 1
 
 
 def children_of(process):

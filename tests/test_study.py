@@ -12,7 +12,7 @@ from helpers.refusals import mechanism_text
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError, FileError, ModelError
-from spherekit.files.library import shipped
+from spherekit.files.library import find, shipped
 from spherekit.files.study import Study
 from spherekit.files.study_reader import load_study
 from spherekit.runs.registry import registered
@@ -27,6 +27,12 @@ def plugin():
     """Register the analysis `tuned` of the study, whose parameters have every kind."""
     with registered(Tuned):
         yield
+
+
+def mechanism_file_without_inputs(name):
+    """Return the text of the file of a shipped mechanism without its inputs."""
+    tables = find(name).read_text().split("\n[")
+    return "\n[".join(table for table in tables if not table.startswith("inputs"))
 
 
 def write_study(folder, text):
@@ -216,3 +222,42 @@ def test_a_start_takes_lists_as_it_takes_tuples():
     assert start == sk.Start(q=(0.5, 0.2), dq=(1.0, 0.0))
     with pytest.raises(ModelError, match="found nan, expected a finite number"):
         sk.Start(q=[0.5, float("nan")])
+
+
+def test_a_start_takes_arrays_as_it_takes_tuples():
+    start = sk.Start(q=np.array([0.5, 0.2]), dq=np.array([1.0, 0.0]))
+    assert start == sk.Start(q=(0.5, 0.2), dq=(1.0, 0.0))
+
+
+def test_a_start_that_states_a_key_twice_is_refused():
+    with pytest.raises(ModelError, match="start: a key is given twice"):
+        sk.Start.of("q=0.1,q=0.2")
+
+
+@pytest.mark.parametrize(
+    ("table", "key"),
+    [
+        ('[inputs.21]\nfrom = "nan"', "inputs.21.from"),
+        ('[inputs.21]\nvalues = [0, "1e400deg"]', r"inputs.21.values\[1\]"),
+        ('[start]\nq = 0\ndq = "inf"', "start.dq"),
+        (
+            '[inputs.21.law]\nkind = "constant_speed"\nspeed = 1\nfrom = "inf"',
+            "inputs.21.law.from",
+        ),
+    ],
+)
+def test_a_text_that_is_no_finite_number_is_refused_with_its_key(tmp_path, table, key):
+    path = write_study(tmp_path, f'format = 1\nmechanism = "four_bar"\n{table}\n')
+    with pytest.raises(FileError, match=f"{key}: found .*, expected a finite number"):
+        load_study(path)
+
+
+def test_the_default_input_of_a_mechanism_can_be_locked_after_a_study_has_named_it(
+    tmp_path,
+):
+    """A study without inputs leaves the default input of its mechanism as it is."""
+    text = mechanism_file_without_inputs("five_bar")
+    (tmp_path / "five.toml").write_text(text)
+    path = write_study(tmp_path, 'format = 1\nmechanism = "five.toml"\n')
+    locked = sk.lock(load_study(path).mechanism, {"21": 50.0}, angle_unit="deg")
+    assert len(locked.links) == 4

@@ -68,6 +68,19 @@ def test_the_command_prints_the_address_and_ends_with_ctrl_c(
     assert "Ctrl-C" in printed
 
 
+def test_a_mechanism_is_served_without_a_display_and_leaves_no_files(
+    tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr("spherekit.display.rerun.viewer.has_display", lambda: False)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(
+        "spherekit.display.rerun.web_viewer.time.sleep", raise_keyboard_interrupt
+    )
+    assert main(["view", "four_bar", "--web"]) == 0
+    assert "http://127.0.0.1:" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
 def raise_keyboard_interrupt(seconds):
     """Press Ctrl-C in place of the long sleep in which the main thread serves."""
     if seconds > 60.0 and threading.current_thread() is threading.main_thread():

@@ -164,8 +164,10 @@ def _default_text(parameter: "Parameter") -> str:
     default = parameter.default
     if default is MISSING:
         return "required"
-    if isinstance(default, float):
+    if isinstance(default, float) or (parameter.unit and isinstance(default, int)):
         return f"{number_text(default)} {parameter.unit}".rstrip()
     if isinstance(default, tuple):
-        return "+".join(map(str, default)) or "-"
+        if not default:
+            return "-"
+        return f"{'+'.join(map(str, default))} {parameter.unit}".rstrip()
     return str(default) or "-"

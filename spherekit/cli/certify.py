@@ -20,6 +20,7 @@ from spherekit.cli.study_arguments import (
     with_locks,
 )
 from spherekit.conventions import Facts, Lines
+from spherekit.number_text import bound_text
 from spherekit.tables.screen_table import ScreenColumn, ScreenTable
 from spherekit.wording import counted
 
@@ -210,7 +211,7 @@ def execute(options: Namespace) -> int:
         # a new document. Its sizes are rounded.
         locked = with_locks(mechanism_from_document(document), options.lock)
         document = parse(dumps(locked, document.data["angle_unit"]), options.file)
-        tolerance = max(tolerance, LOCKED_SIZE_ERROR_RAD)
+        tolerance += LOCKED_SIZE_ERROR_RAD
     mechanism = driven_at(mechanism_from_document(document), options.input)
     decimal_mechanism = read_decimals(mechanism, document, tolerance)
 
@@ -240,14 +241,25 @@ def execute(options: Namespace) -> int:
             f"--cell and --figure need ranges of several inputs, but {contradiction}; "
             "leave --cell and --figure out"
         )
+    # If nothing is unknown, wheels in mesh fix every angle.
+    is_wheels_only = (
+        not is_at_inputs
+        and not find_construction(decimal_mechanism.structure).unknown_count
+    )
+    if is_wheels_only and (options.cell is not None or options.figure or options.clear_of):
+        raise AnalysisError(
+            f"{mechanism.name}: wheels determine every angle, so all inputs have one "
+            "assembly mode and no dead centre; leave --cell, --figure and --clear-of out"
+        )
+    if options.figure:
+        _check_figure_ending(options.figure)
     for target in (options.out, options.figure):
         if target:
             check_file(target)
 
     if is_at_inputs:
         result = _certify_inputs(decimal_mechanism, options.at, options.poles)
-    elif not find_construction(decimal_mechanism.structure).unknown_count:
-        # Nothing is unknown: wheels in mesh fix every angle.
+    elif is_wheels_only:
         result = _certify_wheels(decimal_mechanism)
     elif is_map:
         result = _certify_map(decimal_mechanism, options)
@@ -264,6 +276,18 @@ def execute(options: Namespace) -> int:
     report.files = ", ".join(files)
     report.print(options)
     return 0 if result.is_complete else INCOMPLETE
+
+
+def _check_figure_ending(path: str) -> None:
+    """Raise `AnalysisError` if a figure cannot be written in the format of its ending."""
+    from spherekit.display.figures.figure_files import FORMATS
+    from spherekit.errors import AnalysisError
+
+    if Path(path).suffix.lower() not in [f".{kind}" for kind in FORMATS]:
+        raise AnalysisError(
+            f"--figure {path}: expected a file name that ends with "
+            f"{' or '.join(f'.{kind}' for kind in FORMATS)}, such as map.png"
+        )
 
 
 def _make_report(
@@ -330,10 +354,11 @@ def _certify_inputs(
         for pair, value in zip(mechanism.input_pairs, values, strict=True)
     )
     mode_table = _mode_table(modes)
+    verb = "is" if len(mode_table.rows) == 1 else "are"
     report = _make_report(
         f"{mechanism.name}: proof of all assembly modes at {inputs}",
         modes.completeness,
-        f"there are exactly {counted(len(mode_table.rows), 'assembly mode')}.",
+        f"there {verb} exactly {counted(len(mode_table.rows), 'assembly mode')}.",
     )
     report.results.append(mode_table)
     # Regions in which the proof does not decide whether there are modes.
@@ -365,7 +390,7 @@ def _screen_table_of_poles(rows: Sequence[Facts]) -> ScreenTable:
         axis = ["may be at rest", "", "", ""]
         if row["direction"] is not None:
             axis = [f"{component:.12f}" for component in row["direction"]]
-            axis.append(f"{row['direction_off']:.0e}")
+            axis.append(bound_text(row["direction_off"]))
         cells.append(
             (
                 str(row["mode"]),
@@ -373,7 +398,7 @@ def _screen_table_of_poles(rows: Sequence[Facts]) -> ScreenTable:
                 f"{row['link']}/{row['relative_to']}",
                 *axis,
                 f"{row['velocity_coefficient']:.12g}",
-                f"{row['velocity_coefficient_off']:.0e}",
+                bound_text(row["velocity_coefficient_off"]),
             )
         )
     columns = tuple(
@@ -409,7 +434,7 @@ def _decimal_text(option: str, text: str, unit: "AngleUnit") -> str:
     from spherekit.files.angle_units import read_decimal_angle
     from spherekit.quantity import QuantityError
 
-    with suppress(InvalidOperation):  # raised by abs() for NaN
+    with suppress(InvalidOperation):  # raised by the comparison for NaN
         try:
             number = read_decimal_angle(text, unit)
         except QuantityError as problem:
@@ -445,7 +470,7 @@ def _mode_table(modes: "CertifiedModes") -> ScreenTable:
         # A ball minus its midpoint has only the error, so its magnitude is the bound.
         errors = [np.degrees(upper_magnitude(angle - angle.mid())) for angle in angles]
         angle_texts = [f"{angle:.9f}" for angle in wrapped]
-        rows.append((str(mode_index), *angle_texts, f"{max(errors):.0e}"))
+        rows.append((str(mode_index), *angle_texts, bound_text(max(errors))))
     columns = [ScreenColumn("mode")]
     columns += [ScreenColumn(f"pair {name} (deg)", "right") for name in pair_names]
     columns.append(ScreenColumn("error bound (deg)", "right"))
@@ -477,7 +502,7 @@ def _certify_wheels(decimal_mechanism: "DecimalMechanism") -> Certification:
     Parameters
     ----------
     decimal_mechanism
-        The mechanism with the decimal numbers of its file, which are exact.
+        The mechanism with the decimal numbers of its file.
 
     Returns
     -------
@@ -506,7 +531,8 @@ def _certify_wheels(decimal_mechanism: "DecimalMechanism") -> Certification:
         # The bound of the error of all ratios that this line prints.
         error = max(upper_magnitude(ratio - ratio.mid()) for ratio in pair_ratios)
         report.results.append(
-            f"{structure.pairs[pair]} turns by {terms}, factors exact to {error:.0e}"
+            f"{structure.pairs[pair]} turns by {terms}, "
+            f"factors exact to {bound_text(error)}"
         )
     certificate = wheels_certificate(decimal_mechanism, list(ratios))
     return Certification(report, certificate, is_complete=True)
@@ -532,8 +558,6 @@ def _certify_range(
         The value of ``--clear-of``: an input whose distance to the next singularity is
         computed.
     """
-    import numpy as np
-
     from spherekit.completeness import Guarantee
     from spherekit.errors import AnalysisError
     from spherekit.proof.balls import centre_float, working_precision
@@ -581,9 +605,15 @@ def _certify_range(
         # themselves. The angle below is the only ball that is computed here.
         with working_precision(PRECISION_BITS):
             q = centre_float(decimal_mechanism.input_angle(position))  # rad
+        # Rounded down, so that it stays a proven distance.
+        clearance = math.floor(math.degrees(located.clearance(q)) * 1e9) / 1e9
+        # Outputs at rest along a whole curve are reported in other lines. Of outputs whose
+        # angle no pair measures, only type II is examined.
+        further = "further " if located.resting else ""
+        types = " of type II" if located.skipped else ""
         report.results.append(
-            f"Within {np.degrees(located.clearance(q)):.9f} deg of input {clear_of} there "
-            "is no singularity, in any mode."
+            f"Within {clearance:.9f} deg of input {clear_of} there is no {further}"
+            f"singularity{types}, in any mode."
         )
     certificate = {**curves_certificate(curves), "singularities": singular_table(located)}
     is_certified = curves.completeness.guarantee is Guarantee.CERTIFIED
@@ -609,7 +639,12 @@ def _certify_map(
     """
     from spherekit.errors import AnalysisError
     from spherekit.proof.certificate import map_certificate
-    from spherekit.proof.input_map import DEFAULT_CELL_RAD, UNDECIDED, certify_input_map
+    from spherekit.proof.input_map import (
+        CONTAINS_TYPE_II,
+        DEFAULT_CELL_RAD,
+        UNDECIDED,
+        certify_input_map,
+    )
 
     mechanism = decimal_mechanism.mechanism
     names = mechanism.input_pairs
@@ -635,11 +670,13 @@ def _certify_map(
         f"{name} from {low} to {high} {mechanism.angle_unit}"
         for name, (low, high) in zip(names, ranges, strict=True)
     ]
+    has_singular_cells = input_map.share(CONTAINS_TYPE_II) > 0.0
+    place = "outside of the cells with dead centres" if has_singular_cells else "everywhere"
     report = _make_report(
         f"{mechanism.name}: proof of the number of assembly modes, inputs "
         f"{' and '.join(range_texts)}",
         input_map.completeness,
-        "the number of assembly modes is known everywhere.",
+        f"the number of assembly modes is known {place}.",
     )
     rows = [
         (str(mode_count), f"{100 * share:.3f}")
@@ -711,12 +748,13 @@ def _crossing_sentences(curves: "CertifiedCurves") -> Iterator[str]:
         q = curves.wrap_into_range(curves.input_angle(saddle.centre))
         if q is None:  # outside the range
             continue
+        gap = bound_text(saddle.gap)
         if saddle.level_sign == 0:
             sentence = "curves cross"
         elif saddle.level_sign is None:
-            sentence = f"curves cross, or miss each other by at most {saddle.gap:.0e} rad"
+            sentence = f"curves cross, or miss each other by at most {gap} rad"
         else:
-            sentence = f"curves miss each other by at most {saddle.gap:.0e} rad"
+            sentence = f"curves miss each other by at most {gap} rad"
         yield f"{sentence} at {_degrees(q)} deg"
 
 
@@ -819,7 +857,7 @@ def _report_singularities(
                 singularity.output,
                 SINGULARITY_TYPES[singularity.type],
                 f"{np.degrees(singularity.q):.9f}",
-                f"{error:.0e}",
+                bound_text(error),
                 str(singularity.curve),
                 "outside" if is_outside else "inside",
             )

@@ -7,6 +7,7 @@ refusals appear at once.
 """
 
 import argparse
+import re
 import sys
 from collections.abc import Iterable, Sequence
 from functools import partial
@@ -78,6 +79,9 @@ class CommandLineParser(argparse.ArgumentParser):
         """Make a parser with the options of `argparse.ArgumentParser`."""
         formatter = partial(argparse.RawDescriptionHelpFormatter, max_help_position=20)
         super().__init__(formatter_class=formatter, **options)
+        # A word such as -40deg or -10,20 is a value. argparse itself takes only numbers
+        # such as -0.5 for values.
+        self._negative_number_matcher = re.compile(r"-\.?\d")
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Return the options that the words of a command line state, or exit."""
@@ -97,7 +101,7 @@ class CommandLineParser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print what is wrong and where to read more, and exit."""
         if message.endswith("expected one argument"):
-            # argparse takes the value -0.5 for an option.
+            # argparse takes the value -x for an option.
             message += "; a value that starts with - is written --OPTION=-VALUE"
         end = "" if message.endswith(("?", ".")) else "."
         print(f"{self.prog}: {message}{end} See: {self.prog} --help", file=sys.stderr)
@@ -144,7 +148,7 @@ class CommandLineParser(argparse.ArgumentParser):
 
 
 def _suggest_command_for_file(word: str) -> str:
-    """Return a hint if a word is a file or a shipped mechanism, else an empty text."""
+    """Return a hint if a word is a file or a shipped one, else an empty text."""
     from spherekit.files.library import shipped
 
     is_recording = word.endswith(".rrd")

@@ -61,6 +61,7 @@ def complete_analyses(prefix: str, options: argparse.Namespace) -> list[str]:
         from importlib.metadata import entry_points
 
         return [point.name for point in entry_points(group="spherekit.analyses")]
+    from spherekit.errors import SpherekitError
     from spherekit.runs.parameter_text import describe_parameters
     from spherekit.runs.registry import load_analysis
 
@@ -68,7 +69,9 @@ def complete_analyses(prefix: str, options: argparse.Namespace) -> list[str]:
     # words begin with the text before it.
     _, _, unfinished = parameter_text.rpartition(",")
     finished = prefix[: len(prefix) - len(unfinished)]
-    return [f"{finished}{key}=" for key in describe_parameters(load_analysis(name))]
+    with suppress(SpherekitError):  # no such analysis, or a broken plugin
+        return [f"{finished}{key}=" for key in describe_parameters(load_analysis(name))]
+    return []
 
 
 def complete_pairs(prefix: str, options: argparse.Namespace) -> list[str]:

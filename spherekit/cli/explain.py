@@ -95,7 +95,8 @@ def execute(options: Namespace) -> int:
         study = replace(study, mechanism=extract_needed_part(study, analyses))
     description = _describe_run(study, analyses)
     # The number of assembly modes (ways to assemble the mechanism) is missing if it takes
-    # long to find, or for a simulation. The size of the recording cannot be predicted then.
+    # long to find, or if no sizes are predicted. The size of the recording cannot be
+    # predicted then.
     if options.recording and description["predicted"].get("assembly_modes"):
         from spherekit.display.rerun.recorder import RerunRecorder
 
@@ -111,11 +112,19 @@ def execute(options: Namespace) -> int:
         print_json(description)
     else:
         report = _make_report(description, len(study.mechanism.links), options.recording)
-        words = [word for word in options.words[1:] if word not in EXPLAIN_OPTIONS]
+        words = [word for word in options.words[1:] if not _is_explain_option(word)]
         command = shlex.join(["spherekit", "run", *words])
         report.next_steps = [(command, "compute this")]
         report.print(options)
     return 0
+
+
+def _is_explain_option(word: str) -> bool:
+    """Return whether a word is one of `EXPLAIN_OPTIONS`, perhaps abbreviated."""
+    is_long = word.startswith("--") and word != "--"
+    return word in EXPLAIN_OPTIONS or (
+        is_long and any(option.startswith(word) for option in EXPLAIN_OPTIONS)
+    )
 
 
 def _describe_run(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:

@@ -82,8 +82,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="NAME",
         help=(
             "only for source code and latex: quantities to compute, as names or "
-            "patterns such as theta_* (default: angles, velocity coefficients of links, "
-            "transmission angles, inertia and driving torque)"
+            "patterns such as theta_* (default: angles, velocity and acceleration "
+            "coefficients of links, transmission angles, inertia, its derivative and "
+            "driving torque)"
         ),
     )
     parser.add_argument(

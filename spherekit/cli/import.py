@@ -1,5 +1,6 @@
 """`spherekit import`: a mechanism file from a MuJoCo model or a URDF."""
 
+import shlex
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
@@ -46,20 +47,27 @@ def execute(options: Namespace) -> int:
 
     In a spherical mechanism all axes meet in one point. In a model they may miss this point
     by up to `options.within` (m); None stands for the default. By default the new file gets
-    the name of the model. Its contents are printed. Returns the exit status 0.
+    the name of the model. Its links, pairs and inputs are printed. Returns the exit status
+    0.
     """
     from spherekit.errors import OutputError
     from spherekit.exchange.mechanism_import import import_mechanism
+    from spherekit.files.library import STUDY_SUFFIX, is_study
     from spherekit.wording import counted, numbered
 
-    target = Path(options.output or Path(options.model).with_suffix(".toml").name)
+    imported = import_mechanism(options.model, within=options.within)
+    target = Path(options.output or f"{Path(options.model).stem}.toml")
     if target.suffix != ".toml":
         raise OutputError(
             f"{target}: mechanism files are named *.toml; give it that ending"
         )
-    imported = import_mechanism(options.model, within=options.within)
+    if is_study(target):
+        raise OutputError(
+            f"{target}: only study files are named *{STUDY_SUFFIX}; choose another name"
+        )
     imported.save(target)
     mechanism = imported.mechanism
+    file = shlex.quote(str(target))
     ScreenReport(
         f"{options.model}: imported as the mechanism {mechanism.name}",
         results=[
@@ -70,8 +78,8 @@ def execute(options: Namespace) -> int:
         ],
         files=str(target),
         next_steps=[
-            (f"spherekit validate {target}", "check the mechanism and assemble it"),
-            (f"spherekit run {target}", "compute motion and pole axes"),
+            (f"spherekit validate {file}", "check the mechanism and assemble it"),
+            (f"spherekit run {file}", "compute motion and pole axes"),
         ],
     ).print(options)
     return 0

@@ -39,8 +39,7 @@ def raise_on_interrupt(process_ends: bool) -> Iterator[None]:
         for number in handled:
             signal.signal(number, _raise_interrupt)
     except ValueError:  # raised by `signal.signal` outside the main thread
-        yield
-        return
+        handled = []
     try:
         yield
     finally:

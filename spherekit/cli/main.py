@@ -9,6 +9,7 @@ import os
 import sys
 from argparse import Namespace
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 from spherekit.cli.interrupts import interrupt_number, raise_on_interrupt
@@ -19,7 +20,7 @@ BAD_INPUT = 1
 """Exit status if a file, an argument or the system does not allow the command."""
 
 FAILED_SAMPLES = 3
-"""Exit status of a run with ``--strict`` in which some samples failed."""
+"""Exit status of a run with ``--strict`` in which samples or accuracy checks failed."""
 
 FAILED_ANALYSIS = 4
 """Exit status of a run in which an analysis failed."""
@@ -153,7 +154,7 @@ def _open_closed_streams() -> None:
 
 
 def _discard_output() -> None:
-    """Redirect stdout to the null device, after the reader of stdout has closed it.
+    """Redirect stdout to the null device, after it could not be written.
 
     When the process ends, Python writes what stdout still contains. Without the
     redirection, this writing would raise a second error.
@@ -213,7 +214,9 @@ def print_json(data: Any) -> None:
 def say(text: str) -> None:
     """Print a message to stderr."""
     hide_progress()
-    print(f"spherekit: {terminal_text(text)}", file=sys.stderr, flush=True)
+    # If the program that reads stderr has ended, the exit status still tells of an error.
+    with suppress(BrokenPipeError):
+        print(f"spherekit: {terminal_text(text)}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ def execute(options: Namespace) -> int:
     """Execute ``spherekit mechanisms``: list the shipped mechanisms and studies.
 
     A study is a file that states what to compute for a mechanism. Python packages ship such
-    files in folders called packs. A pack or mechanism that cannot be read is reported on
+    files in folders called packs. A pack or mechanism that cannot be used is reported on
     stderr and left out. Returns the exit status 0.
     """
     from spherekit.errors import SpherekitError
@@ -44,6 +44,7 @@ def execute(options: Namespace) -> int:
         for name in sorted(pack.files):
             try:
                 mechanism = load(name)
+                freedom_count = len(driven_pairs(mechanism))
             except SpherekitError as problem:
                 say(str(problem))
                 continue
@@ -52,7 +53,7 @@ def execute(options: Namespace) -> int:
                     "name": name,
                     "links": len(mechanism.links),
                     "pairs": len(mechanism.pairs),
-                    "freedoms": len(driven_pairs(mechanism)),
+                    "freedoms": freedom_count,
                     "description": mechanism.description,
                     "source": mechanism.source.citation if mechanism.source else "",
                 }
@@ -75,7 +76,7 @@ def _mechanism_table(rows: list[Facts]) -> ScreenTable:
     """Return a screen table of the shipped mechanisms.
 
     The freedoms of a mechanism are the number of its driven pairs (joints). The last column
-    has the first sentence of the description.
+    has the first sentence of the description, or else the source.
 
     Parameters
     ----------
@@ -96,7 +97,7 @@ def _mechanism_table(rows: list[Facts]) -> ScreenTable:
             str(row["links"]),
             str(row["pairs"]),
             str(row["freedoms"]),
-            one_line(_first_sentence(row["description"] or row["source"])),
+            one_line(_first_sentence(row["description"]) or row["source"]),
         )
         for row in rows
     ]

@@ -89,7 +89,7 @@ def describe_modes(summary: Any) -> Lines:
     # Where each mode exists. None: the run has no such facts of the mode.
     entries = [overview["modes"].get(str(mode["number"])) for mode in modes]
     count = counted(len(modes), "assembly mode")
-    # If the only mode has neither name nor signs, its number is not printed.
+    # If the only mode is number 0 without name and signs, the number is not printed.
     titles = "" if mode_name(modes[0]) == "0" and len(modes) == 1 else _mode_titles(modes)
     ending = f": {titles}" if titles else ""
 
@@ -162,23 +162,15 @@ def _closing_place(mode: Any, entry: Any, overview: Any, place_text: PlaceText) 
     if entry["closes_everywhere"]:
         return "everywhere"
     # A span is named by its first and last input or time. Samples on a grid have no order,
-    # so only their share is stated.
+    # so only their number is stated.
     has_input_or_time = overview["is_path"] and place_text.kind in ("input", "time")
     if has_input_or_time:
         spans_with_mode = entry["closes"]  # first and last place of each span
         return place_text.named_spans(spans_with_mode)
-    return f"at {_share_of_valid_samples(mode):.0%} of the samples"
-
-
-def _share_of_valid_samples(mode: Any) -> float:
-    """Return the share (0 to 1) of samples of a mode that have the status OK.
-
-    Parameters
-    ----------
-    mode
-        The item of the mode in the list ``assembly_modes`` of the summary. It has the
-        number of samples with each status.
-    """
     sample_count_by_status = mode["status"]
-    sample_count = max(sum(sample_count_by_status.values()), 1)
-    return float(sample_count_by_status.get("OK", 0) / sample_count)
+    sample_count = sum(sample_count_by_status.values())
+    # At a singularity the loops close, too.
+    closing_count = sum(
+        sample_count_by_status.get(status, 0) for status in ("OK", "AT_SINGULARITY")
+    )
+    return f"at {closing_count} of the {sample_count} samples"

@@ -9,6 +9,7 @@ from spherekit.cli.place_text import MAX_LISTED_PLACES, PlaceText, angle_text
 from spherekit.conventions import TURN, Lines
 from spherekit.number_text import degrees_text, last_significant_digit, number_text
 from spherekit.tables.screen_table import ScreenColumn, ScreenTable
+from spherekit.wording import numbered
 
 MAX_TABLE_ROWS = 40
 """Largest number of rows of a table on the screen; summary.json has all rows."""
@@ -109,8 +110,8 @@ def output_table(summary: Any) -> ScreenTable | None:
     at_pair = f" at pair {min(pairs)}" if len(pairs) == 1 else ""
     # If the least value occurs at several places, the overview has the first of them.
     where = f"at {place_text.heading}"
-    if place_text.kind != "time" and len(inputs) > 1:
-        where = f"at inputs {', '.join(inputs)} (deg)"
+    if place_text.kind != "time":
+        where = f"at {numbered('input', inputs)} (deg)"
     if has_transmission:
         columns.append(ScreenColumn(f"least transmission angle{at_pair} (deg)", "right"))
         if has_pair_column:
@@ -356,9 +357,7 @@ def _rest_cell(
     # Rests are found as changes of sign of the rate. Without a fixed axis there is no sign.
     if not output["fixed_axis"]:
         return "-"
-    # An output whose angle changes by rounding errors only does not move at all.
-    swing_rad = motion["highest_rad"] - motion["lowest_rad"]
-    if swing_rad < ANGLE_ERROR_RAD:
+    if rests_throughout(motion):
         return "everywhere"
     text_by_place = {}
     for place in motion["rests"]:
@@ -375,6 +374,21 @@ def _rest_cell(
     further = motion["further_rests"] + max(len(places) - MAX_LISTED_PLACES, 0)
     text = ", ".join(places[:MAX_LISTED_PLACES]) or "none"
     return f"{text} and {further} more" if further else text
+
+
+def rests_throughout(motion: Any) -> bool:
+    """Return whether an output never moves: one pose at all samples, velocity ratios of 0.
+
+    Parameters
+    ----------
+    motion
+        The least and largest angle (rad) and velocity ratios of the output in an assembly
+        mode, from the summary of a run.
+    """
+    ratios = [*motion["lowest_ratio"], *motion["highest_ratio"]]
+    swing_rad = motion["highest_rad"] - motion["lowest_rad"]
+    has_velocity = any(ratio is not None and abs(ratio) > RATIO_ERROR for ratio in ratios)
+    return swing_rad <= ANGLE_ERROR_RAD and not has_velocity
 
 
 def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
@@ -399,10 +413,12 @@ def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
         resting = "the output rests (singularity of type I)"
         if len(summary["inputs"]) > 1:
             resting = "this input alone does not move the output"
+        rate = f"velocity ratio is a magnitude, 0 where {resting}"
+        if "simulation" in summary:
+            rate = "speed is a magnitude"
         notes.append(
             f"Outputs without a fixed axis: {FARTHEST_HEADING} is the largest angle from "
-            f"the {what} at the first sample of the mode. The velocity ratio is a "
-            f"magnitude, 0 where {resting}."
+            f"the {what} at the first sample of the mode. The {rate}."
         )
     if any(column.heading == MEASURE_HEADING for column in table.columns):
         notes.append(

@@ -1,6 +1,8 @@
 """`spherekit new`: files to start from, a mechanism or a distribution with an analysis."""
 
+import keyword
 import re
+import shlex
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
@@ -17,8 +19,6 @@ KINDS = ("four_bar", "posed", "wrist", "cam", "gears", "vertex")
 
 TEMPLATE_SUFFIX = ".in"
 """Ending of template files in which ``@NAME@`` and other words are replaced."""
-
-_NAME_LINE = re.compile(r"^\s*name\s*=.*$", re.M)
 
 EXAMPLES = """examples:
   # a four-bar to change, in wrist.toml
@@ -104,6 +104,7 @@ def execute(options: Namespace) -> int:
         is its name, which may begin with a path.
     """
     from spherekit.errors import OutputError
+    from spherekit.files.toml_lines import locate_keys
     from spherekit.storage.atomic_write import make_folder, write_text
 
     is_analysis = options.what == "analysis"
@@ -123,6 +124,7 @@ def execute(options: Namespace) -> int:
         path = Path(options.name.removesuffix(SUFFIX) + SUFFIX)
         name = path.stem
     _check_name(options.what, name)
+    word = shlex.quote(str(path))  # the path as a word of a command
     if path.exists():
         raise OutputError(f"{path}: exists already; choose another name, or remove it")
     if is_analysis:
@@ -130,9 +132,9 @@ def execute(options: Namespace) -> int:
         for file, text in distribution_files(name).items():  # of the package
             write_text(path / file, text)
         next_steps = [
-            (f"pip install -e {path}", f"install it, then change spherekit_{name}.py"),
+            (f"pip install -e {word}", f"install it, then change spherekit_{name}.py"),
             (f"spherekit run four_bar -a {name}", "run it"),
-            (f"pytest {path}", "test it"),
+            (f"pytest {word}", "test it"),
         ]
     else:
         if options.like:
@@ -144,12 +146,12 @@ def execute(options: Namespace) -> int:
         else:
             template = TEMPLATES / f"{options.kind or 'four_bar'}{SUFFIX}"
             text = template.read_text("utf-8")
-        # The first line ``name = ...`` of the template gets the new name.
-        text_with_name = _NAME_LINE.sub(f'name = "{name}"', text, count=1)
-        write_text(path, text_with_name)
+        lines = text.split("\n")
+        lines[locate_keys(text)["name",] - 1] = f'name = "{name}"'
+        write_text(path, "\n".join(lines))
         next_steps = [
-            (f"spherekit validate {path}", "check the file after you have changed it"),
-            (f"spherekit run {path}", "compute motion and pole axes"),
+            (f"spherekit validate {word}", "check the file after you have changed it"),
+            (f"spherekit run {word}", "compute motion and pole axes"),
         ]
     ScreenReport(
         f"{name}: new {options.what} to change", files=str(path), next_steps=next_steps
@@ -163,11 +165,12 @@ def _check_name(kind: str, name: str) -> None:
     Parameters
     ----------
     kind
-        ``"mechanism"`` or ``"analysis"``. The name of an analysis is also the name of a
-        Python module, so fewer names are allowed.
+        ``"mechanism"`` or ``"analysis"``. The name of an analysis is also part of the names
+        of a Python package, a module and a class, so fewer names are allowed.
     name
         The name that the user wrote.
     """
+    import spherekit.plugin as plugin
     from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN
     from spherekit.errors import OutputError
     from spherekit.runs.registry import analysis_names
@@ -177,19 +180,32 @@ def _check_name(kind: str, name: str) -> None:
     pattern = NAME_PATTERN.pattern
     rule = f"1 to {MAX_NAME_LENGTH} letters, digits and underscores"
     if kind == "analysis":
-        pattern = r"[a-z][a-z0-9_]*"
+        pattern = r"[a-z][a-z0-9_]*(?<!_)"
         suggestion = suggestion.lower().strip("_0123456789")
         rule = (
             f"1 to {MAX_NAME_LENGTH} lower-case letters, digits and underscores, of which "
-            "the first is a letter"
+            "the first is a letter and the last is no underscore"
         )
     if not re.fullmatch(pattern, name) or len(name) > MAX_NAME_LENGTH:
         raise OutputError(
             f'"{name}" cannot be the name of a new {kind}: a name has {rule}, such as '
             f"{suggestion[:MAX_NAME_LENGTH] or 'wrist'}"
         )
-    if kind == "analysis" and name in analysis_names():
+    if kind != "analysis":
+        return
+    if name in analysis_names():
         raise OutputError(f"an analysis {name} is installed already; choose another name")
+    class_name = _class_name(name)
+    if keyword.iskeyword(class_name) or hasattr(plugin, class_name):
+        raise OutputError(
+            f'"{name}" cannot be the name of a new analysis: its class would be '
+            f"{class_name}, a name of Python or of spherekit.plugin; choose another name"
+        )
+
+
+def _class_name(name: str) -> str:
+    """Return the name of the class of an analysis, such as ``TorqueRatio``."""
+    return "".join(part.capitalize() for part in name.split("_"))
 
 
 def distribution_files(name: str) -> dict[str, str]:
@@ -207,7 +223,7 @@ def distribution_files(name: str) -> dict[str, str]:
     replacements = {
         "@NAME@": name,
         "@DASHED@": name.replace("_", "-"),
-        "@CLASS@": "".join(part.capitalize() for part in name.split("_")),
+        "@CLASS@": _class_name(name),
     }
     files = {}
     for path in sorted((TEMPLATES / "analysis").glob(f"*{TEMPLATE_SUFFIX}")):
@@ -223,5 +239,7 @@ def _text_of_mechanism(name: str) -> str:
     from spherekit.files.mechanism_reader import load
 
     mechanism = load(name)
+    # Some editors begin a file with a byte-order mark, which must not follow a comment.
+    text = find(name).read_text("utf-8").removeprefix("\ufeff")
     comment = f"# Made from {mechanism.name}, which the table [source] describes.\n"
-    return (comment if mechanism.source else "") + find(name).read_text("utf-8")
+    return (comment if mechanism.source else "") + text

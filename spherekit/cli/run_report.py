@@ -19,7 +19,9 @@ from spherekit.cli.place_text import PlaceText, angle_text
 from spherekit.cli.screen_report import ScreenReport
 from spherekit.cli.singularity_text import describe_singularities
 from spherekit.conventions import Lines
+from spherekit.files.library import find, is_study
 from spherekit.number_text import (
+    bound_text,
     degree_range_text,
     degrees_text,
     last_significant_digit,
@@ -89,7 +91,7 @@ TABLE_QUANTITIES = {
 """Quantities in the table of outputs, and by how much they exceed its extremes."""
 
 MAX_NEXT_STEPS = 3
-"""Largest number of commands that are suggested."""
+"""Largest number of commands that are suggested, besides that of a proof."""
 
 
 @dataclass(frozen=True)
@@ -105,8 +107,9 @@ class RunOutput:
     words
         The words of the command line after ``spherekit``.
     mechanism_options
-        The options that choose the inputs and say what happens where configuration curves
-        cross. Suggested commands repeat them, so that they analyse the same mechanism.
+        The options that choose the inputs, lock pairs and say what happens where
+        configuration curves cross. Suggested commands repeat them, so that they analyse the
+        same mechanism.
     folder
         The folder of the results. None if no tables were written.
     file_names
@@ -194,7 +197,9 @@ def _question(summary: Any) -> str:
         if low == high:
             ranges.append(f"{_input_words(summary, pair)} = {degrees_text(low)} deg")
         else:
-            range_text = degree_range_text(low, high)
+            is_downwards = summary["input_ends"][pair] == [high, low]
+            first, last = (high, low) if is_downwards else (low, high)
+            range_text = degree_range_text(first, last)
             ranges.append(f"{_input_words(summary, pair)} from {range_text} deg")
     word = "input" if len(ranges) == 1 else "inputs"
     how = ""
@@ -239,11 +244,13 @@ def _results(summary: Any) -> list[str | ScreenTable]:
         else:
             results.append(summary["completeness"])
             if len(summary["inputs"]) > 1 and summary["overview"]["is_path"]:
-                results.append(
+                line = (
                     "All inputs change together, along one path. Other combinations of "
-                    "inputs are not computed; --samples NxM, such as 41x21, computes a "
-                    "grid of them."
+                    "inputs are not computed"
                 )
+                if "time" not in summary:  # samples of time laws cannot be a grid
+                    line += "; --samples NxM, such as 41x21, computes a grid of them"
+                results.append(f"{line}.")
             results += _describe_meetings(summary)
             results += _describe_dead_centres(summary)
         results += describe_singularities(summary)
@@ -328,7 +335,7 @@ def _describe_dead_centres(summary: Any) -> Lines:
             text = listing(texts, MAX_LISTED_EVENTS)
             modes_by_places.setdefault(text, []).append(mode["number"])
     if not modes_by_places:
-        return [f"No mode has {TYPE_2_TEXT} in this range."]
+        return [f"No mode has {TYPE_2_TEXT} at the samples of this range."]
     name = place_text.named  # of the input
     # The places are intervals if samples are far apart, otherwise values.
     where = f"at {name}" if place_text.are_samples_far_apart else f"near {name} ="
@@ -348,7 +355,7 @@ def _describe_dead_centres(summary: Any) -> Lines:
             "bounds: velocity ratios grow without bound towards a dead centre."
         )
     if mode_count < len(summary["assembly_modes"]):
-        lines.append("The other modes have no dead centre in this range.")
+        lines.append("The other modes have no dead centre at the samples of this range.")
     return lines
 
 
@@ -463,26 +470,23 @@ def _describe_drive(summary: Any) -> Lines:
     summary
         The content of ``summary.json``, the file with the main results of the run.
     """
-    # Imported here, because it needs NumPy, which `spherekit run --help` does without.
-    from spherekit.mechanism.load_kinds import DRIVE_LOAD_NAME
-
     inputs = summary["inputs"]
     loads = summary["simulation"]["loads"]
     # The torques of the option --torque are loads, too: one for each driven input.
-    is_drive = [load["name"].startswith(DRIVE_LOAD_NAME) for load in loads]
+    is_driven = any(load["drives"] for load in loads)
     texts = [
         load["name"] if load["name"] == load["kind"] else f"{load['name']} ({load['kind']})"
-        for load, drives in zip(loads, is_drive, strict=True)
-        if not drives
+        for load in loads
+        if not load["drives"]
     ]
     causes = [] if loads else ["its inertia alone"]
-    if any(is_drive):
+    if is_driven:
         causes.append("the driving torque of --torque")
     if texts:
         noun = "load" if len(texts) == 1 else "loads"
         causes.append(f"the {noun} {listing(texts, MAX_LISTED_LOADS)}")
     drive = ""
-    if not any(is_drive):
+    if not is_driven:
         free = "The input is" if len(inputs) == 1 else "The inputs are"
         drive = (
             f" {free} not driven, so the driving torque is 0; --torque adds one, and --law "
@@ -521,8 +525,7 @@ def _describe_simulation(simulation: Any) -> Lines:
     lines += _describe_events(event_count, simulation["event_list"])
     # At a singularity of type II a locked input does not hold the output. These three kinds
     # of events are such singularities. At a "crossing", curves of configurations cross.
-    kinds = {event["kind"] for event in simulation["event_list"]}
-    if not kinds & {"dead_centre", "type_2", "crossing"}:
+    if not {"dead_centre", "type_2", "crossing"} & set(simulation["event_kinds"]):
         # The line is "The motion meets no singularity of type II (...).".
         lines.append(f"The motion meets no {TYPE_2_TEXT.removeprefix('a ')}.")
     return lines
@@ -556,8 +559,7 @@ def _describe_events(event_count: int, events: Sequence[Any]) -> Lines:
         times_by_event.setdefault(text, []).append(number_text(event["t"], digits=4))
     lines = []
     if times_by_event:
-        # This number includes events that the summary leaves out.
-        listed_count = event_count - small_stop_count
+        listed_count = len(events) - small_stop_count
         texts = [
             f"{text} at t (s) = {listing(times, MAX_LISTED_EVENTS)}"
             for text, times in times_by_event.items()
@@ -568,6 +570,11 @@ def _describe_events(event_count: int, events: Sequence[Any]) -> Lines:
             f"{counted(small_stop_count, 'more stop')} of all links, after swings of less "
             f"than {math.degrees(LEAST_SWING_RAD):.5f} deg, "
             f"{'is' if small_stop_count == 1 else 'are'} only in the table of events."
+        )
+    if later_count := event_count - len(events):
+        verb = "is" if later_count == 1 else "are"
+        lines.append(
+            f"{counted(later_count, 'later event')} {verb} only in the table of events."
         )
     return lines
 
@@ -755,7 +762,7 @@ def _accuracy(summary: Any) -> str:
     """
     errors = summary["errors_reached"]
     texts = [
-        text.format(_round_up(errors[key]))
+        text.format(bound_text(errors[key]))
         for key, text in ERROR_TEXTS
         if errors[key] is not None
     ]
@@ -764,16 +771,16 @@ def _accuracy(summary: Any) -> str:
         missed = ", which was MISSED" if simulation["missed"] else ""
         texts.insert(
             0,
-            f"{_round_up(simulation['achieved_error_rad'])} rad in the simulated input "
+            f"{bound_text(simulation['achieved_error_rad'])} rad in the simulated input "
             f"(tolerance {simulation['tolerance']:.0e}{missed}), "
-            f"{_round_up(simulation['energy_imbalance_J'])} J in the energy (of "
+            f"{bound_text(simulation['energy_imbalance_J'])} J in the energy (of "
             f"{simulation['energy_scale_J']:.2g} J)",
         )
     if not texts:  # no error bound is known
         return ""
     bounds = f"at each sample are at most {', '.join(texts)}"
     overview = summary["overview"]
-    # The report has a table of outputs only if modes were found and outputs are declared.
+    # The report has a table of outputs only if modes were found and outputs are examined.
     has_output_table = summary["assembly_modes"] and overview["outputs"]
     if has_output_table:
         return f"{_table_accuracy(overview)}. Errors {bounds}"
@@ -804,7 +811,7 @@ def _table_accuracy(overview: Any) -> str:
     # The excess is how far a quantity may go beyond its extremes between samples. The dict
     # has only those quantities whose printed digits this could change.
     for key, excess in _largest_excesses(overview).items():
-        number = f"{float(_round_up(excess)):.12f}"
+        number = f"{float(bound_text(excess)):.12f}"
         number_without_zeros = number.rstrip("0").rstrip(".")
         # A text such as "angles by about {} deg".
         text_of_quantity = TABLE_QUANTITIES[key]
@@ -900,18 +907,6 @@ def _table_excesses(motion: Any, has_speeds: bool) -> Iterator[tuple[str, float,
         yield "transmission_measure", excess["transmission"], last_digit
 
 
-def _round_up(bound: float) -> str:
-    """Return an error bound with one digit, rounded up so that it stays a bound."""
-    if not math.isfinite(bound):
-        return f"{bound:.0e}"
-    if bound <= 0.0:
-        return "0"
-    exponent = math.floor(math.log10(bound))
-    # The factor keeps a bound such as 3e-14 from being rounded up to 4e-14.
-    digit = math.ceil(bound / 10.0**exponent * (1.0 - 1e-12))
-    return f"{digit * 10.0**exponent:.0e}"
-
-
 def _files(summary: Any, output: RunOutput) -> str:
     """Return one line on the files that a run has written, or on how to write them.
 
@@ -998,12 +993,14 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
         steps.append((f"{command} -a {name}", "driving torques"))
     if output.folder is None and not is_simulation:
         steps.append((f"{same_run} -o DIR --figures", "tables and figures of this run"))
-    steps.append(
-        (f"spherekit page {same_mechanism}", "a page on which the mechanism moves")
-    )
+    # `page` and `certify` take a mechanism file, not a study file.
+    is_mechanism = not is_study(find(output.file))
+    if is_mechanism:
+        steps.append(
+            (f"spherekit page {same_mechanism}", "a page on which the mechanism moves")
+        )
     steps = steps[:MAX_NEXT_STEPS]
-    # `certify` takes a mechanism file, not a study file.
-    if summary["can_prove_modes"] and not output.file.endswith(".study.toml"):
+    if summary["can_prove_modes"] and is_mechanism:
         steps.append(
             (f"spherekit certify {same_mechanism}", "prove that no assembly mode is missed")
         )
@@ -1047,7 +1044,7 @@ def _details(summary: Any) -> Lines:
     key = "largest_acceleration_coefficient_error_bound"
     if errors[key] is not None:
         # For example "acceleration coefficients to 2e-12 1/rad", the bound of their errors.
-        lines.append(f"acceleration coefficients to {_round_up(errors[key])} 1/rad")
+        lines.append(f"acceleration coefficients to {bound_text(errors[key])} 1/rad")
     if count := summary["pole_status"].get("NO_POLE"):
         lines.append(
             f"{count} of {sum(summary['pole_status'].values())} pole axes do not exist "

@@ -20,7 +20,7 @@ from spherekit.tables.screen_table import ScreenTable, row_sentences
 if TYPE_CHECKING:
     from rich.console import Console
 
-PLAIN_WIDTH = 10_000
+PLAIN_WIDTH = sys.maxsize
 """Width, in characters, of an output that is no terminal. Its lines are never broken."""
 
 CELL_DISTANCE = 3

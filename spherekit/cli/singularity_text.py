@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 
 from spherekit.cli.mode_text import modes_text
 from spherekit.cli.motion_screen import (
-    ANGLE_ERROR_RAD,
     MEASURE_ERROR,
     RATIO_ERROR,
     inputs_text,
+    rests_throughout,
     transmission_text,
 )
 from spherekit.cli.place_text import MAX_LISTED_PLACES
@@ -22,9 +22,9 @@ from spherekit.number_text import number_text
 from spherekit.wording import counted, listing
 
 NEAR_SHARE = 0.02
-"""Share of the largest value from which the least singular value of a Jacobian, as well as
-a transmission measure, counts as nearly 0. Larger: more configurations are called nearly
-singular."""
+"""Share of the largest value up to which the least singular value of a Jacobian, as well as
+a transmission measure or angle, counts as nearly 0. Larger: more configurations are called
+nearly singular."""
 
 EQUAL_VALUES_SHARE = 1e-6
 """Share of the largest value up to which modes are equally near to a singularity.
@@ -128,7 +128,7 @@ def _describe_type_2(summary: Any) -> _Statement:
     nearest_samples: list[_NearestSample] = []
     for number, entry in overview["modes"].items():
         # "closes" has the ranges of samples in which the mode exists. At samples with the
-        # status OUT_OF_REACH the links cannot be assembled. Between such samples the mode
+        # status OUT_OF_REACH the links cannot be assembled. Before such a sample the mode
         # ends where it meets another mode, which is a singularity of type II.
         if entry["closes"] and "OUT_OF_REACH" in entry["statuses"]:
             modes_that_end.append(int(number))
@@ -215,7 +215,8 @@ def _closest_text(
             numbers.append(mode)
     places = [f"{modes_text(modes)} at {place}" for place, modes in modes_by_place.items()]
     # Modes with the same inputs still have different configurations.
-    subject = f"the {noun} is" if len(equally_near) == 1 else f"the {noun}s are"
+    count = sum(len(modes) for modes in modes_by_place.values())
+    subject = f"the {noun} is" if count == 1 else f"the {noun}s are"
     # Two places are joined by "and", more places by commas.
     place_text = (
         " and ".join(places) if len(places) == 2 else listing(places, MAX_LISTED_PLACES)
@@ -342,7 +343,7 @@ def _describe_type_1(summary: Any, number: int) -> _Statement:
         if jacobian is None:
             continue
         if jacobian["largest_least_singular_value"] <= RATIO_ERROR:
-            if _rests_throughout(motion):
+            if rests_throughout(motion):
                 modes_at_rest.append(int(mode))
             else:
                 modes_singular_everywhere.append(int(mode))
@@ -419,18 +420,3 @@ def _describe_type_1(summary: Any, number: int) -> _Statement:
             )
         lines.append(f"{beginning} {extent}{end}.")
     return _Statement(lines, is_nearly_met or bool(modes_by_place))
-
-
-def _rests_throughout(motion: Any) -> bool:
-    """Return whether an output never moves: one pose at all samples, velocity ratios of 0.
-
-    Parameters
-    ----------
-    motion
-        The least and largest angle (rad) and velocity ratios of the output in an assembly
-        mode, from the summary of a run.
-    """
-    ratios = [*motion["lowest_ratio"], *motion["highest_ratio"]]
-    swing_rad = motion["highest_rad"] - motion["lowest_rad"]
-    has_velocity = any(ratio is not None and abs(ratio) > RATIO_ERROR for ratio in ratios)
-    return swing_rad <= ANGLE_ERROR_RAD and not has_velocity

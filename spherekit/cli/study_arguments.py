@@ -208,7 +208,9 @@ def with_locks(mechanism: "Mechanism", lock_texts: Sequence[str] | None) -> "Mec
     Raises
     ------
     AnalysisError
-        If a text does not read as ``PAIR=VALUE``.
+        If a text does not read as ``PAIR=VALUE``, or if a pair has two values.
+    ModelError
+        If a pair cannot be locked at its value.
     """
     from spherekit.errors import AnalysisError
     from spherekit.mechanism.locking import lock
@@ -223,6 +225,8 @@ def with_locks(mechanism: "Mechanism", lock_texts: Sequence[str] | None) -> "Mec
                 f'--lock: "{text}" does not read as PAIR=VALUE, such as 21=30 or 21=30deg; '
                 f"{UNIT_RULE}"
             )
+        if pair in locked_angles:
+            raise AnalysisError(f"--lock {text}: pair {pair} has two values; give one")
         locked_angles[pair] = read_angle(f"--lock {pair}", value, mechanism.angle_unit)
     return lock(mechanism, locked_angles, angle_unit="rad")
 
@@ -307,8 +311,8 @@ def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
     Raises
     ------
     AnalysisError
-        If the kind is unknown, a key or value is wrong, or the input is left out although
-        the mechanism has several inputs.
+        If the kind is unknown, a key or value is wrong, or an input has two laws. Also if
+        the input is left out although the mechanism has several inputs.
     """
     from spherekit.errors import AnalysisError, ModelError
     from spherekit.files.time_law import LAW_KINDS, make_field_readers
@@ -345,7 +349,10 @@ def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
             raise AnalysisError(
                 f"--law: there are several inputs ({listing(inputs)}); write PAIR={text}"
             )
-        laws[pair or inputs[0]] = law
+        pair = pair or inputs[0]
+        if pair in laws:
+            raise AnalysisError(f"--law {text}: input {pair} has two laws; give one")
+        laws[pair] = law
     return laws
 
 

@@ -14,6 +14,7 @@ from spherekit.cli.study_arguments import (
     add_time_arguments,
     study_from,
 )
+from spherekit.tables.screen_table import ScreenTable
 from spherekit.wording import counted
 
 if TYPE_CHECKING:
@@ -148,7 +149,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Compute the figures of merit of all designs, and print the first rows.
+    """Compute the figures of merit of all designs, and print the best designs.
 
     A figure of merit is one number for a design and assembly mode, such as its least
     transmission angle. Returns the exit status 0.
@@ -159,7 +160,9 @@ def execute(options: Namespace) -> int:
     from spherekit.cli.sweep_report import sweep_report
     from spherekit.designs.design_space import DesignSpace, parse_variation
     from spherekit.errors import DesignError
+    from spherekit.files.library import find, is_study
     from spherekit.runs.registry import create_analysis
+    from spherekit.storage.json_data import finite_or_none
 
     if options.figures:
         if not options.output:
@@ -193,22 +196,31 @@ def execute(options: Namespace) -> int:
     if options.json:
         hide_progress()
         for row in result.frame().to_dict("records"):
-            # JSON has no NaN, which is the only value that differs from itself.
-            record = {key: None if value != value else value for key, value in row.items()}
+            record = {
+                key: finite_or_none(value) if isinstance(value, float) else value
+                for key, value in row.items()
+            }
             print(json.dumps(record, ensure_ascii=False))
+        if options.figures:
+            _write_figures(result, options)
     else:
         report = sweep_report(result)
+        # Without numbers there is no table of the best designs, and nothing to draw.
+        can_draw = any(isinstance(part, ScreenTable) for part in report.results)
         if options.figures:
             report.files += f"; {_write_figures(result, options)}"
-        elif options.output:
+        elif options.output and can_draw:
             words = [*options.words, "--figures"]
             command = (shlex.join(["spherekit", *words]), "draw diagrams of the sweep")
             report.next_steps = [command]
-        else:
-            words = [*options.words, "-o", "DIR", "--figures"]
-            command = (shlex.join(["spherekit", *words]), "save all rows and draw diagrams")
-            report.next_steps = [command]
-        if not options.file.endswith(".study.toml"):
+        elif not options.output:
+            words = [*options.words, "-o", "DIR"]
+            purpose = "save all rows"
+            if can_draw:
+                words.append("--figures")
+                purpose += " and draw diagrams"
+            report.next_steps = [(shlex.join(["spherekit", *words]), purpose)]
+        if not is_study(find(options.file)):
             name = f"new_{Path(options.file).stem}"
             words = ["spherekit", "new", "mechanism", name, "--like", options.file]
             purpose = "copy the mechanism, to enter the dimensions of the best design"

@@ -48,9 +48,14 @@ def sweep_report(result: "SweepResult") -> ScreenReport:
 
     sweep = result.sweep
     frame: Any = result.frame()
+    # `mode_labels` is empty if no single mode is requested. Without a search of modes, it
+    # depends on the mechanism whether all are computed.
+    modes = "all its assembly modes" if sweep.searches_modes else "its assembly modes"
+    if sweep.mode_labels:
+        modes = "one assembly mode"
     report = ScreenReport(
-        f"{sweep.mechanism.name}: {counted(sweep.space.count, 'design')}, each in all its "
-        f"assembly modes, with varied {_varied_sizes(result)}{_sample_words(sweep)}"
+        f"{sweep.mechanism.name}: {counted(sweep.space.count, 'design')}, each in {modes}, "
+        f"with varied {_varied_sizes(result)}{_sample_words(sweep)}"
     )
     if frame.empty:
         report.results.append(f"0 rows: none meets {' and '.join(sweep.where)}")
@@ -58,9 +63,11 @@ def sweep_report(result: "SweepResult") -> ScreenReport:
         is_valid = np.array(frame["status"] == "OK")
         report.results.append(_count_rows(frame, is_valid, sweep.where))
         ranked = _ranked_rows(frame[is_valid])
-        report.results += _best_designs(result, ranked)
+        table = _best_designs(result, ranked)
+        report.results += table
         ranks_whole_modes = np.all(ranked["closes"] >= 1.0)
-        if ranks_whole_modes and np.any(frame[is_valid]["closes"] < 1.0):
+        has_partial_modes = np.any(frame[is_valid]["closes"] < 1.0)
+        if table and ranks_whole_modes and has_partial_modes:
             report.results.append(
                 "This table leaves out modes that exist at a part of the samples only. As "
                 "a rule they end at dead centres (type II singularities), near which "
@@ -68,7 +75,7 @@ def sweep_report(result: "SweepResult") -> ScreenReport:
             )
         ranked_change_points = _change_point_rows(ranked)
         change_points = _change_point_rows(frame[is_valid])
-        if ranked_change_points.empty and not change_points.empty:
+        if table and ranked_change_points.empty and not change_points.empty:
             report.results.append(
                 f"This table leaves out {_describe_change_points(change_points)}"
             )
@@ -81,7 +88,7 @@ def sweep_report(result: "SweepResult") -> ScreenReport:
                 "on how near the samples fall to the dead centres, so do not rank designs "
                 "by them."
             )
-        if not ranked_change_points.empty:
+        if table and not ranked_change_points.empty:
             text = _describe_change_points(ranked_change_points)
             report.warnings.append(
                 f"The table contains {text} Do not rank designs by these figures."
@@ -89,7 +96,7 @@ def sweep_report(result: "SweepResult") -> ScreenReport:
         report.warnings += _describe_reasons(frame[~is_valid])
     report.accuracy = "; ".join(
         [
-            f"a figure of merit is an extreme of the samples{_sample_distance(sweep)}; the "
+            f"figures of merit are computed from samples{_sample_distance(sweep)}; the "
             "true extreme of a design can lie between two samples. No error is computed",
             *result.remarks,
         ]
@@ -145,13 +152,18 @@ def _sample_words(sweep: "Sweep") -> str:
 def _sample_distance(sweep: "Sweep") -> str:
     """Return in words how far apart samples of the only input are, or an empty text.
 
-    An example is `` (1 deg of input 21 apart)``.
+    An example is `` (1 deg of input 21 apart)``, or ``up to 1 deg`` for unequal distances.
     """
+    import numpy as np
+
     samples = sweep.samples
     if samples is None or len(samples.inputs) != 1 or len(samples.rows) < 2:
         return ""
-    first, second = samples.rows[:2, 0]
-    return f" ({degrees_text(abs(second - first))} deg of input {samples.inputs[0]} apart)"
+    distances = abs(np.diff(samples.rows[:, 0]))
+    least = degrees_text(np.min(distances))
+    largest = degrees_text(np.max(distances))
+    limit = "" if least == largest else "up to "
+    return f" ({limit}{largest} deg of input {samples.inputs[0]} apart)"
 
 
 def _ranked_rows(frame: Any) -> Any:
@@ -206,15 +218,19 @@ def _count_rows(frame: Any, is_valid: Any, where: tuple[str, ...]) -> str:
     if len(partial_rows):
         # A text such as " (designs 9-12)", empty for a long list.
         designs_text = _design_words(partial_rows)
-        least_percentage = number_text(100.0 * closes.min(), digits=3)
         text += (
             f"; {len(partial_rows)} of the rows{designs_text} exist only at some of the "
-            f"samples, each at {least_percentage} % or more"
+            f"samples, each at {_percentage(closes.min())} % or more"
         )
     elif len(valid_rows):
         subject = "the others" if failed_count else "all"
         text += f"; {subject} exist at all samples"
     return text
+
+
+def _percentage(share: float) -> str:
+    """Return a share as text in percent; a share below 1 does not become ``100``."""
+    return number_text(min(100.0 * share, 99.9) if share < 1.0 else 100.0, digits=3)
 
 
 def _design_words(frame: Any) -> str:
@@ -241,6 +257,8 @@ def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
     frame
         The rows that are ranked, one for each assembly mode of each design.
     """
+    import numpy as np
+
     sweep = result.sweep
     units = sweep.units()
     figures = [
@@ -257,7 +275,8 @@ def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
     }
     words = {merit.name: merit.meaning or merit.name for merit in sweep.merits}
     has_partial_modes = bool((frame["closes"] < 1.0).any())
-    largest_by_column = frame[[*sizes, *figures]].abs().max()
+    # Infinite figures would make all others of their column 0.
+    largest_by_column = frame[[*sizes, *figures]].abs().replace(np.inf, np.nan).max()
 
     def cell(name: str, value: float) -> str:
         """Return a number of a column as text."""
@@ -280,12 +299,13 @@ def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
                     break
                 printed_designs.append(row["design"])
                 same_design = values[values["design"] == row["design"]]
-                difference = (same_design[figure] - row[figure]).abs()
                 # Modes of the design with the same value share a line of the table.
-                is_equal = difference <= EQUAL * max(abs(row[figure]), ROUNDING)
+                is_equal = np.isclose(
+                    same_design[figure], row[figure], rtol=EQUAL, atol=EQUAL * ROUNDING
+                )
                 modes = ", ".join(same_design[is_equal]["mode"].astype(str))
                 is_first = len(printed_designs) == 1
-                existence = [f"{number_text(100.0 * row['closes'], digits=3)} %"]
+                existence = [f"{_percentage(row['closes'])} %"]
                 rows.append(
                     (
                         _heading(words[figure], units.get(figure))
@@ -407,7 +427,8 @@ def _count_texts(result: "SweepResult", frame: Any) -> Lines:
     elif len(claims):
         # For some rows there is no statement about missing modes.
         texts = ", ".join(
-            f"{text or 'not stated'} in {count} rows" for text, count in claims.items()
+            f"{text or 'not stated'} in {counted(count, 'row')}"
+            for text, count in claims.items()
         )
         lines.append(f"Guarantee that no assembly mode is missing: {texts}.")
     return lines

@@ -1,6 +1,8 @@
 """`spherekit synthesize`: finds sizes for a function that a file describes."""
 
+import shlex
 from argparse import ArgumentParser, Namespace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spherekit.cli.argument_types import whole_number
@@ -85,10 +87,18 @@ def execute(options: Namespace) -> int:
     from spherekit.api.designs import synthesize
     from spherekit.errors import DesignError
     from spherekit.files.mechanism_writer import dump
+    from spherekit.storage.atomic_write import check_file
 
     for name in ("designs", "starts"):
         if getattr(options, name) < 1:
             raise DesignError(f"--{name} {getattr(options, name)}: give at least 1")
+    if options.output:
+        # A search can take minutes, so the file is checked in advance.
+        check_file(options.output)
+        if Path(options.output).resolve() == Path(options.synthesis).resolve():
+            raise DesignError(
+                f"-o {options.output}: is the synthesis file; choose another file"
+            )
     result = synthesize(
         options.synthesis, designs=options.designs, starts=options.starts, seed=options.seed
     )
@@ -97,9 +107,10 @@ def execute(options: Namespace) -> int:
     report = _make_report(result)
     if options.output:
         report.files = f"mechanism of design 0 in {options.output}"
+        path = shlex.quote(options.output)
         report.next_steps = [
-            (f"spherekit run {options.output}", "compute its motion and pole axes"),
-            (f"spherekit page {options.output}", "a page on which it moves"),
+            (f"spherekit run {path}", "compute its motion and pole axes"),
+            (f"spherekit page {path}", "a page on which it moves"),
         ]
     else:
         report.files = "not saved; add -o FILE.toml for the mechanism of design 0"
@@ -159,13 +170,16 @@ def _make_report(result: "Synthesis") -> ScreenReport:
         unit = units.get(column) or units.get(heading)
         heading = f"{heading} ({unit})" if unit else heading
         columns.append(ScreenColumn(heading, "left" if column == "mode" else "right"))
+    # Infinite figures would make all others of their column 0.
+    numbers = frame[names].drop(columns="mode").abs().replace(np.inf, np.nan)
+    largest_by_column = numbers.max()
     rows = []
     for number in printed_rows:
         row = frame.iloc[number]
         cells = [
             str(row[column])
             if column == "mode"
-            else number_text(row[column], error=ROUNDING * float(frame[column].abs().max()))
+            else number_text(row[column], error=ROUNDING * float(largest_by_column[column]))
             for column in names
         ]
         rows.append((str(number), *cells))

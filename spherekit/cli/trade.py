@@ -42,8 +42,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--analysis",
         metavar="NAME[:key=value,...]",
         help=(
-            "analysis to measure (default: the analysis of the study if it has exactly "
-            "one, otherwise poles)"
+            "analysis to measure (default: the only analysis of the study, or poles if "
+            "it names none)"
         ),
     )
     set_completer(analysis_argument, complete_analyses)
@@ -105,7 +105,7 @@ def execute(options: Namespace) -> int:
         check_tolerance(study.mechanism.name, options.tol)
     if options.rounds < 1:
         raise AnalysisError(f"--rounds {options.rounds}: give a whole number of at least 1")
-    # The analysis of the command line, otherwise the only analysis that the file names.
+    # The analysis of the command line, otherwise those that the file names, or poles.
     analyses = (
         [create_analysis(options.analysis, study.mechanism.angle_unit)]
         if options.analysis
@@ -167,7 +167,7 @@ def _make_report(result: "Trade", tolerance: float | None) -> ScreenReport:
     report.results.append(MARK_TEXT)
     report.results += list_inapplicable_settings(result)
     report.accuracy = (
-        "errors are absolute, or relative to the largest number of a column (--verbose "
+        "errors are absolute, or relative to the largest number of a table (--verbose "
         "says which)"
     )
     report.details = describe_errors(result)

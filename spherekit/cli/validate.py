@@ -1,6 +1,7 @@
 """`spherekit validate`: read files, check freedoms, and assemble once."""
 
 import json
+import shlex
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from dataclasses import replace
@@ -75,15 +76,19 @@ def execute(options: Namespace) -> int:
             report = make_report(properties)
             if len(options.file) == 1:
                 is_study = "study" in properties
+                words = ["spherekit", "run", name]
+                for locked_pair in options.lock or []:
+                    words += ["--lock", locked_pair]
                 report.next_steps = [
                     (
-                        f"spherekit run {name}",
+                        shlex.join(words),
                         "run the study" if is_study else "compute motion and pole axes",
                     )
                 ]
-                if not is_study:
-                    view = (f"spherekit view {name}", "look at the mechanism in 3D")
-                    report.next_steps.append(view)
+                # The command `view` has no option --lock.
+                if not is_study and not options.lock:
+                    view = shlex.join(["spherekit", "view", name])
+                    report.next_steps.append((view, "look at the mechanism in 3D"))
             report.print(options)
     return status
 

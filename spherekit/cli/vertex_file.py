@@ -32,8 +32,9 @@ ranges, which tries all combinations of signs of the driven fold angles.
 FOLD_MARGIN_DEG = 5
 """Least distance of the fold angle of the second-last crease from 0 and 180 degrees.
 
-At 0 and 180 degrees the two assembly modes meet, so the last creases are not determined.
-Larger: smaller ranges of inputs. Smaller: ranges that end closer to a singularity.
+At 0 and 180 degrees the two assembly modes meet, so the motion of the last creases is not
+determined. Larger: smaller ranges of inputs. Smaller: ranges that end closer to a
+singularity.
 """
 
 TEMPLATE = Path(__file__).parent / "templates" / "vertex.toml.in"
@@ -124,8 +125,9 @@ def find_fold_range(sectors_deg: Sequence[float]) -> FoldRange:
     """Return the longest range in which a vertex of folded paper closes.
 
     At a vertex n creases (hinges) meet, with rigid sectors between them. The vertex closes
-    if all sectors fit together. The fold angles of the driven creases have equal magnitude,
-    which runs from 1 to 179 degrees. All combinations of valleys and mountains are tried.
+    if all sectors fit together, with the margin `FOLD_MARGIN_DEG`. The fold angles of the
+    driven creases have equal magnitude, which runs from 1 to 179 degrees. All combinations
+    of valleys and mountains are tried.
 
     Parameters
     ----------
@@ -152,7 +154,9 @@ def find_fold_range(sectors_deg: Sequence[float]) -> FoldRange:
         raise OutputError(
             f"--sectors: no fold angles were found at which sectors of {angles} deg close; "
             "the first creases were folded by equal angles. Each sector must be smaller "
-            "than the sum of the others; if it is, begin the list with another sector"
+            "than the sum of the others, and any three sectors together smaller than the "
+            "sum of the others plus 360 deg (any five: plus 720 deg, and so on); if they "
+            "are, begin the list with another sector"
         )
     return longest
 
@@ -164,7 +168,8 @@ def _list_fold_ranges(
 
     At a vertex n creases (hinges) meet, with rigid sectors between them. The first n - 3
     creases are driven, by fold angles of equal magnitude. The vertex closes if the other
-    creases can connect the remaining sectors. Magnitudes are tried in steps of one degree.
+    creases can connect the remaining sectors, with the margin `FOLD_MARGIN_DEG`. Magnitudes
+    are tried in steps of one degree.
 
     Parameters
     ----------

@@ -13,7 +13,11 @@ from spherekit.cli.completers import complete_recordings, set_completer
 from spherekit.cli.main import note
 from spherekit.cli.screen_report import ScreenReport
 from spherekit.errors import OutputError
+from spherekit.escaping import terminal_text
 from spherekit.wording import listing
+
+DEFAULT_SIZE = "1600x1000"
+"""Width and height of a picture in pixels."""
 
 EXAMPLES = """examples:
   # a mechanism before any run: links, pairs, arcs, zero positions
@@ -54,7 +58,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--sample",
         metavar="N",
         type=whole_number,
-        help="number of the sample to show, from 0",
+        help="number of the sample to show in the picture, from 0",
     )
     parser.add_argument(
         "--front",
@@ -73,8 +77,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--size",
         metavar="WxH",
-        default="1600x1000",
-        help="width and height of the picture in pixels (default: 1600x1000)",
+        default=DEFAULT_SIZE,
+        help=f"width and height of the picture in pixels (default: {DEFAULT_SIZE})",
     )
 
 
@@ -84,16 +88,25 @@ def execute(options: Namespace) -> int:
     A study (a file that states what to compute) is refused, since it has no recording
     before its run. Returns the exit status.
     """
-    from spherekit.files.library import STUDY_SUFFIX
-
-    if options.file.endswith(STUDY_SUFFIX):
+    if names_study(options.file):
+        command = shlex.join(["spherekit", "run", options.file, "--view"])
         raise OutputError(
-            f"{options.file}: a study cannot be shown before it is run: `spherekit run "
-            f"{options.file} "
-            "--view`; its mechanism alone is shown by `spherekit view MECHANISM.toml`"
+            f"{options.file}: a study cannot be shown before it is run: `{command}`; its "
+            "mechanism alone is shown by `spherekit view MECHANISM.toml`"
         )
     if options.web and options.png:
         raise OutputError("--web and --png cannot be used together; give only one of them")
+    describes_picture = (
+        options.sample is not None
+        or options.front
+        or options.only_3d
+        or options.size != DEFAULT_SIZE
+    )
+    if describes_picture and not options.png:
+        raise OutputError(
+            "--sample, --front, --only-3d and --size apply only to a picture; add --png, "
+            "or leave them out"
+        )
     if options.png:
         from spherekit.display.rerun.screenshot import check_picture
 
@@ -104,13 +117,29 @@ def execute(options: Namespace) -> int:
 
 
 def is_mechanism(name: str) -> bool:
-    """Return whether a name belongs to a mechanism file or a shipped mechanism."""
+    """Return whether a name belongs to a mechanism file or a shipped mechanism.
+
+    A file or folder with the name of a shipped mechanism comes first.
+    """
     from spherekit.files.library import shipped
 
     path = Path(name)
     if path.suffix == ".toml":
         return True
     return any(name in pack.files for pack in shipped()) and not path.exists()
+
+
+def names_study(name: str) -> bool:
+    """Return whether a name belongs to a study file or a shipped study.
+
+    A mechanism, file or folder with the name of a shipped study comes first.
+    """
+    from spherekit.files.library import STUDY_SUFFIX, shipped
+
+    if name.endswith(STUDY_SUFFIX):
+        return True
+    is_shipped = any(name in pack.studies for pack in shipped())
+    return is_shipped and not is_mechanism(name) and not Path(name).exists()
 
 
 def _show_mechanism(options: Namespace) -> int:
@@ -125,12 +154,9 @@ def _show_mechanism(options: Namespace) -> int:
     from spherekit.files.mechanism_reader import load
 
     mechanism = load(options.file)
-    if not (options.png or has_display()):
-        note(
-            options,
-            f"no display here: make a picture with `spherekit view {options.file} "
-            "--png X.png`",
-        )
+    if not (options.png or options.web or has_display()):
+        command = shlex.join(["spherekit", "view", options.file, "--png", "X.png"])
+        note(options, f"no display here: make a picture with `{command}`")
         return 0
     folder = Path(tempfile.mkdtemp(prefix="spherekit-"))
     path = folder / f"{mechanism.name}.rrd"
@@ -144,23 +170,24 @@ def _show_mechanism(options: Namespace) -> int:
         return _show_recording(path, options)
     finally:
         # A viewer that was opened still reads the recording. No viewer is opened for a
-        # picture, or if an error has prevented the recording.
-        is_read_by_viewer = path.exists() and not options.png
+        # picture or a browser, or if an error has prevented the recording.
+        is_read_by_viewer = path.exists() and not (options.png or options.web)
         if not is_read_by_viewer:
             shutil.rmtree(folder)
 
 
 def _show_recording(path: Path, options: Namespace) -> int:
-    """Open a recording in a browser or the viewer, or write a picture of it.
+    """Show a recording in a browser or the viewer, or write a picture of it.
 
     Parameters
     ----------
     path
-        The recording of a motion, ``*.rrd``.
+        The recording, ``*.rrd``.
     options
         Values of the arguments. ``file`` is the mechanism or recording that the user named.
-        With ``web`` a browser is opened, and with ``png`` a picture is written to this
-        file. Otherwise the viewer is opened. The other arguments describe the picture.
+        With ``web`` it is served to browsers, and with ``png`` a picture is written to this
+        file. Otherwise the viewer is opened, if there is a display. The other arguments
+        describe the picture.
 
     Returns
     -------
@@ -220,11 +247,12 @@ def find_recording(name: str, quiet: bool = False) -> Path:
 
 def _newest_recording(folder: Path, quiet: bool) -> Path:
     """Return the newest recording in a folder, and print the names of the others."""
-    recordings = sorted(folder.glob("*.rrd"))
+    recordings = sorted(path for path in folder.glob("*.rrd") if path.is_file())
     if not recordings:
         raise OutputError(f"{folder}: the folder holds no recording; run with --save")
     newest = max(recordings, key=lambda path: path.stat().st_mtime)
     if len(recordings) > 1 and not quiet:
         others = listing(path.name for path in recordings if path != newest)
-        print(f"{newest}: the newest; also there: {others}", file=sys.stderr)
+        message = f"{newest}: the newest; also there: {others}"
+        print(terminal_text(message), file=sys.stderr)
     return newest

@@ -6,7 +6,13 @@ from decimal import MAX_EMAX, MIN_EMIN, Context, Decimal
 from spherekit.files.toml_document import LiteralNumber
 from spherekit.mechanism.elements import as_vector
 from spherekit.mechanism.sizes import Vector
-from spherekit.quantity import AngleUnit, angle_unit_and_factor, check_turns, split_unit
+from spherekit.quantity import (
+    AngleUnit,
+    QuantityError,
+    angle_unit_and_factor,
+    check_turns,
+    split_unit,
+)
 from spherekit.tolerances import EPS
 
 LENGTH_TOLERANCE = 1e-3
@@ -17,7 +23,7 @@ refused; larger: vectors that were not meant as unit vectors are accepted.
 """
 
 MAX_PLAUSIBLE_RAD = 4 * math.pi
-"""Larger angles in a file in radians are taken for degrees, and refused."""
+"""Larger angles in a file in radians, other than travels, are taken for degrees."""
 
 MAX_PLAIN_DIGITS = 17
 """Degrees with at most so many digits are converted as `math.radians` does."""
@@ -28,11 +34,21 @@ CONVERTED_DIGITS = 30
 They are far more than the 17 of a float. Larger: certificates contain longer numbers.
 """
 
+MAX_EXPONENT = 308
+"""Largest power of ten of a decimal angle in a text, upwards and downwards.
+
+It is that of normal floats. Larger: such angles are written with more digits. Smaller:
+texts of floats are refused.
+"""
+
 UNIT_LENGTH_ROUNDING = 4 * EPS
 """Deviation from 1 of the length of a vector that was normalized in float64."""
 
 AXIS_COMPONENT_ROUNDING = 2.5e-16
-"""Largest cosine or sine, of an angle rounded to float64, that is exactly zero."""
+"""Largest cosine or sine that is exactly zero.
+
+It is that of an angle of at most one turn, rounded to float64.
+"""
 
 _EXACT = Context(prec=60, Emax=MAX_EMAX, Emin=MIN_EMIN, traps=[])
 _PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494459230782")
@@ -72,24 +88,29 @@ def read_decimal_angle(text: str, angle_unit: AngleUnit) -> Decimal:
     Raises
     ------
     QuantityError
-        If the text is not a number, if its unit is not one of angles, or if a number
-        without a unit is implausibly large.
+        If the text is not a number, if its unit is not one of angles, if a number without a
+        unit is implausibly large, or if the power of ten exceeds `MAX_EXPONENT`.
     InvalidOperation
-        If the number has more digits than can be computed with.
+        If the exponent of the number is larger than can be computed with.
     """
     number_text, unit = split_unit(text)
     number = Decimal(number_text)
+    if number.is_finite() and abs(number.adjusted()) > MAX_EXPONENT:
+        raise QuantityError(
+            f'"{text}" is too large or too small: its power of ten is not in the range '
+            f"-{MAX_EXPONENT} to {MAX_EXPONENT}"
+        )
     if not unit:
         # Refuses implausibly many turns, such as 400 in a file in rad.
         check_turns(float(number), angle_unit)
         return number
-    # `_EXACT` computes with 60 digits, so its rounding errors do not change the result.
     # `deg_or_rad` is the unit of the text, or deg for turns. The factor is 360 for turns,
-    # otherwise 1.
+    # otherwise 1. It adds at most three digits.
     deg_or_rad, factor = angle_unit_and_factor(number_text, unit)
-    angle = _EXACT.multiply(number, Decimal(factor))
+    angle = Context(prec=len(number_text) + 3).multiply(number, Decimal(factor))
     if deg_or_rad == angle_unit:
         return angle
+    # `_EXACT` computes with 60 digits, so its rounding errors do not change the result.
     # `_DEGREE` is pi / 180.
     if angle_unit == "rad":
         converted_angle = _EXACT.multiply(angle, _DEGREE)
@@ -167,7 +188,10 @@ def direction(longitude: float, latitude: float) -> Vector:
 
 
 def _cos_sin(angle: float) -> tuple[float, float]:
-    """Return the cosine and sine of an angle (rad), exact at multiples of 90 degrees."""
+    """Return the cosine and sine of an angle (rad), exact at multiples of 90 degrees.
+
+    This holds for at most one turn, in both directions.
+    """
     cosine = math.cos(angle)
     sine = math.sin(angle)
     # pi / 2 is rounded in float64, so its cosine is not exactly 0.

@@ -186,7 +186,7 @@ def _pack(entry: EntryPoint) -> Pack:
                 return broken_pack(f"{path.name}: not a name of letters, digits and _")
             path_by_name = studies if is_study(path) else files
             path_by_name.setdefault(name, path)
-    if not files:
+    if not files and not studies:
         return broken_pack(f"{entry.value} holds no {_SUFFIX} files")
     return Pack(entry.name, files, studies)
 
@@ -219,13 +219,13 @@ def _not_found_message(path: Path, packs: tuple[Pack, ...]) -> str:
         suggestion = nearest(path.stem, [*names, *studies])
     message = f"{path}: not found"
     message += suggestion or "."
+    folder_words = "the current folder" if folder == Path() else folder
     if nearby_files:
-        folder_words = "the current folder" if folder == Path() else folder
         message += f" Files in {folder_words}: {listing(nearby_files)}."
     if names:
         message += f" Shipped mechanisms: {listing(names)}."
     if not nearby_files and not names:
-        message += f" There are no {_SUFFIX} files in {folder}"
+        message += f" There are no {_SUFFIX} files in {folder_words}."
     faults = [f"{pack.name} ({pack.fault})" for pack in packs if pack.fault]
     if faults:
         message += f" Broken packs: {listing(faults)}."

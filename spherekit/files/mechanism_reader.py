@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
+from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 import numpy as np
@@ -94,13 +95,19 @@ def load(name_or_path: AnyPath) -> Mechanism:
     >>> sk.load("four_bar").variable_names
     ('theta_21', 'theta_32', 'theta_43', 'theta_41')
     """
+    path = _find_mechanism(name_or_path)
+    return loads(read_text(path), str(path))
+
+
+def _find_mechanism(name_or_path: AnyPath) -> Path:
+    """Return the path of a mechanism file; raise `FileError` if it is a study."""
     path = find(name_or_path)
     if is_study(path):
         raise FileError(
             f"{path}: this is a study, not a mechanism; read it with load_study, or run it "
             "with spherekit run"
         )
-    return loads(read_text(path), str(path))
+    return path
 
 
 def mechanism_of(mechanism: AnyMechanism) -> Mechanism:
@@ -122,7 +129,7 @@ def checked_document(name_or_path: AnyPath) -> Document:
 
     The errors are those of `load`.
     """
-    path = find(name_or_path)
+    path = _find_mechanism(name_or_path)
     document = parse(read_text(path), str(path))
     check(document)
     return document
@@ -249,6 +256,18 @@ class _MechanismReader:
         """Raise the `FileError` about a key path."""
         raise self.document.fault(path, message)
 
+    def line_text(self, path: KeyPath) -> str:
+        """Return `` (line 7)`` for a key of a file; empty for data from a program."""
+        if self.document.text is None:
+            return ""
+        return f" (line {self.document.line(path)})"
+
+    def check_link(self, path: KeyPath, link: str) -> None:
+        """Raise an error about a key path if there is no link of a name."""
+        links = self.data["links"]
+        if link not in links:
+            self.fail(path, f'no link is named "{link}"{choices(link, links, "Links")}')
+
     def call_model(
         self, path: KeyPath, function: Callable[..., Answer], *arguments: Any
     ) -> Answer:
@@ -319,7 +338,9 @@ class _MechanismReader:
         Raises
         ------
         FileError
-            If a link does not exist, or if values contradict each other.
+            If a link does not exist, or if a link lacks an R pair that its mass names.
+        ModelError
+            If values contradict each other.
         """
         masses = self.data.get("mass", {})
         loads = self.data.get("loads", {})
@@ -372,8 +393,8 @@ class _MechanismReader:
             - "tensor", the inertia tensor (kg m2) about the centre of the sphere,
             - "tensor_at_centre", the inertia tensor (kg m2) about the centre of mass.
 
-            Tensors are in the axes of the link. With the key "frame" (names of two R
-            pairs), tensors are in a frame that the axes of these pairs define.
+            Tensor and centre are in the axes of the link. With the key "frame" (names of
+            two R pairs), they are in a frame that the axes of these pairs define.
         axes_in_links
             Function that returns the axes of pairs in their links.
 
@@ -441,7 +462,7 @@ class _MechanismReader:
         Parameters
         ----------
         mechanism
-            The mechanism. Its contacts have no starts yet.
+            The mechanism. Its contacts with a phase have no start yet.
         pair
             One of its pairs.
         """
@@ -460,8 +481,8 @@ class _MechanismReader:
 
         A file has keys of one of these two forms. Sizes are the arcs and angles of links,
         and for each pair the ``zero`` from which its angle is counted. A pose is one
-        configuration, with the directions of all axes. A file with R pairs (hinges) must
-        have exactly one of both forms.
+        configuration, with the directions of all axes. A file with R or P pairs must have
+        exactly one of both forms.
         """
         pairs = self.data["pairs"]
         links = self.data["links"]
@@ -478,8 +499,8 @@ class _MechanismReader:
             self.fail(
                 second,
                 "the file mixes two ways to state the geometry: "
-                f"{'.'.join(map(str, first))} (line {self.document.line(first)}) belongs "
-                f"to the {first_form}, but this key belongs to the {second_form}. "
+                f"{'.'.join(map(str, first))}{self.line_text(first)} belongs to the "
+                f"{first_form}, but this key belongs to the {second_form}. "
                 "Keep either the dimensions (axes, arcs and angles of links, zero of "
                 "pairs) or the reference pose (xyz or lonlat, and value, of pairs)",
             )
@@ -487,13 +508,13 @@ class _MechanismReader:
         if pose_paths:
             axes: dict[str, Vector] = {}
             for name, item in pairs.items():
-                # None: a contact, whose table in the file has no axis.
+                # None: a contact. The model reports an R pair without an axis.
                 axis = self.axis(name, item)
                 if axis is not None:
                     axes[name] = axis
             return PoseGeometry(axes, _numbers(pairs, "value"))
-        # `joined_links` has the two links of each R pair. Without R pairs, all pairs are
-        # contacts of profiles, and links need no sizes.
+        # `joined_links` has the two links of each R and P pair. Without these, all pairs
+        # are contacts of profiles, and links need no sizes.
         if self.joined_links and not size_paths:
             first_pair = next(iter(self.joined_links))
             self.fail(
@@ -528,9 +549,8 @@ class _MechanismReader:
     def axis(self, name: str, item: Table) -> Vector | None:
         """Return the axis (unit vector) of a pair in the reference pose, or None.
 
-        The table of an R pair (revolute joint) states the axis itself. A P pair slides
-        along a great circle, and its table has two points of this circle. The axis of a P
-        pair is the pole of the circle.
+        The table states the axis itself, or for a P pair two points. A P pair slides along
+        a great circle through these points. The axis of a P pair is the pole of the circle.
         """
         for key in _ARC_PAIR_KEYS:
             if key in item:
@@ -607,6 +627,7 @@ class _MechanismReader:
         """
         if "axis" not in item:
             return _vector(item, prefix)
+        self.check_link((*path[:-1], "link"), item["link"])
         return self.call_model(
             path, axis_in_link, self.axes_in_links, item["link"], item["axis"]
         )
@@ -666,6 +687,8 @@ class _MechanismReader:
             ]
             return centres, carrier.shaft_angle
 
+        for link in links:
+            self.check_link((*path, "links"), link)
         # `call_model` adds file, line and key to the message of any error in a function.
         centres, shaft_angle = self.call_model((*path, "axes"), find_centres)
         # The radius of a circle is the half angle of its cone. `check_half_angles`
@@ -715,8 +738,8 @@ class _MechanismReader:
             if link in path_of_link:
                 self.fail(
                     follower_path,
-                    f'link "{link}" already has a curve in "profiles" (line '
-                    f"{self.document.line(path_of_link[link])}); remove this curve or the "
+                    f'link "{link}" already has a curve in "profiles"'
+                    f"{self.line_text(path_of_link[link])}; remove this curve or the "
                     "follower",
                 )
             path_of_link[link] = follower_path

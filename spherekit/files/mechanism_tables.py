@@ -163,7 +163,9 @@ def _input_tables(name: str, inputs: TablesOrNames | str) -> Tables:
         return {pair: {} for pair in inputs}
     tables = {}
     for pair, item in inputs.items():
-        if isinstance(item, Sequence | np.ndarray):
+        if isinstance(item, np.ndarray):
+            item = item.tolist()  # a number if the array has no dimension
+        if isinstance(item, Sequence) and not isinstance(item, str):
             if len(item) != 2:
                 raise ModelError(
                     f"{name}: inputs.{pair}: has {counted(len(item), 'value')}, expected "

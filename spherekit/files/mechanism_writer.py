@@ -51,12 +51,12 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
     ------
     OutputError
         If the format cannot express the mechanism. Examples are an axis that is not a unit
-        vector, a profile with values that do not belong to its kind, and user data of a
-        type that TOML lacks.
+        vector, a profile with values that do not belong to its kind, a load that is a
+        Python function, and user data of a type that TOML lacks.
     """
     try:
         text = canonical_text(mechanism, angle_unit)
-    except (TypeError, RecursionError) as error:
+    except EngineError as error:
         raise OutputError(f"{mechanism.name}: cannot be written: {error}") from None
     try:
         read_back = loads(text, mechanism.name)
@@ -104,19 +104,30 @@ def _describe_change(line: str, line_read_back: str) -> str:
 def canonical_text(mechanism: Mechanism, angle_unit: AngleUnit) -> str:
     """Return the text of a mechanism file, without checking that it can be read back.
 
-    Equal mechanisms have the same text.
+    Texts of equal mechanisms can differ in the order of modes and user data, and in the
+    signs of zeros.
 
     Raises
     ------
-    TypeError
-        If the user data holds a type that TOML lacks.
+    OutputError
+        If the user data holds what TOML lacks.
+    EngineError
+        If a load is a Python function.
     """
-    return "\n".join([*_lines(mechanism, angle_unit), ""])
+    try:
+        return "\n".join([*_lines(mechanism, angle_unit), ""])
+    except (TypeError, ValueError, RecursionError) as error:
+        raise OutputError(f"{mechanism.name}: cannot be written: {error}") from None
 
 
 def mechanism_hash(mechanism: Mechanism) -> str:
-    """Return the SHA-256 of a mechanism's canonical file in radians, in hexadecimal."""
-    return hashlib.sha256(canonical_text(mechanism, "rad").encode()).hexdigest()
+    """Return the SHA-256 of a mechanism's canonical file in radians, in hexadecimal.
+
+    The errors are those of `canonical_text`.
+    """
+    # Text in user data may have surrogates, which UTF-8 lacks.
+    content = canonical_text(mechanism, "rad").encode(errors="surrogatepass")
+    return hashlib.sha256(content).hexdigest()
 
 
 def _lines(mechanism: Mechanism, unit: AngleUnit) -> Iterator[str]:

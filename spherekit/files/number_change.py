@@ -9,8 +9,6 @@ import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import reduce
-from operator import getitem
 from typing import Any
 
 from spherekit.errors import FileError
@@ -31,6 +29,9 @@ from spherekit.wording import listing, nearest
 
 _LONLAT_NAMES = ("longitude", "latitude")
 """Names for the two numbers of a direction on the sphere."""
+
+_DIRECTION_KEYS = ("lonlat", "points")
+"""How the keys of directions end, each with a longitude and a latitude."""
 
 _OPTIONAL_PAIR_KEYS = ("zero", "value")
 """Angles of pairs that a file may leave out; these are 0 by default."""
@@ -296,11 +297,13 @@ def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPat
         # The first key of a number has the same parts as its location.
         path = (table, name, *inner_path)
         path_by_parts.setdefault(inner_path, path)
-        # Further keys. The elements of each array of two numbers get the keys longitude and
-        # latitude, because the array may be a direction. The part "lonlat" may be left out:
-        # "pairs.41.longitude" stands for "pairs.41.lonlat.longitude".
+        # Further keys. The two numbers of a direction get the keys longitude and latitude.
+        # The part "lonlat" may be left out: "pairs.41.longitude" stands for
+        # "pairs.41.lonlat.longitude".
         *outer, last = inner_path
-        if isinstance(last, int) and len(reduce(getitem, outer, entry)) == 2:
+        array_key = next((part for part in reversed(outer) if isinstance(part, str)), "")
+        is_direction = array_key.endswith(_DIRECTION_KEYS) and table != "user"
+        if isinstance(last, int) and is_direction:
             path_by_parts[*outer, _LONLAT_NAMES[last]] = path
             if outer[-1] == "lonlat":
                 path_by_parts[*outer[:-1], _LONLAT_NAMES[last]] = path
@@ -310,10 +313,12 @@ def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPat
                 # numbered in the order of `axes`, the names of the pairs on the link.
                 # arcs[k] leads from axis 0 to axis k + 1. angles[k] is the angle at axis 0
                 # between the arc to axis 1 and the arc to axis k + 2.
-                axis = index + (1 if sizes == "arcs" else 2)
-                axes = entry.get("axes", ())
-                if axis < len(axes):
-                    path_by_parts[sizes, axes[axis]] = path
+                ends = entry.get("axes", ())[1 if sizes == "arcs" else 2 :]
+                if index < len(ends):
+                    path_by_parts[sizes, ends[index]] = path
+                # A pair can have a number as its name, which then is no index.
+                if str(index) in ends:
+                    del path_by_parts[inner_path]
                 if len(entry[sizes]) == 1:
                     # The key of an only size is "arc" or "angle", without the final s.
                     single_part = (sizes[:-1],)

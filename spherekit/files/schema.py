@@ -9,6 +9,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date, time
 from functools import cache
 from importlib.resources import files
 from itertools import islice
@@ -86,7 +87,7 @@ def schema(kind: Kind = "mechanism") -> Table:
 def check(document: Document, kind: Kind = "mechanism") -> None:
     """Raise an error unless a document fits the format of its kind of file.
 
-    A JSON Schema has the rules of the format, for each kind: mechanism or study.
+    A JSON Schema has the rules of the format, for each kind of file.
 
     Raises
     ------
@@ -147,7 +148,11 @@ def shown(value: object) -> str:
         return "a table" if value else "an empty table"
     if isinstance(value, int) and value.bit_length() > MAX_INTEGER_BITS:
         return "a huge integer"
-    if isinstance(value, str):
+    if isinstance(value, list | tuple):
+        text = f"[{', '.join(map(shown, value))}]"
+    elif isinstance(value, date | time):
+        text = value.isoformat()
+    elif isinstance(value, str):
         quoted_text = json.dumps(value, ensure_ascii=False)
         # `ascii` returns the escape sequence of a character, such as "\x07", in quotes.
         text = "".join(
@@ -155,8 +160,7 @@ def shown(value: object) -> str:
             for character in quoted_text
         )
     else:
-        # Python writes texts in an array in single quotes, TOML in double ones.
-        text = repr(value).replace("'", '"')
+        text = repr(value)
     if len(text) > MAX_SHOWN_CHARACTERS:
         return f"{text[: MAX_SHOWN_CHARACTERS - 3]}..."
     return text
@@ -243,7 +247,7 @@ def convert_values(data: Table, converters: Converters, kind: Kind = "mechanism"
         plain numbers, texts, truth values or tuples. Tables stay unchanged if the schema
         does not declare their content.
     kind
-        The kind of file: mechanism or study.
+        The kind of file.
     """
     declaration = schema(kind)
     conversion = SchemaConversion(definitions=declaration["$defs"], converters=converters)
@@ -475,7 +479,7 @@ def _meaning(part: Table) -> str:
     """Return the description of a part of the schema, as the last sentence of a message.
 
     Remarks that a value has no unit, or is true or false, are left out, and so is the
-    largest number of tables. The allowed words are added, if the schema lists some.
+    largest number of tables. Allowed words that the description lacks are added.
     """
     if "pattern" in part:  # a name
         return f"; {_NAME_RULE}"
@@ -491,14 +495,15 @@ def _meaning(part: Table) -> str:
 
 
 def _type_name(value: object) -> str:
-    """Return the name of a value's type in the words of TOML."""
+    """Return the name of a value's type in the words of TOML, or else of Python."""
     for types, name in (
         (bool, "boolean"),
         (dict, "table"),
-        (list, "array"),
+        (list | tuple, "array"),
         (str, "text"),
         (int | float, "number"),
+        (date | time, "date or time"),
     ):
         if isinstance(value, types):
             return name
-    return "date or time"
+    return type(value).__name__

@@ -1,7 +1,6 @@
 """A study: a mechanism, samples of its inputs or a simulation, and the analyses to run."""
 
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -13,7 +12,7 @@ from spherekit.argument_validation import check_fields, checked_class
 from spherekit.arrays import Floats
 from spherekit.conventions import DEFAULT_SAMPLES
 from spherekit.errors import AnalysisError, ModelError, SpherekitError
-from spherekit.files.time_law import Law, check_finite_fields
+from spherekit.files.time_law import Law, split_at_plus, store_finite_numbers
 from spherekit.mechanism.joint import Numbers
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.quantity import (
@@ -71,11 +70,7 @@ class Start:
 
         Tuples make starts with the same numbers equal.
         """
-        for name in ("q", "dq"):
-            value = getattr(self, name)
-            if isinstance(value, Sequence):
-                object.__setattr__(self, name, tuple(value))
-        check_finite_fields(self)
+        store_finite_numbers(self)
 
     @staticmethod
     def of(given: "StartGiven", angle_unit: AngleUnit = "rad") -> "Start":
@@ -101,8 +96,10 @@ class Start:
             return given
         if isinstance(given, str):
             # "q=0.4,dq=1.2" becomes the mapping {"q": "0.4", "dq": "1.2"}.
-            parts = (part.partition("=") for part in given.split(","))
+            parts = [part.partition("=") for part in given.split(",")]
             given = {key.strip(): text for key, _, text in parts}
+            if len(given) < len(parts):
+                raise ModelError(f"start: a key is given twice; {START_SYNTAX}")
         state: dict[str, float | Numbers] = {}
         for key, value in given.items():
             if key not in ("q", "dq"):
@@ -218,8 +215,7 @@ def _read_numbers(
         return read_quantity(source, dimension, angle_unit, is_limited=is_text)
 
     if isinstance(value, str):
-        # The plus sign of an exponent, as in 1e+5, is not a separator.
-        parts = re.split(r"(?<![eE])\+", value.strip().removeprefix("+"))
+        parts = split_at_plus(value)
         return tuple(map(read_number, parts)) if len(parts) > 1 else read_number(parts[0])
     return tuple(map(read_number, value)) if np.ndim(value) else read_number(value)
 

@@ -168,11 +168,14 @@ class _StudyReader:
         inputs = []
         for mechanism_input in mechanism.inputs:
             pair = mechanism_input.pair
+            if pair not in input_tables:
+                inputs.append(mechanism_input)
+                continue
             default_range = {"from": mechanism_input.start, "to": mechanism_input.stop}
             study_input = construct_element(
-                Input, {**default_range, **input_tables.get(pair, {})}, {"pair": pair}
+                Input, {**default_range, **input_tables[pair]}, {"pair": pair}
             )
-            if pair in input_tables and study_input.start == study_input.stop:
+            if study_input.start == study_input.stop:
                 raise self.document.fault(
                     ("inputs", pair),
                     "the range is empty, because `from` and `to` are both "

@@ -1,6 +1,7 @@
 """Time laws: the variable of an input, its rate and its acceleration at any time."""
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -34,9 +35,17 @@ LAW_SPLINE_DEGREE = 5
 the driving torque, which depends on the acceleration, is smooth."""
 
 
-def check_finite_fields(instance: Any) -> None:
-    """Raise `ModelError` if a number in a field of a law or a start is not finite."""
-    for name, value in vars(instance).items():
+def store_finite_numbers(instance: Any) -> None:
+    """Convert lists and arrays in the fields of a law or a start to tuples.
+
+    Tuples make laws with the same numbers equal. `ModelError` is raised if a number is not
+    finite.
+    """
+    for name, given in list(vars(instance).items()):
+        value = given.tolist() if isinstance(given, np.ndarray) else given
+        if isinstance(value, list):
+            value = tuple(value)
+            object.__setattr__(instance, name, value)
         check_finite(name, value if isinstance(value, tuple) else [value])
 
 
@@ -49,7 +58,7 @@ class ConstantSpeed:
     start: float = 0.0
 
     def __post_init__(self) -> None:
-        check_finite_fields(self)
+        store_finite_numbers(self)
 
     def at(self, t: ArrayLike) -> States:
         """Return variable, rate and acceleration at times (s) of any shape."""
@@ -68,9 +77,9 @@ class Polynomial:
     coefficients: Numbers
 
     def __post_init__(self) -> None:
+        store_finite_numbers(self)
         if not self.coefficients:
             raise ModelError("coefficients: is empty; give at least [c0]")
-        check_finite_fields(self)
 
     def at(self, t: ArrayLike) -> States:
         """Return variable (rad), rate and acceleration at times (s) of any shape."""
@@ -94,7 +103,7 @@ class Cycloidal:
     duration: float
 
     def __post_init__(self) -> None:
-        check_finite_fields(self)
+        store_finite_numbers(self)
         if not self.duration > 0:
             raise ModelError(f"duration: found {self.duration:g} s, expected more than 0")
 
@@ -128,7 +137,7 @@ class Tabulated:
     rest_at_ends: bool = False
 
     def __post_init__(self) -> None:
-        check_finite_fields(self)
+        store_finite_numbers(self)
         min_rows = 2 if self.rest_at_ends else LAW_SPLINE_DEGREE + 1
         hint = "" if self.rest_at_ends else ", or 2 with rest_at_ends = true"
         check_table_rows("", "angles", self.times, self.angles, min_rows, hint)
@@ -179,7 +188,7 @@ class TimeLaw(Protocol):
 def make_field_readers(
     angle_unit: AngleUnit,
 ) -> Mapping[str, Callable[[str], float | Numbers]]:
-    """Return, for each field of a time law, a function that reads its text.
+    """Return, for each field of numbers of a time law, a function that reads its text.
 
     A time law says how an input of a mechanism moves in time. Users write its fields as
     text, with or without units, such as ``speed=30rpm`` or ``times=0s+2s+4s``. Each
@@ -204,6 +213,15 @@ def make_field_readers(
     }
 
 
+def split_at_plus(text: str) -> list[str]:
+    """Return the numbers in a text such as ``0.4+0.2``, in which the sign + separates them.
+
+    A sign + in front of the first number is left out.
+    """
+    # The plus sign of an exponent, as in 1e+5, is not a separator.
+    return re.split(r"(?<![eE])\+", text.strip().removeprefix("+"))
+
+
 def read_quantity_list(text: str, dimension: Dimension, angle_unit: AngleUnit) -> Numbers:
     """Read a list of angles, speeds or times, such as ``0deg+45deg+90deg``.
 
@@ -226,7 +244,8 @@ def read_quantity_list(text: str, dimension: Dimension, angle_unit: AngleUnit) -
         If a part is not a number with a unit of this quantity.
     """
     return tuple(
-        read_quantity(number_text, dimension, angle_unit) for number_text in text.split("+")
+        read_quantity(number_text, dimension, angle_unit)
+        for number_text in split_at_plus(text)
     )
 
 
@@ -254,7 +273,7 @@ def read_polynomial_coefficients(text: str, angle_unit: AngleUnit) -> Numbers:
         If a coefficient is not a number with its unit.
     """
     coefficients = []
-    for power, coefficient_text in enumerate(text.split("+")):
+    for power, coefficient_text in enumerate(split_at_plus(text)):
         dimension = angle_by_time(power)
         coefficients.append(read_quantity(coefficient_text, dimension, angle_unit))
     return tuple(coefficients)

@@ -4,6 +4,7 @@ The schema says which values are angles, rates and directions. The table `KEYS` 
 key of a file is which field of a class of the model.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any, TypeVar
@@ -152,9 +153,12 @@ def convert_to_model(
     def convert_text(path: KeyPath, text: str, dimension: Dimension) -> float:
         """Return an angle or a rate in rad from a text with a unit, such as ``30deg``."""
         try:
-            return read_quantity(text, dimension, unit)
+            number = read_quantity(text, dimension, unit)
         except QuantityError as problem:
             raise document.fault(path, str(problem)) from None
+        if not math.isfinite(number):
+            raise document.fault(path, f'found "{text}", expected a finite number')
+        return number
 
     def convert_angle(path: KeyPath, number: float | str) -> float:
         """Return an angle in rad; refuse numbers that look like degrees."""

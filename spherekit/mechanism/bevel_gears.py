@@ -45,7 +45,7 @@ class GearCarrier(NamedTuple):
     link
         Name of the carrier.
     shafts
-        For each gear the R pair (hinge) that joins it to the carrier.
+        For each gear the R pair (hinge) on its axis at the carrier.
     shaft_angle
         Angle (rad) between the two axes, 0 to pi.
     """
@@ -73,7 +73,7 @@ def pitch_angles(
     Raises
     ------
     ModelError
-        If no cones with these teeth touch at this shaft angle.
+        If no cones with these teeth touch at this shaft angle, or they touch all round.
 
     Notes
     -----
@@ -85,10 +85,12 @@ def pitch_angles(
     ratio = teeth[1] / teeth[0]
     first = math.atan2(math.sin(shaft_angle), ratio + sign * math.cos(shaft_angle))
     second = shaft_angle - sign * first
-    if not 0.0 < min(first, second) <= max(first, second) < math.pi:
+    has_two_cones = 0.0 < min(first, second) <= max(first, second) < math.pi
+    if math.sin(shaft_angle) < COLLINEAR_SINE or not has_two_cones:
         raise ModelError(
-            f"gears with {teeth[0]} and {teeth[1]} teeth have no pitch cones that touch in "
-            f"{contact} contact at a shaft angle of {math.degrees(shaft_angle):.6g} deg"
+            f"gears with {teeth[0]} and {teeth[1]} teeth have no pitch cones that touch "
+            f"along a single line in {contact} contact at a shaft angle of "
+            f"{math.degrees(shaft_angle):.6g} deg"
         )
     return first, second
 
@@ -115,7 +117,8 @@ def check_half_angles(
     Raises
     ------
     ModelError
-        If the cones do not touch at this shaft angle, or touch all round.
+        If the cones do not touch at this shaft angle, or touch all round, or a half angle
+        is out of range.
     """
     for half_angle in half_angles:
         if not 0.0 < half_angle < math.pi:

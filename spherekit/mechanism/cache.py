@@ -12,8 +12,8 @@ Result = TypeVar("Result")
 class MechanismCache:
     """Stored results, found by the content of a mechanism and a request.
 
-    The content is a text with everything but source, description and user data. Mechanisms
-    with equal content share their results.
+    The content is a text with everything but source, description, user data and unit of
+    angles. Mechanisms with equal content share their results.
 
     Parameters
     ----------

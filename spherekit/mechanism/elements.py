@@ -1,6 +1,6 @@
-"""The parts of a mechanism other than masses and loads.
+"""The parts of a mechanism other than masses, loads and joint limits.
 
-These are pairs with their profiles, sizes of links, inputs, outputs and the source.
+These are pairs with their profiles, the geometry, inputs, outputs and the source.
 """
 
 from collections.abc import Iterable, Mapping
@@ -238,7 +238,7 @@ def resize_link(
     if isinstance(new_sizes, Mapping):
         # Arcs lead to all axes but the first one, angles to all but the first two.
         pairs = link.axes[1 if kind == "arcs" else 2 :]
-        for name in new_sizes.keys() - set(pairs):
+        for name in (size for size in new_sizes if size not in pairs):
             hint = choices(name, pairs, f"{kind.capitalize()} lead to")
             raise ModelError(f'{where}: none of the {kind} leads to pair "{name}"{hint}')
         sizes = dict(zip(pairs, getattr(link, kind), strict=True))
@@ -264,7 +264,8 @@ class SizeGeometry:
         Angle (rad) of each pair (joint) at which its variable is zero, by name. The angle
         is measured about the axis of the pair, from the reference arc of the first link to
         that of the second. The reference arc of a link leads from the axis of the pair to
-        the first other axis in `LinkSizes.axes`. For missing pairs the angle is 0.
+        the first axis in `LinkSizes.axes` that is not on the same line. For missing pairs
+        the angle is 0.
     """
 
     links: Mapping[str, LinkSizes]

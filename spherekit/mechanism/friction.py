@@ -97,8 +97,9 @@ class Bearings(BearingFriction):
         """Return the forces on the bearings.
 
         A pair (hinge) has one or two bearings along its axis, at the distances `positions`
-        from the centre of the sphere. Together the bearing forces have the moment and the
-        force that the pair transmits. Without `forces`, the force is taken to be zero.
+        from the centre of the sphere. Two bearings exert the moment and the force that the
+        pair transmits. A single one exerts the moment, and the force along the axis.
+        Without `forces`, the force is taken to be zero.
 
         Parameters
         ----------
@@ -176,9 +177,9 @@ class Bearings(BearingFriction):
             has_lever = False
         if not has_lever:
             raise ModelError(
-                f"{key}.positions: found {list(self.positions)} m, expected at least one "
-                "position that is not 0, or two different ones; positions are distances of "
-                "the bearings from the centre along the axis"
+                f"{key}.positions: found {list(self.positions)} m, expected one position "
+                "that is not 0, or two different ones; positions are distances of the "
+                "bearings from the centre along the axis"
             )
         axial = (0.0,) * len(self.positions) if self.axial is None else self.axial
         for share in axial:
@@ -206,7 +207,7 @@ class Bearings(BearingFriction):
         Here v is the rate of the pair. The friction moment (N m) is this magnitude times
         the coefficient, the radius and the sum of the forces on the bearings. These factors
         are not in the component, because the forces are known only after the reactions have
-        been computed.
+        been computed. If the coefficient or the radius is 0, the magnitude is 0.
         """
         magnitude = f"-tanh(dtheta_{self.pair}/{format_number(self.speed)})"
         if not self.friction_coefficient > 0.0:
@@ -278,7 +279,7 @@ class ContactFriction(BearingFriction):
         Here v is the sliding rate. The friction moment is this magnitude times the
         coefficient times the push, the moment (N m) of the normal force about the centre.
         These factors are not in the component, because the push is known only after the
-        reactions have been computed.
+        reactions have been computed. If the coefficient is 0, the magnitude is 0.
         """
         if not self.friction_coefficient > 0.0:
             return (LoadComponent(parse("0", [])),)

@@ -7,7 +7,7 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.errors import ModelError
 from spherekit.geometry.triangle import frame_from
-from spherekit.geometry.vectors import cross, max_abs
+from spherekit.geometry.vectors import all_finite, cross, max_abs
 from spherekit.mechanism.sizes import Vector, check_finite
 
 PARALLEL_AXES_SINE = 1e-9
@@ -44,9 +44,10 @@ class Mass:
     tensor
         Inertia tensor about the centre of the sphere (kg m2).
     mass
-        Mass (kg). Only gravity needs it.
+        Mass (kg). Only gravity and transmitted forces need it.
     centre
-        Centre of mass (m) from the centre of the sphere. Only gravity needs it.
+        Centre of mass (m) from the centre of the sphere. Only gravity and transmitted
+        forces need it.
     """
 
     link: str
@@ -158,8 +159,10 @@ def check_mass(mass: Mass) -> None:
     ------
     ModelError
         If the tensor is not symmetric, or has a negative principal moment. If one principal
-        moment exceeds the sum of the two others. If the mass is not positive. If the tensor
-        about the centre of mass, computed from these data, breaks one of these rules.
+        moment exceeds the sum of the two others. If the mass is not positive. If a centre
+        of mass is stated without a mass, or is too far away for the range of float64. If
+        the tensor about the centre of mass, computed from these data, breaks one of these
+        rules.
     """
     key = f"mass.{mass.link}"
     if mass.mass is not None:
@@ -177,7 +180,13 @@ def check_mass(mass: Mass) -> None:
             f"{key}.centre: a centre of mass needs the key mass in the same table, in kg"
         )
     check_finite(f"{key}.centre", mass.centre)
-    central_tensor = tensor - point_mass_inertia(mass.mass, np.array(mass.centre))
+    with np.errstate(over="ignore", invalid="ignore"):
+        central_tensor = tensor - point_mass_inertia(mass.mass, np.array(mass.centre))
+    if not all_finite(central_tensor):
+        raise ModelError(
+            f"{key}.centre: found {list(mass.centre)} m, which is too far from the centre "
+            f"of the sphere for a mass of {mass.mass:g} kg"
+        )
     about = f" about the centre of mass ({mass.mass:g} kg at {list(mass.centre)} m)"
     # The difference has the rounding errors of both tensors. The tolerance is therefore
     # relative to the larger one, about O.

@@ -529,7 +529,7 @@ def check_not_negative(key: str, number: float, unit: str) -> None:
             '; for a load that drives the mechanism, use kind = "torque" with an expression'
         )
         raise ModelError(
-            f"{key}: found {number:g} {unit}, expected at least "
+            f"{key}: found {f'{number:g} {unit}'.rstrip()}, expected at least "
             f"0{hint if is_torque else ''}"
         )
 

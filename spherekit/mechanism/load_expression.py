@@ -176,8 +176,9 @@ class Expression:
 
         An example is x in tanh(x / 0.001). Series fitted to samples could miss such a
         change. The steep arguments are the arguments of all functions except
-        `ENTIRE_OPERATIONS` (smooth everywhere), the denominators, and the bases of powers
-        with other than natural exponents.
+        `ENTIRE_OPERATIONS` (smooth everywhere), but for min and max the differences of two
+        arguments; the denominators; the bases of powers with other than natural exponents;
+        and variable exponents.
         """
         return self._find_steep_arguments(ignored_functions=())
 
@@ -281,7 +282,7 @@ def _parse(text: str, names: Names) -> Expression:
             allowed = "names may contain only the letters A to Z and a to z, digits and _"
         raise _syntax_error(forbidden.start(), _describe_character(character), allowed)
     if not one_line.strip():
-        raise ModelError("column 1: the expression is empty; write 0 for no torque")
+        raise ModelError("column 1: the expression is empty")
     # Python's parser refuses spaces at the start. These spaces count in the columns of
     # messages.
     indentation = len(one_line) - len(one_line.lstrip(" "))

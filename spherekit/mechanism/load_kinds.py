@@ -37,7 +37,10 @@ def as_tensor(rows: Floats) -> Tensor:
 
 
 DRIVE_LOAD_NAME = "driving_torque"
-"""Name of the load for a torque at the input that is an argument of a command."""
+"""Name of the load for the torque that a simulation is given at its only input.
+
+With several inputs, the name of the input follows.
+"""
 
 
 @checked_class(ModelError)

@@ -53,7 +53,7 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
     The new link has the name of the ground, else of the link with contacts, else of the
     first link of the pair. Masses, loads and outputs of the other link move to it. Loads,
     joint limits and an input at the pair are removed, and so are outputs between both
-    links.
+    links and all named modes.
 
     A mechanism can be described by the axes of its pairs in a reference pose (one
     configuration). If a pair is locked at another value than in this pose, the pose becomes
@@ -461,11 +461,14 @@ def _is_at_reference_value(
     if isinstance(mechanism.geometry, SizeGeometry):
         return False
     reference_value = mechanism.geometry.values.get(pair.name, 0.0)
-    difference = math.remainder(value - reference_value, 2.0 * math.pi)
+    difference = value - reference_value
+    rolling = [contact.name for contact in mechanism.pairs if contact.rolls]
+    if not rolling:
+        # All axes are the same after a whole revolution.
+        difference = math.remainder(difference, 2.0 * math.pi)
     if abs(difference) <= REFERENCE_VALUE_TOLERANCE_RAD:
         return True
     # At another value, the pose does not show where rolling contacts touch.
-    rolling = [contact.name for contact in mechanism.pairs if contact.rolls]
     if rolling:
         raise ModelError(
             f"{message_start} is locked at {value:.6g} rad, but is at "

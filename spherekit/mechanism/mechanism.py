@@ -591,6 +591,8 @@ def _check(mechanism: Mechanism) -> None:
     _check_names(where, mechanism)
     for pair in mechanism.pairs:
         _check_pair(f"{where}: pairs.{pair.name}", pair)
+    for item in mechanism.inputs:
+        check_finite(f"{where}: inputs.{item.pair}", (item.start, item.stop))
     # A named mode (way to assemble the mechanism) has values of R pairs.
     for mode, values in mechanism.modes.items():
         if mode.isdecimal():
