@@ -38,6 +38,18 @@ def test_printed_error_bounds_are_not_less_than_those_of_the_certificate(tmp_pat
         assert float(row[8]) >= pole["velocity_coefficient_off"]
 
 
+def test_links_at_relative_rest_have_a_bounded_velocity_coefficient(tmp_path):
+    path = tmp_path / "modes.json"
+    words = ["universal_joint", "--at", "0", "--poles", "-o", str(path)]
+    assert main(["certify", *words]) == 0
+    poles = json.loads(path.read_text(encoding="utf-8"))["poles"]
+    at_rest = [pole for pole in poles if pole["direction"] is None]
+    assert at_rest
+    for pole in at_rest:
+        coefficient, off = pole["velocity_coefficient"], pole["velocity_coefficient_off"]
+        assert abs(coefficient) <= off < 1e-15
+
+
 def test_the_printed_distance_from_singularities_is_not_more_than_is_proven(capsys):
     assert main(["certify", "four_bar", "--range", "70", "80", "--clear-of", "75"]) == 0
     (printed,) = re.findall(r"Within ([\d.]+) deg", capsys.readouterr().out)

@@ -8,6 +8,7 @@ import spherekit as sk
 from spherekit.files.mechanism_reader import loads, read
 from spherekit.files.mechanism_writer import dumps
 from spherekit.files.toml_document import parse
+from spherekit.proof.ball_frames import exact_ball
 from spherekit.proof.balls import centre_float, working_precision
 from spherekit.proof.decimal_mechanism import read_decimals
 
@@ -77,6 +78,35 @@ def test_the_proof_knows_the_phase():
             written = read_decimals(read(document), document)
             _, wheel = written.known_angles([written.input_angle("90")])
             assert np.degrees(centre_float(wheel)) == pytest.approx(expected, abs=1e-10)
+
+
+@pytest.mark.parametrize("teeth", [(20, 40), (200, 10)])
+@pytest.mark.parametrize("phase", ["30.1", "-3000.1", "360000.1"])
+@pytest.mark.parametrize("driven", ["pinion_shaft", "wheel_shaft"])
+def test_the_proof_encloses_the_angle_of_a_wheel_at_a_phase_of_many_turns(
+    driven, phase, teeth
+):
+    gears = GEARS.format(
+        links='["base", "wheel"]',
+        teeth=[*teeth],
+        contact="external",
+        phase=f"phase = {{ wheel_shaft = 7.7, pinion_shaft = {phase} }}",
+        driven=driven,
+    )
+    document = parse(gears, "gears")
+    with working_precision(120):
+        decimals = read_decimals(read(document), document)
+        _, follower = decimals.known_angles([decimals.input_angle("10")])
+        pinion_phase, wheel_phase = map(decimals.input_angle, (phase, "7.7"))
+        ratio = exact_ball(teeth[0]) / teeth[1]
+        q = decimals.input_angle("10")
+        if driven == "pinion_shaft":
+            expected = wheel_phase - ratio * (q - pinion_phase)
+        else:
+            expected = pinion_phase - (q - wheel_phase) / ratio
+        turns = (follower - expected) / decimals.input_angle("360")
+        assert turns.contains(round(centre_float(turns)))
+        assert float(turns.rad()) < 1e-6
 
 
 @pytest.mark.parametrize(

@@ -100,6 +100,16 @@ def test_eight_bars_driven_at_any_pair_have_a_construction_with_three_unknowns()
             assert len(construction.equation_steps) == construction.unknown_count == 3
 
 
+def test_modes_keep_their_order_where_an_angle_is_half_a_turn():
+    """The output of a universal joint is at 180 deg in one mode, and at 0 in the other."""
+    for angle_deg in ("1e-12", "0", "-1e-12"):
+        modes = certified_modes_of("universal_joint", None, (angle_deg,))
+        half_turns = [
+            abs(wrap(complex(root.centre[0]).real)) / np.pi for root in modes.real
+        ]
+        assert np.allclose(half_turns, [1.0, 0.0])
+
+
 def test_sizes_within_a_tolerance_have_the_modes_that_are_proven_for_all_of_them():
     """Modes proven for all sizes within 1e-6 rad enclose those of such mechanisms.
 

@@ -21,6 +21,8 @@ from spherekit.proof.certified_singularities import locate_singularities
 from spherekit.proof.collinear_loops import SOLUTION_RADIUS_RAD, Crossings
 from spherekit.proof.configuration_curves import certify_curves
 from spherekit.proof.construction import find_construction
+from spherekit.proof.curve_search import CurveSearch
+from spherekit.proof.paving import BoxSet
 
 TURN = ("0", "360")
 FOLDS = ("80", "30", "50", "60")
@@ -311,6 +313,17 @@ def kite_with_dyads(count):
     for name, ends in pairs.items():
         text += f'[pairs.{name}]\ntype = "R"\nlinks = {json.dumps(ends)}\n'
     return decimal_mechanism(text + "[inputs.a]\nfrom = 0\nto = 360\n")
+
+
+def test_boxes_inside_a_crossing_that_was_found_after_them_are_decided():
+    curves = certify_curves(four_bar(("60", "30", "60", "30")), TURN)
+    search = CurveSearch(curves.equations, side=lambda _input_variable, _margin: 0)
+    for saddle in curves.saddles:
+        assert search.crossings.find(saddle.centre)
+    centres = np.array([saddle.centre for saddle in curves.saddles])
+    assert len(centres) == 2
+    small_boxes = BoxSet(centres, np.full_like(centres, 1e-6))
+    assert len(search.resolve_undecided(small_boxes)) == 0
 
 
 def test_a_configuration_in_a_box_is_bounded_by_its_euclidean_distance():

@@ -8,13 +8,14 @@ import re
 
 import numpy as np
 import pytest
-from helpers.refusals import decimal_mechanism
+from helpers.refusals import decimal_mechanism, mechanism_text
 from scipy.optimize import brentq
 from test_wheels import FIVE_BAR, coupler_margin, right_crank_angle
 
 from spherekit.cli.main import main
 from spherekit.completeness import Guarantee
 from spherekit.errors import PlanError
+from spherekit.proof import certified_modes
 from spherekit.proof.certificate import curves_certificate
 from spherekit.proof.certified_modes import certify_modes
 from spherekit.proof.certified_singularities import locate_singularities
@@ -193,3 +194,31 @@ def test_a_planet_on_a_crank_has_the_modes_that_are_proven_at_inputs():
         assert modes.is_complete and len(modes.real) == curves.count_modes_at(np.radians(q))
         counts.append(len(modes.real))
     assert set(counts) == {0, 2}
+
+
+def test_wheels_that_are_all_driven_are_refused():
+    driven = FIVE_BAR + "[inputs.right]\n"
+    with pytest.raises(PlanError, match="relate the inputs left, right to each other"):
+        geared((20, 40), driven)
+
+
+def test_modes_that_a_wheel_has_within_a_tolerance_are_not_excluded(monkeypatch):
+    """A wheel of 20 teeth turns 1000 times as far as an error of the other wheel of 20000.
+
+    The input is 3e-5 deg beyond a dead centre, so that the file has no mode (way to
+    assemble). Another mechanism, with an angle of the pose that differs by less than the
+    tolerance, has two modes there.
+    """
+    monkeypatch.setattr(certified_modes, "MAX_MODE_BOXES", 1000)
+    text = mechanism_text("posed_geared_five_bar").format(20000, 20, 0.0, 360.0)
+    inputs = ("10.10243",)
+    tolerance = 1e-6
+    assert not certify_modes(decimal_mechanism(text), inputs).real
+
+    changed_angle = "value = 20.50005"
+    assert np.radians(20.50005 - 20.5) < tolerance
+    changed = decimal_mechanism(text.replace("value = 20.5", changed_angle))
+    assert len(certify_modes(changed, inputs).real) == 2
+
+    modes = certify_modes(decimal_mechanism(text, tolerance), inputs)
+    assert not modes.is_complete

@@ -8,6 +8,7 @@ from mechanism_examples.wide_five_bar import wide_five_bar, wide_five_bar_text
 
 import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.errors import PlanError
 from spherekit.proof.decimal_mechanism import read_decimals
 from spherekit.proof.input_map import (
     CONTAINS_TYPE_II,
@@ -84,6 +85,13 @@ def test_inputs_of_the_two_dof_mechanism_are_free_of_type_ii(ends):
     whole = [written.input_range_text(item.pair) for item in written.mechanism.inputs]
     found = certify_input_map(written, ends or whole)
     assert np.all(found.kind == REGULAR) and found.mode_shares == {16: 1.0}
+
+
+@pytest.mark.parametrize("ends", [("1", "1"), ("1.1", "1")])
+def test_a_map_over_an_empty_range_is_refused(ends):
+    written = read_decimals(wide_five_bar())
+    with pytest.raises(PlanError, match="of input 51 is empty"):
+        certify_input_map(written, [("50", "60"), ends])
 
 
 def test_the_command_proves_and_draws_a_map_of_two_inputs(tmp_path, capsys):

@@ -423,6 +423,12 @@ def test_wrong_arguments_of_reference_rows_are_refused():
         sk.exact_rows(motion, chosen, 0, order=4)
     with pytest.raises(EngineError, match="between 20 and 300"):
         Digits(5)
+    # Indices of rows are no mask, even if there are as many as rows.
+    for wrong in (np.arange(len(motion)), chosen[1:], chosen[:, None]):
+        with pytest.raises(SolveError, match="rows: found .* for each of the 10 rows"):
+            sk.exact_rows(motion, wrong, 0)
+    with pytest.raises(SolveError, match=r"inputs: found the shape \(10,\), expected"):
+        sk.exact_rows(motion, chosen, 0, inputs=motion.inputs[:, 0])
     exact = sk.exact_rows(motion, chosen, 0, order=1)
     assert exact.dw is None
     with pytest.raises(ValueError, match="order 2 or 3"):

@@ -24,6 +24,7 @@ from spherekit.mechanism.load import TorqueTable
 from spherekit.mechanism.load_kinds import Gravity, JointLimit, PairTorque, Spring
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.proof.balls import Digits
+from spherekit.proof.reference_motion import ExactSimulation
 from spherekit.runs.evaluation_options import Setting
 from spherekit.runs.registry import create_analysis
 from spherekit.runs.sampling import sample_simulation
@@ -161,6 +162,48 @@ def test_the_rate_under_a_repeated_table_of_torques_is_its_impulse_over_the_iner
     t = np.linspace(0.0, 2.0, 9)
     rates = simulation.at(t)[1][:, 0]
     assert largest_difference(rates, [rate_at(mp.mpf(x)) for x in t]) < 1e-17
+
+
+def test_a_torque_may_jump_between_two_close_times_of_a_table():
+    """After a torque of 1 N m begins within 1e-12 s, the rate follows from its impulse."""
+    jump_end = 1.0 + 1e-12
+    table = TorqueTable("jump", "12", (0.0, 1.0, jump_end, 2.0), (0.0, 0.0, 1.0, 1.0))
+    simulation = reference_simulation(pendulum(table), Start(0.0, 1.0), 2.0)
+    rate = simulation.at(np.array([2.0]))[1][0]
+    impulse = (mp.mpf(jump_end) - 1) / 2 + 2 - mp.mpf(jump_end)
+    assert largest_difference(rate, [1 + impulse / INERTIA]) < 1e-18
+
+
+def test_a_table_of_torques_may_have_its_first_kink_just_after_the_start():
+    kink = 1e-13
+    table = TorqueTable("early", "12", (0.0, kink, 2.0), (0.0, 1.0, 1.0))
+    simulation = reference_simulation(pendulum(table), Start(0.0, 1.0), 2.0)
+    rate = simulation.at(np.array([2.0]))[1][0]
+    assert largest_difference(rate, [1 + (2 - mp.mpf(kink) / 2) / INERTIA]) < 1e-18
+
+
+def test_two_different_brakes_on_one_pair_stop_the_link(monkeypatch):
+    """The motion ends at rest, where neither brake lets it continue in either sense."""
+    monkeypatch.setattr(
+        ExactSimulation, "_try_step", limit_calls(ExactSimulation._try_step, 50)
+    )
+    weak = PairTorque("weak", "12", "-0.3*sign(dtheta_12)")
+    strong = PairTorque("strong", "12", "-0.6*sign(dtheta_12)")
+    simulation = reference_simulation(pendulum(weak, strong), Start(0.0, 1.0), 2.0)
+    assert simulation.kind == "sticking"
+    deceleration = (mp.mpf(0.3) + mp.mpf(0.6)) / INERTIA
+    assert largest_difference([simulation.end], [1 / deceleration]) < 1e-18
+
+
+def limit_calls(function, count):
+    """Return a function that fails after a number of calls, so that no test runs on."""
+    remaining = iter(range(count))
+
+    def call(*arguments):
+        assert next(remaining, None) is not None, "too many steps"
+        return function(*arguments)
+
+    return call
 
 
 STIFFNESS, REST_ANGLE = 0.5, 0.2

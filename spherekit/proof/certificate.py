@@ -182,7 +182,8 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
 
     If the input drives wheels, all wheels are back at their initial angles after
     "input_turns_of_its_variable" turns of the input. In the equations the input angle is
-    this number times a variable. The wheel angles are whole multiples of the variable.
+    this number times a variable. The wheel angles are whole multiples of the variable plus
+    constants.
 
     "off" is the error bound (rad) of a configuration. "curves_at_one_input_rad" are the
     inputs at which a whole curve has one value of the input.
@@ -460,8 +461,8 @@ def singular_table(located: CertifiedSingularities) -> dict[str, Any]:
       curve, "place" has the values (rad) of all variables, and "off" is their error bound.
     - "undecided_parts": number of parts of curves that may have further singularities.
     - "outputs_without_pair": outputs for which singularities of type I are not searched
-      for. No pair (joint) connects such an output link to its reference link, so its angle
-      is not a variable.
+      for. Their angles are not variables. Mostly no pair (joint) connects such an output
+      link to its reference link.
     - "at_rest_along_curves": outputs that are stationary along a whole curve, each with the
       index of the curve.
     """

@@ -24,6 +24,7 @@ from spherekit.proof.balls import (
     cosines_and_sines,
     pi_ball,
     polar_angle,
+    upper_magnitude,
     working_precision,
 )
 from spherekit.proof.construction import Construction, find_construction
@@ -57,6 +58,12 @@ FINITE_ROOT_IMAGINARY_RAD = 6.0
 
 Larger: approximations of roots at infinity count as finite. Smaller: finite roots do not
 count, and more homotopies are tried.
+"""
+
+NEGLIGIBLE_ANGLE_ERROR_RAD = 1e-18
+"""Error (rad) of a known angle below which it counts as one value.
+
+Larger: no longer far below the rounding of float64. Smaller: boxes are divided in vain.
 """
 
 MAX_CLUSTERED_BOXES = 3000
@@ -369,7 +376,7 @@ class _RootSearch:
         Balls (rad) of the variables that are not unknown. A ball is a number with a bound
         of its error.
     circle_points
-        (known, 2) cosines and sines of the known angles.
+        (known, 2) cosines and sines of the centres of the known angles.
     roots
         The complex roots proven so far, including real roots. All are proven to differ from
         each other.
@@ -384,7 +391,7 @@ class _RootSearch:
         """Evaluate the equations at the inputs; the list of proven roots begins empty."""
         self.equations = ArcEquations(decimal_mechanism, construction)
         self.known_angles = read_known_angles(decimal_mechanism, inputs)
-        self.circle_points = cosines_and_sines(self.known_angles)
+        self.circle_points = cosines_and_sines([angle.mid() for angle in self.known_angles])
         self.roots: list[CertifiedRoot] = []
 
     @property
@@ -459,11 +466,12 @@ class _RootSearch:
     @cached_property
     def real_roots_by_systems(self) -> tuple[int | None, Sequence[EquationSystem]]:
         """The number of real roots, None if not proven, and the systems that prove it."""
-        # The inputs have one value, so the box of inputs has the half width 0.
+        # The angles have one value up to their errors, the half widths of their box.
         centre = centre_floats(np.array([self.known_angles]))
+        half = np.array([[_error_bound(angle) for angle in self.known_angles]])
         systems = list_systems(self.equations)
         is_proven, mode_counts = count_modes(
-            systems, centre, self.circle_points[None], half=0.0 * centre
+            systems, centre, self.circle_points[None], half
         )
         real_count = int(mode_counts[0]) if is_proven[0] else None
         return real_count, systems
@@ -489,13 +497,22 @@ class _RootSearch:
         The number of boxes that were examined, and the boxes that stay undecided.
         """
         unknown_count = self.equations.unknown_count
-        no_width = [exact_ball(0.0)] * len(self.known_angles)
-        # The box to divide: unknown angles range over a full turn, given angles have one
-        # value. Roots at simple angles such as 0 or 90 deg are frequent. The turn begins at
-        # -2.4 rad, so that such roots are not on the common side of two boxes.
+        # Given angles have one value. With a tolerance of the sizes, the angles of wheels
+        # have errors, over which they range.
+        known_low = []
+        known_width = []
+        for angle in self.known_angles:
+            has_one_value = _error_bound(angle) < NEGLIGIBLE_ANGLE_ERROR_RAD
+            known_low.append(angle if has_one_value else angle.lower())
+            known_width.append(
+                exact_ball(0.0) if has_one_value else angle.upper() - angle.lower()
+            )
+        # The box to divide: unknown angles range over a full turn. Roots at simple angles
+        # such as 0 or 90 deg are frequent. The turn begins at -2.4 rad, so that such roots
+        # are not on the common side of two boxes.
         ranges = VariableRanges(
-            low=[exact_ball(FIRST_ANGLE_RAD)] * unknown_count + self.known_angles,
-            width=[2 * pi_ball()] * unknown_count + no_width,
+            low=[exact_ball(FIRST_ANGLE_RAD)] * unknown_count + known_low,
+            width=[2 * pi_ball()] * unknown_count + known_width,
         )
         return pave(
             self.equations,
@@ -537,11 +554,18 @@ class _RootSearch:
         return len(self.real) > count_before
 
 
+def _error_bound(angle: Ball) -> float:
+    """Return a bound (rad) of the error of an angle: the radius of its ball."""
+    return upper_magnitude(angle - angle.mid())
+
+
 def _root_sort_key(root: CertifiedRoot) -> tuple[float, ...]:
     """Return the key that sorts roots: real ones first, then by their angles."""
     angles = [complex(ball) for ball in root.centre]
-    # Rounded, so that the order does not depend on the last digits.
-    wrapped = [round((angle.real + np.pi) % TURN, 9) for angle in angles]
+    # Rounded, so that the order does not depend on the last digits. Half a turn has two
+    # numbers, -pi and pi, of which one is replaced by the other.
+    rounded_turn = round(TURN, 9)
+    wrapped = [round((angle.real + np.pi) % TURN, 9) % rounded_turn for angle in angles]
     return (not root.real, *wrapped, *(angle.imag for angle in angles))
 
 

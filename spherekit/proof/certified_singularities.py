@@ -44,7 +44,7 @@ class CertifiedSingularity:
         Index of the curve of configurations.
     point
         The configuration, with an error bound of its variables. Within this bound there is
-        no other singular one.
+        no other one at which the same angle is stationary.
     """
 
     output: str
@@ -87,10 +87,11 @@ class CertifiedSingularities:
 
         The result is the distance of q to the nearest critical input, in both directions
         and for all assembly modes (ways to assemble). Critical inputs are the ends of the
-        range, singularities of type I and II, crossings and near crossings of curves, and
-        inputs that are constant along a whole curve. In type I the output is stationary
-        along a curve of configurations, in type II the input is. The result is 0 if not
-        everything is proven.
+        range (unless it is a full cycle), singularities of type I and II, crossings and
+        near crossings of curves, and inputs that are constant along a whole curve. In type
+        I the output is stationary along a curve of configurations, in type II the input is.
+        Type I of outputs in `skipped`, and along the curves in `resting`, does not count.
+        The result is 0 if not everything else is proven.
         """
         curves = self.curves
         # `undecided` counts parts of curves that may have further singularities.

@@ -275,7 +275,7 @@ def _follow_forward(
     pieces = [start]
     distance_covered = 0.0
     end_to_leave = end_of_curve(start)
-    while len(pieces) < MAX_CHAIN_PIECES:
+    while True:
         last = pieces[-1]
         end = end_of_curve(last)
         if end and end != end_to_leave:
@@ -296,6 +296,9 @@ def _follow_forward(
             and last.contains(start.centre, start.centre_error)
         ):
             return Chain(pieces, closed=True)
+        if len(pieces) >= MAX_CHAIN_PIECES:
+            problem = f"a curve has more than {MAX_CHAIN_PIECES} pieces"
+            return Chain(pieces, closed=False, problem=problem)
         next_piece = _find_next_piece(equations, last)
         if next_piece is None:
             # Near a crossing no arc can be proven. If a new crossing is found here, it is
@@ -309,5 +312,3 @@ def _follow_forward(
             )
         distance_covered += float(np.linalg.norm(next_piece.centre - last.centre))
         pieces.append(next_piece)
-    problem = f"a curve has more than {MAX_CHAIN_PIECES} pieces"
-    return Chain(pieces, closed=False, problem=problem)

@@ -545,7 +545,7 @@ class Crossings:
         return saddle is not None
 
     def arm(self, piece: CertifiedArc) -> Arm | None:
-        """Return the arm that the middle of an arc is on, None if it is on none."""
+        """Return the arm that the middle of an arc is on, None if none is proven."""
         for number, saddle in enumerate(self.saddles):
             if quadrant := saddle.find_quadrant(piece.centre, piece.centre_error):
                 return number, quadrant
@@ -554,7 +554,7 @@ class Crossings:
     def chain_ends(
         self, pieces: Sequence[CertifiedArc], closed: bool
     ) -> tuple[Arm | None, Arm | None]:
-        """Return the arms on which a chain of arcs begins and ends, None for no arm.
+        """Return the arms on which a chain of arcs begins and ends, None if none is proven.
 
         An arm is a branch of a curve that leaves a saddle, where curves cross or nearly do.
         """
@@ -700,7 +700,7 @@ class Crossings:
                     yield configuration
 
     def _is_disjoint(self, box: OrientedBox) -> bool:
-        """Return whether a box has no point in common with the box of any saddle.
+        """Return whether a box is proven to be apart from the boxes of all saddles.
 
         The boxes are in the space of the variables. A saddle is a place where configuration
         curves cross or nearly do.

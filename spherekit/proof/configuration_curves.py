@@ -3,8 +3,8 @@
 The space of all variables is divided into boxes. Near each box that is not proven to be
 empty, a configuration is searched, and the curve through it is followed. The curve is
 stored as a chain of certified arcs. A certified arc has a box, which is proven to contain
-no configurations other than the arc. The division ends when every box is empty or inside
-the box of an arc or of a crossing of curves. No other configurations exist then.
+no configurations other than the arc. If in the end every box is empty or inside the box of
+an arc or of a crossing of curves, no other configurations exist.
 """
 
 import math
@@ -210,7 +210,7 @@ class CertifiedCurves:
 
     @cached_property
     def undecided_ranges(self) -> list[tuple[float, float]]:
-        """Parts (low, high) rad of the input's range where configurations may be missing.
+        """Parts (low, high) rad of the input's range in which modes cannot be counted.
 
         There are three reasons:
 
@@ -219,7 +219,7 @@ class CertifiedCurves:
           configuration curves cross or nearly do.
         - It is not decided whether the input is stationary in some part of a curve.
 
-        Assembly modes cannot be counted in these parts. Overlapping parts are joined.
+        Overlapping parts are joined.
         """
         ranges = []
         # Boxes are in the space of all variables. `input_angle` takes the variable of the
@@ -514,8 +514,8 @@ class CertifiedCurves:
         A curve that was found is a chain of pieces: boxes that contain exactly one arc of
         the curve each. There are three levels:
 
-        - `TO_BOX`: parts of the range are undecided. A missing curve must be smaller than
-          the widest of these parts.
+        - `TO_BOX`: parts of the range are undecided. Along the input, a missing curve
+          extends over the widest of these parts at most.
         - `COMPONENT`: no part is undecided, but the search reported a problem, which is
           stated. Whole curves may be missing.
         - `CERTIFIED`: nothing is missing.
@@ -532,16 +532,29 @@ class CertifiedCurves:
             facts = f"{OVERLAPPING}; {facts}"
         undecided_ranges = self.undecided_ranges
         if undecided_ranges:
-            widest_range = max(high - low for low, high in undecided_ranges)
+            widths = [high - low for low, high in undecided_ranges]
+            # The ends of a full cycle are the same input, so parts there are joined.
+            start, first_end = undecided_ranges[0]
+            last_start, end = undecided_ranges[-1]
+            is_at_both_ends = (
+                start <= self.low + SHORTEST_INTERVAL_RAD
+                and end >= self.high - SHORTEST_INTERVAL_RAD
+            )
+            if self.is_full_cycle and is_at_both_ends:
+                joined_width = (first_end - self.low) + (self.high - last_start)
+                widths.append(min(joined_width, self.high - self.low))
             widest_box = 2.0 * np.max(self.undecided_boxes.radii, initial=0.0)
+            are = "is" if len(undecided_ranges) == 1 else "are"
             return Completeness(
                 Guarantee.TO_BOX,
-                f"{len(undecided_ranges)} parts of the range are undecided; elsewhere "
-                f"{facts}",
-                max(widest_range, widest_box),
+                f"{counted(len(undecided_ranges), 'part')} of the range {are} undecided; "
+                f"elsewhere {facts}",
+                max(*widths, widest_box),
             )
         if self.problems:
-            return Completeness(Guarantee.COMPONENT, f"{self.problems[0]}; {facts}")
+            # `facts` begins with the problem `OVERLAPPING`.
+            others = [problem for problem in self.problems if problem != OVERLAPPING]
+            return Completeness(Guarantee.COMPONENT, "; ".join([*others[:1], facts]))
         return Completeness(Guarantee.CERTIFIED, f"all configurations; {facts}")
 
 

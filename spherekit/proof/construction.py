@@ -3,8 +3,8 @@
 Links are placed one after another from a root. A link that is joined to one placed link is
 rotated by the angle of that pair: an unknown, an input, or a follower of wheels. A link
 that is joined to two placed links is put on the axes of both pairs. Its arc between these
-axes is then one equation (`spherekit.proof.arc_equations`). Such an order exists if the
-mobility, computed from the numbers of links and pairs, equals the number of inputs. The
+axes is then one equation (`spherekit.proof.arc_equations`). Such an order exists only if
+the mobility, computed from the numbers of links and pairs, equals the number of inputs. The
 structure then has a body with at most two pairs, and what remains without this body has one
 again.
 

@@ -147,7 +147,7 @@ class CurveSearch:
         tried_count = min(TRIED_NEIGHBOURS, len(self._centres))
         if not tried_count:
             return is_covered
-        # A box that is larger than all boxes of arcs cannot be inside one of them.
+        # A box wider than all boxes of arcs is hardly ever inside one, so it is not tried.
         # `_limits` has the half lengths of the boxes of arcs.
         can_fit = np.max(radii, axis=1) < np.max(self._limits)
         rows = np.flatnonzero(~is_covered & can_fit)
@@ -232,6 +232,8 @@ class CurveSearch:
         divided there. Four branches of curves, the arms, leave a saddle. Every arm needs a
         chain, because modes are counted by chains.
         """
+        # Some saddles were found after boxes inside them had been left undecided.
+        undecided = self._drop_boxes_in_saddles(undecided)
         for _ in range(MAX_SADDLES):
             new_saddle = self._add_saddle_near(undecided.centres)
             if new_saddle is None:
@@ -354,8 +356,8 @@ class CurveSearch:
         """Return whether a configuration may be on a curve that was found before.
 
         True if the configuration may be in the box of a known arc or of a saddle (place
-        where curves cross or nearly do). The configuration is at most `error` (rad) from
-        `position` (v,) in each variable.
+        where curves cross or nearly do). The Euclidean distance of the configuration
+        from `position` (v,) is at most `error` (rad).
         """
         # A negative reach also accepts positions that are outside of a box by the error.
         reach = -error - COORDINATE_ROUNDING_RAD

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.arrays import Array
+from spherekit.conventions import TURN
 from spherekit.files.toml_document import Document, LiteralNumber
 from spherekit.mechanism.bevel_gears import find_gear_carrier
 from spherekit.mechanism.elements import PoseGeometry
@@ -33,7 +34,11 @@ AXIS_KEYS = {"through_xyz", "through_lonlat", "xyz", "lonlat"}
 """Keys of a pair in a file that state where its axis is."""
 
 PHASE_ERROR_RAD = 1e-13
-"""Error bound (rad) of a start of a contact that the file reader computes from a phase."""
+"""Error bound (rad) of a start of a contact that the file reader computes from a phase.
+
+The bound is multiplied by the turns of the phase times the ratio of the wheels, if this
+product exceeds 1.
+"""
 
 
 @dataclass(frozen=True)
@@ -325,7 +330,13 @@ class DecimalGeometry:
         table = self.pair_table(pair.name)
         if "phase" in table:
             # The file has no start: its reader computed one in float64 from the phase.
-            return np.array([widen(length, PHASE_ERROR_RAD) for length in pair.start])
+            turn = 360.0 if self.in_degrees else TURN
+            turns = max(map(abs, table["phase"].values())) / turn
+            # A great circle has no radius.
+            radii = [profile.radius or math.pi / 2 for profile in pair.profiles or ()]
+            sines = np.sin(radii)
+            error = PHASE_ERROR_RAD * max(1.0, turns * float(np.max(sines) / np.min(sines)))
+            return np.array([widen(length, error) for length in pair.start])
         starts = table.get("start", (0.0, 0.0))
         return np.array([self.angle_ball(start, False) for start in starts])
 
@@ -419,7 +430,7 @@ class DecimalGeometry:
             # The centre is on the axis of a revolute pair of the link.
             centre = self._pair_axis(frames, circle["axis"], link)
         else:
-            # The key is for example "centre_xyz", or "pole_lonlat" for a great circle.
+            # The key is for example "centre_xyz", or "pole_lonlat" for a flat follower.
             key = next(key for key in circle if key.startswith(("centre", "pole")))
             centre = self._direction(circle[key], key)
         radius = circle.get("roller", circle.get("radius"))

@@ -261,8 +261,8 @@ class DecimalMechanism(DecimalGeometry):
         Raises
         ------
         PlanError
-            If no link carries the wheels of a contact, or if the inputs do not determine
-            all angles that the meshes relate.
+            If no link carries the wheels of a contact, if the inputs do not determine all
+            angles that the meshes relate, or if the meshes relate inputs only.
         """
         structure = self.structure
         mechanism = self.mechanism
@@ -285,6 +285,12 @@ class DecimalMechanism(DecimalGeometry):
             self._structure_pair(pair) for mesh in meshes for pair in mesh.pairs
         }
         followers = tuple(sorted(related_pairs - set(structure.inputs)))
+        if not followers:
+            raise PlanError(
+                f"{structure.name}: its rolling contacts relate the inputs "
+                f"{listing(structure.names_of(sorted(related_pairs)))} to each other, so "
+                "not all of them can be chosen; drive fewer pairs"
+            )
         # The train has the lengths that wheels have rolled. Pair angles are known only up
         # to whole turns, which change these lengths, so combinations of turns are tried.
         # None if no tried combination agrees with all meshes, or if the meshes do not

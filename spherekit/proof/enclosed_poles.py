@@ -62,7 +62,8 @@ def enclose_poles(
         angular_velocities = _link_angular_velocities(equations, variables, input_number)
         for relative_to, link in combinations(range(len(angular_velocities)), 2):
             relative = angular_velocities[link] - angular_velocities[relative_to]
-            coefficient = np.sqrt(relative @ relative)
+            # A square is not negative, but its ball can contain negative numbers.
+            coefficient = (relative @ relative).nonnegative_part().sqrt()
             direction = None
             # The direction is unknown if the relative velocity may be zero.
             if lower_magnitude(coefficient) > 0.0:

@@ -26,7 +26,7 @@ from spherekit.proof.root_charts import (
 )
 
 MAX_HOMOTOPY_STEPS = 600
-"""Largest number of steps, accepted or not, of all paths.
+"""Largest number of steps, accepted or not, of each path.
 
 Larger: paths that pass near singular systems arrive. Smaller: they are lost sooner.
 """

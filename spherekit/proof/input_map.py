@@ -44,7 +44,7 @@ Larger: fewer undecided cells, in longer times. Smaller: more cells stay undecid
 """
 
 MAX_ROOTS_AT_ONCE = 4096
-"""Number of roots that are examined in one array operation.
+"""About how many roots are examined in one array operation.
 
 Larger: more memory. Smaller: more overhead.
 """
@@ -179,7 +179,7 @@ def certify_input_map(
     Raises
     ------
     PlanError
-        If the inputs drive wheels.
+        If the inputs drive wheels, or if a range is empty.
     """
     structure = decimal_mechanism.structure
     construction = find_construction(structure)
@@ -191,6 +191,13 @@ def certify_input_map(
             "maps over ranges of inputs are possible only without rolling contacts: give "
             "values of the inputs with --at"
         )
+    input_names = structure.names_of(construction.input_pairs)
+    for input_name, (low_text, high_text) in zip(input_names, range_texts, strict=True):
+        if not float(low_text) < float(high_text):
+            raise PlanError(
+                f"{structure.name}: the range {low_text} to {high_text} of input "
+                f"{input_name} is empty; give FROM < TO, or values of the inputs with --at"
+            )
     with working_precision(MAP_PRECISION_BITS):
         lows = []
         widths = []

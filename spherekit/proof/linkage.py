@@ -49,7 +49,7 @@ Larger: poor starts succeed. Smaller: they fail sooner.
 ROUNDING_STEP_RATIO = 1e3
 """Step that counts as rounding, over the rounding times the condition number.
 
-Larger: the iteration may end before it has converged. Smaller: it may never end.
+Larger: the iteration may end before it has converged. Smaller: it may not converge.
 """
 
 MAX_START_CONTRACTION = 0.125
@@ -234,7 +234,8 @@ def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKine
     # reference pose, in which the wheels touch where they start.
     has_reference_pose = isinstance(mechanism.geometry, PoseGeometry)
     kinematics = []
-    # `joint` is the pair in float64. It only tells near which point two profiles touch.
+    # `joint` is the pair in float64. Of a reference pose, it only tells near which point
+    # two profiles touch.
     for pair, joint in zip(mechanism.pairs, make_joints(mechanism), strict=True):
         if pair.profiles is None:
             kinematics.append(_revolute_kinematics(*frames[pair.name]))
@@ -288,7 +289,7 @@ def _contact_starts(
     """
     first, second = joint.contact_profiles
     float_starts = exact_balls([first.start, second.start])
-    # Both arc lengths of a sliding contact are variables, so its starts may be inexact.
+    # Both arc lengths of a sliding contact are variables, so its starts are exactly 0.
     is_rolling = bool(joint.rolling_variables)
     if is_rolling and has_reference_pose:
         return _find_contact(curves, float_starts)
@@ -300,12 +301,12 @@ class LoopClosure:
     """Configurations in which Newton's method has closed the loops, from k starts.
 
     Arrays contain balls: numbers with a bound (radius) of their error. Newton's method
-    gives approximations without bounds, so the radius is 0 here.
+    gives approximations without bounds, so the radius of its results is 0.
 
     Attributes
     ----------
     values
-        (k, variables) pair variables (rad), balls of radius 0.
+        (k, variables) pair variables (rad), balls. The radius of free variables is 0.
     free
         Indices of the variables for which Newton's method solved. The other variables, such
         as inputs, have their start values.
@@ -567,18 +568,18 @@ class Linkage:
 
         A step is -J^+ r, with the left inverse J^+ of the Jacobian and the residual r. A
         row is one configuration. Its iteration ends when steps are only rounding: they no
-        longer shrink, and are small compared with eps times the condition number. Rows that
-        fail have a status other than OK.
+        longer shrink, or are a few eps, and are at most `ROUNDING_STEP_RATIO` times eps
+        times the condition number. Rows that fail have a status other than OK.
 
         Parameters
         ----------
         start
             (k, variables) start values (rad), as balls (numbers with a bound of their
-            error) with the bound 0.
+            error). Bounds of held variables need not be 0.
         held
             Indices of the variables that keep their values.
         eps
-            Unit roundoff (relative error of one rounding) in the present precision.
+            Distance from 1 to the next larger number in the present precision.
         """
         k, count = start.shape
         free = [variable for variable in range(count) if variable not in held]

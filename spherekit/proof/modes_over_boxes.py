@@ -36,7 +36,7 @@ from spherekit.proof.root_charts import (
 from spherekit.proof.tubes import PRODUCT_ROUNDING
 
 MAX_SQUARED_DISTANCE = 1.0
-"""Squared distance of given angles, as points of circles, from which roots are followed.
+"""Squared distance of given angles, as points of circles, below which roots are followed.
 
 Larger: roots are followed farther, and some may be lost. Smaller: more homotopies.
 """
@@ -70,7 +70,7 @@ def approximate_modes(
     equations
         The equations of the mechanism.
     circle_points
-        (inputs, 2) cosines and sines of the inputs.
+        (given, 2) cosines and sines of the inputs and of angles that wheels determine.
     seed
         Seed of the random numbers.
 
@@ -172,8 +172,8 @@ class EquationSystem:
     Attributes
     ----------
     given
-        Indices of all other variables: unknowns of other systems, and the inputs. Their
-        values are given when the system is solved.
+        Indices of all other variables: unknowns of other systems, inputs, and angles that
+        wheels determine. Their values are given when the system is solved.
     degrees
         (k, variables) trigonometric degrees, the unknowns first, then the given variables.
     bound
@@ -466,6 +466,8 @@ class EquationSystem:
             approximations = track_homotopy(polynomials, seed)
             roots, has_converged = polish_roots(polynomials, approximations)
             roots = roots.select_roots(has_converged)
+            if not len(roots.z):
+                continue
             (gaps,) = roots.pairwise_gaps(len(roots.z))
             # The lower triangle has the gaps to roots with a smaller number.
             repeats_another = np.any(np.tril(gaps < SAME_ROOT_GAP, -1), axis=1)
@@ -500,7 +502,8 @@ def count_modes(
     systems
         The systems of the mechanism in order.
     centres
-        (m, inputs) float64 numbers (rad) near the centres of the boxes.
+        (m, inputs) float64 numbers (rad) near the centres of the boxes. Angles that wheels
+        determine count as inputs.
     circle_points
         (m, inputs, 2) cosines and sines of the exact centres.
     half

@@ -3,12 +3,12 @@
 The space of the variables is cut into boxes. A box is discarded if an equation cannot
 vanish in it: |f| at its centre exceeds what the slopes and the bound of the second
 derivatives allow over the box. It is also discarded if it is inside a given part. All other
-boxes are halved. A box that is too small to be halved is undecided.
+boxes are halved. Boxes that are too small to be halved, or too many, are undecided.
 
 A linear combination of equations that cannot vanish in a box discards it as well. The
 combinations that are tried are the rows of the pseudo-inverse of the matrix of slopes. In
-each combination the slope by one variable dominates. The proof is valid for any weights, so
-their rounding does not matter.
+each combination the slope by one variable dominates as far as possible. The proof is valid
+for any weights, so their rounding does not matter.
 """
 
 from collections.abc import Callable, Sequence
@@ -49,7 +49,7 @@ before a curve is found.
 """
 
 SEARCHED_BOXES = 3
-"""Number of boxes of each batch in which configurations are looked for.
+"""Approximate number of boxes of each batch in which configurations are looked for.
 
 Larger: curves are found earlier, with more searches that find nothing new. Smaller: more
 boxes are cut before a curve is found.
@@ -109,9 +109,9 @@ def _choose_weights(slopes: Floats) -> Floats:
     """Return weights (n, v, k) of v weighted sums of k equations, for each of n boxes.
 
     A sum is useful if it depends mainly on one variable. So the weights are the
-    pseudo-inverse F'^T (F' F'^T)^-1 of the slopes F' (k, v). Its product with F' is near
-    the identity: sum j depends mainly on variable j. Proofs are valid for any weights, so
-    rounding errors of the weights do not matter.
+    pseudo-inverse F'^T (F' F'^T)^-1 of the slopes F' (k, v). Its product with F' is as near
+    the identity as possible: sum j depends mainly on variable j if it can. Proofs are valid
+    for any weights, so rounding errors of the weights do not matter.
 
     Parameters
     ----------
@@ -129,9 +129,9 @@ def _bound_rounding_of_sums(values: Floats, slopes: Floats, radii: Floats) -> Fl
     """Return bounds (n, k) of the rounding errors that equations bring to weighted sums.
 
     A caller multiplies k equations by weights and adds them up, to test whether a box can
-    contain a solution. Each equation brings two rounding errors to the sum: the rounding of
-    its value at the centre of the box, and of its linear change over the box. The bounds
-    are for a weight of 1. The caller multiplies them by the weights.
+    contain a solution. Each equation brings two rounding errors to the sum: of the product
+    with its value at the centre of the box, and with its linear change over the box. The
+    bounds are for a weight of 1. The caller multiplies them by the weights.
 
     Parameters
     ----------
@@ -303,7 +303,7 @@ BoxCover = Callable[[Floats, Floats], Bools]
 """Returns which boxes are inside given parts, from centres and half widths (n, v) rad."""
 
 ConfigurationSink = Callable[[Floats], bool]
-"""Receives a configuration (v,) near an undecided box; returns whether a part was added."""
+"""Receives a configuration (v,) near a box; returns whether a part was added."""
 
 
 def pave(
@@ -319,7 +319,8 @@ def pave(
     A box is discarded if an equation, or a weighted sum of equations, cannot vanish in it,
     or if it is inside a part of space with known configurations. Near some of the other
     boxes a configuration is searched. If one is found, a part of space with this
-    configuration may be added to the known parts. All boxes that remain are halved.
+    configuration may be added to the known parts. All boxes that remain are halved, unless
+    they are too small or too many.
 
     Parameters
     ----------
@@ -343,7 +344,9 @@ def pave(
     """
     degrees = equations.degrees
     error = equations.harmonics.error
-    moving_count = int(np.sum(ranges.float_width > 0.0))
+    # Known angles, such as the input, follow the unknown ones. Newton's method changes the
+    # variables before the first one with one value.
+    moving_count = int(np.sum(np.cumprod(ranges.float_width > 0.0)))
     undecided_centres: list[Floats] = []
     undecided_radii: list[Floats] = []
 
@@ -352,7 +355,7 @@ def pave(
 
         A box is excluded if it is proven to contain no configuration. A box is covered if
         it is inside a part of space in which all configurations are known. Boxes that are
-        too small to be halved are recorded as undecided.
+        too small to be halved, or beyond `max_boxes`, are recorded as undecided.
 
         Parameters
         ----------
@@ -393,7 +396,7 @@ def pave(
         # A search takes long, so that only about `SEARCHED_BOXES` of the boxes are
         # searched, spread evenly over all of them.
         for row in small_boxes[:: max(1, len(small_boxes) // SEARCHED_BOXES)]:
-            # Newton's method for the variables with a range; None if it fails.
+            # Newton's method for the first `moving_count` variables; None if it fails.
             configuration = correct_configuration(equations, centres[row], moving_count)
             if configuration is None:
                 continue

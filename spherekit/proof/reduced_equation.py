@@ -133,9 +133,10 @@ class ReducedEquation:
     F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. At the centre, the
     derivatives F' are nearly singular: l F' is nearly 0 for a constant unit vector l. The
     equations are therefore replaced by F(z) = g l with a new unknown number g, and two
-    coordinates u = a . z and v = b . z of z are given. The n + 1 equations
+    coordinates u = a . (z - c) and v = b . (z - c), with the centre c, are given. The n + 1
+    equations
 
-        F(z) = g l,   a . z = u,   b . z = v
+        F(z) = g l,   a . (z - c) = u,   b . (z - c) = v
 
     then define the n variables z and the number g. The configurations F(z) = 0 are the
     zeros of g(u, v) (Lyapunov-Schmidt reduction).
@@ -277,9 +278,10 @@ class ReducedEquation:
         F(z) = g l with a new unknown number g. Two coordinates u and v of z are given. So z
         and g are functions of u and v. Where g is 0, z is a configuration.
 
-        The coordinates are u = a . z and v = b . z, with constant vectors a and b. Let z'
-        and g' be the changes of z and g by Newton's step, or their derivatives along u or
-        v. z' and g' solve three sets of linear equations with one matrix (`_border`):
+        Up to constants, the coordinates are u = a . z and v = b . z, with constant vectors
+        a and b. Let z' and g' be the changes of z and g by Newton's step, or their
+        derivatives along u or v. z' and g' solve three sets of linear equations with one
+        matrix (`_border`):
 
             Newton's step:   F' z' - g' l = -residual,   a . z' = 0,   b . z' = 0,
             along u:         F' z' - g' l = 0,           a . z' = 1,   b . z' = 0,
@@ -312,11 +314,12 @@ class ReducedEquation:
         F(z) = g l with a new unknown number g. Two coordinates u and v of z are given. So z
         and g are functions of u and v. Where g is 0, z is a configuration.
 
-        The coordinates are u = a . z and v = b . z, with constant vectors a and b. A given
-        z has an error r = F(z) - g l, which a step of Newton's method with constant u and v
-        removes. Let s be the part of the step that is done, from 0 to 1. Then z and g are
-        functions of three parameters s, u and v, with F(z) - g l = (1 - s) r. The second
-        derivatives of this equation with respect to two parameters i and j are
+        Up to constants, the coordinates are u = a . z and v = b . z, with constant vectors
+        a and b. A given z has an error r = F(z) - g l, which a step of Newton's method with
+        constant u and v removes. Let s be the part of the step that is done, from 0 to 1.
+        Then z and g are functions of three parameters s, u and v, with
+        F(z) - g l = (1 - s) r. The second derivatives of this equation with respect to two
+        parameters i and j are
 
             F' z_ij - g_ij l = -F''(z_i, z_j),   a . z_ij = 0,   b . z_ij = 0.
 
@@ -355,10 +358,10 @@ class ReducedEquation:
         F(z) = g l with a new unknown number g. Two coordinates u and v of z are given. So z
         and g are functions of u and v. Where g is 0, z is a configuration.
 
-        The coordinates are u = a . z and v = b . z; a and b are the first two columns of
-        `frame`. z' and g' are changes of z and g in some direction. `slopes` (k, n) are the
-        derivatives F'. The changes of F - g l, u and v are F' z' - g' l, a . z' and
-        b . z'. The matrix of these linear functions of (z', g') is
+        Up to constants, the coordinates are u = a . z and v = b . z; a and b are the first
+        two columns of `frame`. z' and g' are changes of z and g in some direction. `slopes`
+        (k, n) are the derivatives F'. The changes of F - g l, u and v are F' z' - g' l,
+        a . z' and b . z'. The matrix of these linear functions of (z', g') is
 
             [F'  -l]
             [a^T  0]
@@ -487,7 +490,7 @@ class ReducedEquation:
         level
             The approximate g.
         derivatives
-            A result of `differentiate`, for a box that contains the corrected z. Its
+            The first derivatives, for a box that contains the corrected z. Their
             `correction` of z and `level_correction` of g are balls that contain the exact
             corrections.
 
@@ -565,8 +568,8 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> SaddleReducti
     Raises
     ------
     ZeroDivisionError
-        If there is no critical point nearby, if g has no saddle there, or if a matrix is
-        singular.
+        If there is no critical point nearby, if g has no saddle there, if F' nearly loses
+        more than one rank, or if a matrix is singular.
     """
     # 1. The critical point, with l and the kernel of F' at the position. Then the same
     # reduction about the critical point.

@@ -1,6 +1,6 @@
 """The motion of a mechanism under its loads in balls: a reference for simulations.
 
-In each step the pair variable that moves fastest is the coordinate c. With the equivalent
+In each step a pair variable that moves fast is the coordinate c. With the equivalent
 inertia B and the generalised force Q by c, Eksergian's equation (Di Gregorio 2024, eq. (9))
 is
 
@@ -86,7 +86,7 @@ Larger: larger errors. Smaller: rounding hides the convergence.
 STAGNATION_ROUNDINGS = 1e5
 """Change of a sweep, in roundings, below which a change that no longer shrinks is rounding.
 
-Larger: a slow iteration may count as converged. Smaller: ill-conditioned steps never end.
+Larger: a slow iteration may count as converged. Smaller: ill-conditioned steps fail.
 """
 
 MIN_SWEEPS_TO_STAGNATE = 10
@@ -121,7 +121,8 @@ variables) in rad/s.
 """
 
 EndKind = Literal["time", "joint_limit", "sticking"]
-"""Why a motion ends: the requested time, a joint limit, or dry friction at rest."""
+"""Why a motion ends: the requested time, a joint limit, or a load such as dry friction that
+would reverse it at once."""
 
 SwitchSides = Floats | None
 """Side (switches,) of each switch: the sign, +1 or -1, that its condition has in a step.
@@ -331,15 +332,16 @@ class _SignChange:
     switch: int | None
     is_at_start: bool
 
-    def reverts_at_once(self, last_switch: int | None) -> bool:
-        """Return whether a switch changes back at once to the side that it has just left.
+    def change_sides(self, sides: Floats) -> Floats:
+        """Return the sides (switches,), +1 or -1, after the sign change.
 
-        A switch is a place in a load where the formula changes with a sign, such as dry
-        friction. If the switch changes back at once, the motion cannot continue on either
-        side. `last_switch` is the index of the switch that changed at the end of the
-        previous step. None if no switch changed there.
+        `sides` (switches,) are those before it. A joint limit and the end of the step
+        change none.
         """
-        return self.is_at_start and self.switch == last_switch
+        changed = sides.copy()
+        if self.switch is not None and self.switch != JOINT_LIMIT_SWITCH:
+            changed[self.switch] = -changed[self.switch]
+        return changed
 
 
 def _evaluate_series(coefficients: Array, x: Array) -> Array:
@@ -372,16 +374,16 @@ class ExactSimulation:
     end
         The time (s) at which the motion ended.
     kind
-        Why it ended: at the requested time, at a joint limit, or because dry friction would
-        reverse it at once.
+        Why it ended: at the requested time, at a joint limit, or because a load such as dry
+        friction would reverse it at once.
     switches
-        The times (s) at which loads have kinks.
+        The times (s) at which `abs`, `sign`, `min` or `max` in loads change sides.
 
     Raises
     ------
     EngineError
-        If no step is short enough, or if the start is singular with the driven variable as
-        coordinate.
+        If no step is short enough, or if a configuration is singular with its coordinate
+        locked. At the start the coordinate is the driven variable.
     """
 
     def __init__(
@@ -746,8 +748,9 @@ class ExactSimulation:
             exact_ball(self.until),
         ]
         sides: SwitchSides = None
-        last_switch: int | None = None
-        length = targets[0] / 16
+        # Sides of the steps that have ended at the present end.
+        tried_sides: list[tuple[float, ...]] = []
+        length = exact_ball(self.until) / 16
         while targets:
             # 1. Choose the coordinate: a variable that moves much faster replaces it.
             rates = centre_floats(state.moving.rates[0])
@@ -757,6 +760,7 @@ class ExactSimulation:
                 coordinate = fastest
                 p = p if rates[fastest] > 0.0 else -p
             time_left = (targets[0] - self.end).mid()
+            planned_length = length
             length = min(length, time_left)
             # 2. Compute a step, and halve its length until the series converge.
             step: _TimeStep | None = None
@@ -780,32 +784,36 @@ class ExactSimulation:
                 default=_SignChange(x=exact_ball(1.0), switch=None, is_at_start=False),
             )
             switch = sign_change.switch
-            if sign_change.reverts_at_once(last_switch):
+            sides = sign_change.change_sides(step.switch_signs)
+            if not sign_change.is_at_start:
+                tried_sides.clear()
+            elif switch != JOINT_LIMIT_SWITCH and tuple(sides) in tried_sides:
+                # Switches change back at once: the motion cannot continue on any side.
                 self.kind = "sticking"
                 break
+            tried_sides.append(tuple(step.switch_signs))
             self._steps.append(step)
             (c,), (p,) = step.motion.evaluate(np.array([sign_change.x]))
             self._largest_p = max(self._largest_p, abs(float(p)))
             reaches_target = switch is None and step.length is time_left
             step_end = (step.start + step.length * (sign_change.x + 1) / 2).mid()
             self.end = targets.pop(0) if reaches_target else step_end
-            # 4. The state from which the next step starts, and its sides and length.
+            # 4. The state from which the next step starts, and its length.
             values = self._close_loops(np.array([self.end]), c, coordinate).values
             state = self._evaluate_coordinate(values, coordinate)
-            sides = step.switch_signs.copy()
-            last_switch = switch
             if switch == JOINT_LIMIT_SWITCH:
                 self.kind = "joint_limit"
                 break
             if switch is not None:
-                sides[switch] = -sides[switch]
                 self.switches.append(self.end)
             is_costly = (
                 step.convergence.picard_sweeps > CHEAP_SWEEPS
                 or step.convergence.truncation_roundings > 1.0
             )
+            # A step that was cut at its target does not shorten the next one.
+            length = planned_length if step.length is time_left else step.length
             length = (
-                step.length * (COSTLY_STEP_REDUCTION if is_costly else CHEAP_STEP_GROWTH)
+                length * (COSTLY_STEP_REDUCTION if is_costly else CHEAP_STEP_GROWTH)
             ).mid()
         if not self._steps:
             raise EngineError(
@@ -1004,8 +1012,8 @@ class ExactSimulation:
         low, high
             Positions from -1 to 1. The series is negative at the higher one.
         """
-        # Each halving gains one bit, and a decimal digit has 3.4 bits. Eight more are for
-        # safety.
+        # Each halving gains one bit, and a decimal digit has less than 3.4 bits. Eight more
+        # are for safety.
         for _ in range(int(3.4 * self.arithmetic.digits) + 8):
             middle = (low + high).mid() / 2
             if _evaluate_series(coefficients, np.array([middle]))[0].mid() < 0:
@@ -1022,7 +1030,7 @@ def _apply_non_smooth_function(
 
     The condition is the argument of `abs` and `sign`, or the difference of two arguments of
     `min` and `max`. With a fixed sign these functions are smooth. The motion, which is
-    computed as a power series, requires this.
+    computed as a series, requires this.
 
     Parameters
     ----------

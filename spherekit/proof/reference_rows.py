@@ -164,7 +164,8 @@ def exact_rows(
     Raises
     ------
     SolveError
-        If the pair is not an input, or the order is not 1, 2 or 3.
+        If the pair is not an input, the order is not 1, 2 or 3, `rows` is not a mask of the
+        rows of the motion, or `inputs` has another shape.
     """
     (reference,) = exact_rows_by_input(motion, rows, (driven,), arithmetic, order, inputs)
     return reference
@@ -210,8 +211,18 @@ def exact_rows_by_input(
             )
     if order not in (1, 2, 3):
         raise SolveError(f"order: found {order}, expected 1, 2 or 3")
+    mask = np.asarray(rows)
+    if mask.dtype != bool or mask.shape != (len(motion),):
+        raise SolveError(
+            f"rows: found an array of {mask.dtype} of the shape {mask.shape}, expected "
+            f"True or False for each of the {len(motion)} rows"
+        )
     arithmetic = arithmetic or Digits(MIN_DIGITS)
-    chosen = motion.rows(np.asarray(rows, dtype=bool))
+    chosen = motion.rows(mask)
+    if inputs is not None and np.shape(inputs) != chosen.inputs.shape:
+        raise SolveError(
+            f"inputs: found the shape {np.shape(inputs)}, expected {chosen.inputs.shape}"
+        )
     with arithmetic.within(), np.errstate(all="ignore"):
         linkage = Linkage(mechanism, frames)
         input_variables = [
@@ -350,9 +361,10 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
     """Return the direction of a pole in reference rows (configurations in many digits).
 
     The pole of two links is the axis of their relative rotation while one input moves. If a
-    pair (joint) joins both links, it is the axis or contact point of the pair. Otherwise it
-    is the direction of the relative angular velocity. If the links are at relative rest,
-    the derivative of this velocity with respect to the input replaces it.
+    revolute pair (joint) or a rolling contact joins both links, it is the axis or contact
+    point of the pair. Otherwise it is the direction of the relative angular velocity. If
+    the links are at relative rest, the derivative of this velocity with respect to the
+    input replaces it.
 
     Parameters
     ----------
@@ -568,8 +580,8 @@ def exact_field(reference: ExactRows, request: Request, field: PoleField) -> Pol
     -------
     PoleField
         Rows without a reference are NaN and have the status of the reference.
-        `conditioning`, `planes` and the error bounds are NaN, since they belong to the
-        computation of the field.
+        `conditioning`, `planes` and the error bounds of poles are NaN, since they belong to
+        the computation of the field.
     """
     with reference.arithmetic.within():
         directions = {

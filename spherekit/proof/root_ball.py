@@ -1,10 +1,10 @@
 """Balls that are proven to contain exactly one solution of the equations.
 
-If F' is regular everywhere in a ball, F has at most one zero in it, because the difference
-of two values is a mean of F' times the difference of the points. From the centre x there is
-a path z' = -F'(z)^-1 F(x) along which F decreases linearly to 0 (M. Davidenko, 1953). If
-the balls of F' over the whole ball bound its length by less than the radius, the path ends
-inside, at a zero. The distance of this zero from the centre has the same bound.
+If all matrices in the balls of F' over a whole ball are regular, F has at most one zero in
+it, because the difference of two values is a mean of F' times the difference of the points.
+From the centre x there is a path z' = -F'(z)^-1 F(x) along which F decreases linearly to 0
+(M. Davidenko, 1953). If the balls of F' bound its length by less than the radius, the path
+ends inside, at a zero. The distance of this zero from the centre has the same bound.
 """
 
 from collections.abc import Sequence
@@ -99,7 +99,7 @@ class CertifiedRoot:
         """Return whether an approximation (rad) is so near that Newton's method leads here.
 
         `approximation` has the complex angles of the unknowns. From distances below half of
-        `unique`, Newton's method is proven to lead to this root, up to whole turns.
+        `unique`, Newton's method is expected to lead to this root, up to whole turns.
         """
         offset = np.array(approximation) - [complex(angle) for angle in self.centre]
         distance = np.abs(wrap(offset.real) + 1j * offset.imag)
@@ -129,7 +129,7 @@ def find_root(
         Approximate values of the unknown angles (rad).
     """
     start = np.array([complex_ball(angle) for angle in approximation])
-    # Dividing by a ball that contains 0 raises this error; then nothing is proven.
+    # A matrix that may be singular raises this error; then nothing is proven.
     try:
         x = _improve_root(equations, known_angles, start)
         if x is None:

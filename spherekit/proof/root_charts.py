@@ -102,8 +102,8 @@ class ChartRoots:
     """Complex points, such as roots of a system of equations, that may be at infinity.
 
     The coordinates are e^(i angle) of the k unknown angles of the system. Each is stored in
-    one of two charts: this number, or its inverse. The chart with a magnitude of at most 1
-    is used, so that a coordinate at infinity is stored as 0.
+    one of two charts: this number, or its inverse. The chart with a magnitude of at most
+    about 1 is used, so that a coordinate at infinity is stored as 0.
 
     Attributes
     ----------
@@ -152,7 +152,8 @@ class ChartRoots:
         A row is one set of values of the given variables (inputs, and unknowns that were
         solved before). A coordinate e^(i angle) of a root is written as a fraction a / b:
         as z / 1, or as 1 / z if its inverse z is stored. Two coordinates a / b and c / d
-        are equal if their gap |a d - c b| is 0. As |z| is at most 1, the gap is at most 2.
+        are equal if their gap |a d - c b| is 0. As |z| is at most about 1, the gap is at
+        most about 2.
 
         Parameters
         ----------
@@ -335,8 +336,8 @@ class ChartRoots:
     def with_points(self, z: Complexes) -> "ChartRoots":
         """Return points with new coordinates, inverted where they have become large.
 
-        A chart is e^(i angle) of an unknown or its inverse, whichever has the magnitude of
-        at most 1. A coordinate above `CHART_CHANGE_MAGNITUDE` is replaced by its inverse.
+        A chart is e^(i angle) of an unknown or its inverse, with a magnitude of at most
+        about 1. A coordinate above `CHART_CHANGE_MAGNITUDE` is replaced by its inverse.
 
         Parameters
         ----------
@@ -350,8 +351,8 @@ class ChartRoots:
 def _derivative_factor(exponents: Indices, order: int) -> Floats:
     """Return the factor of z^(p - order) in a derivative of z^p, for exponents p.
 
-    z is e^(i angle) of an unknown. The factor is 1 for order 0, p for order 1 and p (p - 1)
-    for order 2.
+    z is e^(i angle) of an unknown, or its inverse. The factor is 1 for order 0, p for order
+    1 and p (p - 1) for order 2.
     """
     factor = np.ones(exponents.shape)
     for step in range(order):
@@ -422,7 +423,7 @@ def polish_roots(polynomials: Polynomials, roots: ChartRoots) -> tuple[ChartRoot
         step_size = np.max(np.abs(change), axis=1, initial=0.0)
         is_good &= step_size < 1.0
         roots = roots.with_points(np.where(is_good[:, None], roots.z - change, roots.z))
-        # All roots have negligible steps.
+        # All roots that have not failed have negligible steps.
         if np.max(step_size[is_good], initial=0.0) < POLISHING_TOLERANCE:
             break
     return roots, is_good & (step_size < CONVERGED_STEP)
@@ -477,8 +478,8 @@ class ChangeBounds:
         (n, k, k) bound of the difference of the derivatives with respect to z from P_z.
         Axes: root, equation, unknown.
     drift
-        (n, k) bound of the difference of P(z0, g) from its linear approximation
-        P(z0, g0) + P_g (g - g0).
+        (n, k) bound of the mean change of P_g on the line from (z0, g0) to (z, g), times
+        the change of g.
     """
 
     value_error: Floats
@@ -614,8 +615,8 @@ class RootTubes:
     """Tubes about n approximate roots, each with exactly one root for all inputs of a box.
 
     A root is a solution of the equations for k unknown angles, which may be complex. Its
-    coordinate z for an angle is e^(i angle) or the inverse, with a magnitude of at most 1
-    at the approximation. So roots at infinity have finite coordinates.
+    coordinate z for an angle is e^(i angle) or the inverse, with a magnitude of at most
+    about 1 at the approximation. So roots at infinity have finite coordinates.
 
     While the inputs q vary over a box with the centre q0, the root z(q) moves. The tube
     surrounds it: the axis of the tube is z0 + rates (q - q0), with the approximate root z0
@@ -662,8 +663,8 @@ def enclose_roots(
     root. Suppose that Y P_z differs from the identity by at most `slack` < 1 within a
     radius and for all inputs of the box. The distance of the root from any point within the
     radius is then at most the largest |Y P| at this point, divided by 1 - slack. If this
-    distance is less than the radius at all points of the axis of the tube, the root stays
-    inside.
+    distance plus the motion along the axis of the tube is less than the radius, at all
+    points of the axis, the root stays inside.
 
     |Y P| on the axis is its value at the centre of the box and the integral of its
     derivative along the axis, Y P_z z' + Y P_g g'. The rates z' of the axis make this
@@ -809,14 +810,14 @@ def _bound_gap_change(radius: Floats, other_radius: Floats) -> Floats:
     """Return how much the gap of two roots can change within their errors.
 
     The stored coordinates y and z of the roots are e^(i angle) or its inverse, with
-    magnitudes of at most 1 and errors of at most r and s. The gap
+    magnitudes of at most about 1 and errors of at most r and s. The gap
     (`ChartRoots.pairwise_gaps`) is
 
         |y - z|,     if both are stored in the same way: it changes by at most r + s,
-        |y z - 1|,   if one is stored inverted: it changes by at most r + s + r s.
+        |y z - 1|,   if one is stored inverted: it changes by at most about r + s + r s.
 
     The larger bound is taken for both. `ROUND_UP` covers its rounding, and 1e-14 the
-    rounding of a gap. The factor 1.5 is a margin.
+    rounding of a gap. The factor 1.5 is a margin, for magnitudes slightly above 1.
 
     Parameters
     ----------

@@ -58,12 +58,14 @@ class ArmErrors:
 
     Let Q = (u, v) g'' (u, v)^T be the quadratic form of the second derivatives g''. If g is
     exactly Q / 2, the arms are the straight lines with Q = 0, and the gradient of g is g''
-    (u, v)^T. In fact Q is not exactly 0 on the arms, and the gradient differs a little.
+    (u, v)^T. In fact Q is not exactly 0 on the arms, and the gradient differs a little. The
+    errors are bounded outside the central zone, in which curves that miss each other bend.
 
     Attributes
     ----------
     relative_form_error
-        Bound of |Q| / m^2 at all points of the arms, where m is the larger of |u| and |v|.
+        Bound of |Q| / m^2 at all these points of the arms, where m is the larger of |u| and
+        |v|.
     relative_gradient_error
         Bound of the error of both components of the gradient, divided by m.
     centre_error
@@ -110,8 +112,9 @@ class ArmRates:
     Attributes
     ----------
     outward_signs
-        For each quadrant (variables,) the sign of the rate of each variable on the arm,
-        away from the saddle; 0 if it is not proven.
+        For each quadrant (variables,) the sign of the rate of each variable on the arm
+        outside the central zone, in the direction away from the saddle; 0 if it is not
+        proven.
     reach
         For each quadrant (variables,) a bound (rad) of the change of each variable on the
         arm, from the computed saddle u = v = 0.

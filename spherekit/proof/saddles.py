@@ -2,9 +2,9 @@
 
 Near such a position the configurations are the zeros of a reduced equation g(u, v)
 (`spherekit.proof.reduced_equation`) in a rectangle. Suppose that g is convex in u and
-concave in v, positive on the sides u = +-r, and negative at (0, +-s), where s is a small
-part of the extent of the rectangle along v. The zeros are then four arms, one in each
-quadrant, which leave through the sides of constant v.
+concave in v, positive on the sides u = +-r, and negative and lower than g(0, 0) at
+(0, +-s), where s is a small part of the extent of the rectangle along v. The zeros are then
+four arms, one in each quadrant, which leave through the sides of constant v.
 
 How the arms are joined depends on the level c only, the largest value over v of the least
 value of g over u. If c is 0, two curves cross in one point. Otherwise they are two arcs
@@ -135,8 +135,8 @@ class Saddle(OrientedBox):
         For each quadrant (variables,) the largest change (rad) of each variable on the arm
         from the centre.
     is_monotonic
-        (variables,) whether a variable has no stationary point between two arms that are
-        joined.
+        (variables,) whether a variable is proven to have no stationary point between two
+        arms that are joined.
     """
 
     level_sign: int | None
@@ -186,7 +186,7 @@ def find_saddle(
     is_proven_crossing: Callable[[OrientedBox], bool],
     is_allowed: Callable[[OrientedBox], bool],
 ) -> Saddle | None:
-    """Return the saddle near a position, None if none is proven.
+    """Return the saddle near a position, None if none is found.
 
     A saddle is a place where configuration curves cross or narrowly miss each other, in a
     box that is proven to contain it. All equations but one determine the variables there
@@ -201,7 +201,8 @@ def find_saddle(
     equations
         The equations of the mechanism.
     position
-        (variables,) a position (rad) near which a curve could not be followed.
+        (variables,) a position (rad) near which a curve could not be followed, or a box
+        could not be decided.
     is_proven_crossing
         Function that returns whether a box is proven to contain a crossing: a configuration
         in which the derivatives of the equations lose a rank.

@@ -1,7 +1,7 @@
 """Stationary points of a variable along a chain of certified arcs.
 
 Each stationary point is proven to be the only one in its neighbourhood. Outside of these
-neighbourhoods there is none.
+neighbourhoods and of undecided parts there is none.
 
 The variables z of a configuration solve the equations F(z) = 0 of the mechanism. An arc is
 z = z0 + t s + N y(s), with the tangent t and the normals N at its centre z0. Its rates, the
@@ -92,7 +92,7 @@ class RateBounds:
 
     An arc is a part of a curve of configurations. Rates are derivatives of the variables
     with respect to the coordinate s along the tangent at the centre of the arc. The bounds
-    are valid on the whole arc.
+    are valid up to the |s| for which they were computed (`bound_rates`).
 
     Attributes
     ----------
@@ -344,7 +344,9 @@ def find_stationary_points(
     run_derivative = 0
     undecided_before_run = 0
     stretch_budget = MAX_STRETCHES
-    for number, (piece, next_piece) in enumerate(chain.successive_pieces):
+    numbered_pieces = list(enumerate(chain.successive_pieces))
+    first = _find_first_number(chain, variable)
+    for number, (piece, next_piece) in numbered_pieces[first:] + numbered_pieces[:first]:
         stretch_budget += STRETCHES_PER_ARC
         waiting = [_Stretch(piece, next_piece.centre, next_piece.centre_error)]
         while waiting:
@@ -385,7 +387,23 @@ def find_stationary_points(
                 point = _bound_undecided(stretch, variable)
                 result.undecided.append(replace(point, piece=number))
             run_derivative = 0 if is_decided else signs.derivative
+    result.proven.sort(key=lambda point: point.piece)
     return result
+
+
+def _find_first_number(chain: Chain, variable: int) -> int:
+    """Return the index of the arc of a chain from which on stationary points are searched.
+
+    A closed chain may begin at a stationary point of the variable. The sign of its rate is
+    open there, so the point would stay undecided. The search then begins at the first arc
+    with a proven sign of the rate at its centre, if there is one.
+    """
+    if chain.closed:
+        for number, piece in enumerate(chain.pieces):
+            sign_at_centre, _ = _rate_signs(piece, half_length=0.0, variable=variable)
+            if sign_at_centre:
+                return number
+    return 0
 
 
 def _examine_stretch(

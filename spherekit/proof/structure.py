@@ -86,7 +86,8 @@ def extract_structure(mechanism: Mechanism) -> Structure:
     Raises
     ------
     PlanError
-        If the profiles of a contact are not two circles.
+        If the profiles of a contact are not two circles, if an input is a contact pair, or
+        if there is no R pair.
     """
     links = list(mechanism.links)
     pair_names = []

@@ -25,7 +25,7 @@ from spherekit.proof.arc_equations import ArcEquations
 from spherekit.proof.balls import cosines_and_sines
 
 LONGEST_ARC_RAD = 0.4
-"""Largest half length (rad) of a certified arc that is tried.
+"""Largest half length (rad) of an arc of a chain that is tried.
 
 Larger: more failing trials for each arc. Smaller: more arcs for each curve.
 """
@@ -82,11 +82,12 @@ derivatives give huge steps.
 ROUND_UP = 1.0 + 1e-12
 """Factor that covers the rounding of sums of bounds (all terms are positive).
 
-Larger: weaker bounds. Smaller: below some 1e-14 the sums could be rounded below the bound.
+Larger: weaker bounds. Smaller: below some 1 + 1e-14 the sums could be rounded below the
+bound.
 """
 
 PRODUCT_ROUNDING = 1e-14
-"""Bound of the relative rounding of products of matrices of up to 16 rows.
+"""Bound of the rounding of a matrix product of up to 16 rows, relative to magnitudes.
 
 Larger: weaker bounds. Smaller: below 16 roundings of float64 it is no longer a bound.
 """
@@ -94,14 +95,14 @@ Larger: weaker bounds. Smaller: below 16 roundings of float64 it is no longer a 
 COORDINATE_ROUNDING_RAD = 1e-13
 """Bound (rad) of the rounding of the coordinates of a point in a box.
 
-Larger: points near a side count as outside. Smaller: below some 1e-14 it is no longer a
-bound.
+Larger: points near a side count neither as inside nor as outside. Smaller: below some 1e-14
+it is no longer a bound.
 """
 
 
 @dataclass(frozen=True)
 class OrientedBox:
-    """A box in the space of all v variables, with sides in any orthogonal directions.
+    """A box in the space of v variables, with sides in any orthogonal directions.
 
     Proofs use such boxes along and across curves of configurations.
 
@@ -160,8 +161,8 @@ def boxes_covered(
 ) -> Bools:
     """Return a mask of axis-aligned boxes proven to be inside one of many oriented boxes.
 
-    The oriented boxes contain known parts of configuration curves. `centres` and `radii`
-    (n, v) are the centres and half lengths (rad) of the axis-aligned boxes.
+    The oriented boxes contain known configurations. `centres` and `radii` (n, v) are the
+    centres and half lengths (rad) of the axis-aligned boxes.
     """
     is_covered = np.zeros(len(centres), dtype=bool)
     for oriented_box in oriented_boxes:
@@ -210,10 +211,10 @@ class CertifiedArc(OrientedBox):
         return self.frame[:, 0]
 
     def largest_normal_coordinate(self, half_length: float) -> float:
-        """Return a bound (rad) of the distance of the arc from its tangent line.
+        """Return a bound (rad) of the coordinates of the arc along its normals.
 
-        The result bounds each coordinate ``|y_i|`` along the normals. The bound is valid
-        where the coordinate s along the tangent has ``|s|`` up to `half_length` (rad).
+        The result bounds each coordinate ``|y_i|``. The bound is valid where the coordinate
+        s along the tangent has ``|s|`` up to `half_length` (rad).
         """
         bounds = self.test.bound_arc(half_length, self.radius)
         # The arc is proven to stay in the box, so the radius is also a bound.
@@ -242,7 +243,7 @@ class TangentFrame:
 
 
 def find_frame(slopes: Floats, direction: Floats | None) -> TangentFrame | None:
-    """Return tangent and normals of a curve of configurations, None without a tangent.
+    """Return tangent and normals of a configuration curve, None without a unique tangent.
 
     The v variables satisfy k = v - 1 equations F = 0. In the singular value decomposition
     F' = U S V^T, the last row of V^T is the tangent t, since F' t = 0. The other rows are
@@ -577,8 +578,8 @@ def _bound_derivative_error(equations: ArcEquations) -> Floats:
 
     - the error of the evaluation by Fourier series (`harmonics`),
     - the rounding of the products with the frame and the approximate inverse Y. A matrix
-      product has an error of at most `PRODUCT_ROUNDING` times the size of its result. There
-      are at most three products in a row, which the factor 4 covers.
+      product has an error of at most `PRODUCT_ROUNDING` times the product of magnitudes.
+      There are at most three products in a row, which the factor 4 covers.
     """
     rounding = 4.0 * PRODUCT_ROUNDING * equations.derivative_bound
     return equations.harmonics.error + rounding
