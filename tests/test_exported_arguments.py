@@ -294,6 +294,39 @@ def test_sizes_of_results_that_are_zero_but_for_rounding_are_idle(name, key):
     assert idle_arguments([file_formulas]) == ()
 
 
+@pytest.mark.parametrize(
+    ("name", "pair"),
+    [("four_bar", "21"), ("double_butterfly", "C"), ("shaped_cam", "follower_pivot")],
+)
+def test_sizes_without_effect_in_one_configuration_only_are_not_idle(name, pair):
+    """A spring is at rest where its stiffness is tried first; elsewhere it has an effect.
+
+    The formulas are in closed form, by Newton's method and with profiles of contacts. An
+    arc on which the torque of a spring at the input does not depend remains idle. Whole
+    turns of a passive pair are an argument, which is 0.4 rad where sizes are tried first.
+    """
+    mechanism = sk.load(name)
+    key = "loads.coil.stiffness"
+    idle_keys = ("links.2.arc",) if name == "four_bar" else ()
+
+    def make_formulas(rest):
+        spring = sk.Spring("coil", pair, stiffness=3.0, rest=rest)
+        return formulas(
+            replace(mechanism, loads=(spring,)),
+            ["generalized_force"],
+            vary=[key, *idle_keys],
+            assembly_mode=0,
+        )
+
+    (mode,) = make_formulas(0.0).modes
+    rest = mode.at[0]
+    if name != "four_bar":
+        rest = mode.values[mechanism.variable_names.index(f"theta_{pair}")] + 0.4
+    formulas_with_rest = make_formulas(rest)
+    assert formulas_with_rest.modes == (mode,)
+    assert idle_arguments([formulas_with_rest]) == idle_keys
+
+
 def test_masses_along_axes_of_wheels_are_arguments():
     """Their terms have numbers of the contacts in them, which are no arguments."""
     assert check_argument("planetary_bevel", "mass.output.tensor.2.2")

@@ -7,6 +7,7 @@ Sizes, masses and loads as arguments against files with other numbers; see also
 import ctypes
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -333,6 +334,42 @@ def test_stored_functions_have_their_source(tmp_path):
     columns = function(np.array([q, dq, ddq, t]), np.zeros((0, 50)), np.zeros((0, 50)))
     torque = archive.torque(q, dq, ddq, t)
     assert columns[-1] == pytest.approx(torque, rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.skipif(not GCC, reason="no C compiler")
+def test_sources_of_stored_functions_count_turns(tmp_path):
+    """Pair variables grow by a turn in each period, and with them the torque of a spring.
+
+    At 1 rad + 1 turn a spring of 3 N m/rad with rest at zero has 3*(1 + 2 pi) N m.
+    """
+    loads = (sk.Spring("coil", "21", stiffness=3.0, rest=0.0),)
+    mechanism = replace(sk.load("four_bar"), loads=loads)
+    model = sk.reduced_model(mechanism, assembly_mode=0)
+    source_path = tmp_path / "x.c"
+    sk.export(mechanism, source_path, to="model", assembly_mode=0)
+    names = [function.name for function in model.heading.groups[0]]
+    function = c_function(source_path, "four_bar", len(names) + 1, "c")
+    q = np.array([1.0, 1.0 + 2.0 * np.pi, *np.linspace(-20.0, 20.0, 41)])
+    rest = np.zeros_like(q)
+    none = np.zeros((0, len(q)))
+    columns = function(np.array([q, rest, rest, rest]), none, none)
+    assert columns[-1][:2] == pytest.approx([3.0, 3.0 * (1.0 + 2.0 * np.pi)], rel=1e-12)
+    assert columns[-1] == pytest.approx(model.torque(q, 0.0, 0.0, 0.0), rel=1e-11)
+    stored = model.functions(names, q).T
+    assert columns[:-1] == pytest.approx(stored, rel=1e-11, abs=1e-11)
+
+
+def test_heads_speak_of_sides_of_dyads_only_with_signs_as_arguments(tmp_path):
+    """Wheels and stored functions have no signs; a stored mode has no title either."""
+    target = tmp_path / "x.c"
+    sk.export("four_bar", target, quantities=["theta_41"])
+    assert "one side of each dyad" in target.read_text("utf-8")
+    sk.export("bevel_pair", target, quantities=["theta_*"])
+    assert "dyad" not in target.read_text("utf-8")
+    sk.export("four_bar", target, to="model")
+    stored = target.read_text("utf-8")
+    assert "dyad" not in stored
+    assert " 0: argument mode is empty" in stored
 
 
 @pytest.mark.skipif(not shutil.which("arm-none-eabi-gcc"), reason="no cross compiler")

@@ -338,6 +338,40 @@ def test_a_urdf_closes_loops_by_elements_in_use(loop, tmp_path):
     assert motion.status[0] == sk.Status.OK
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("0 0 -1", "0 0 0", "loop joint tip: its axis is zero"),
+        ("0 0 -1", "0 0 nan", "loop joint cannot be read: xyz has to consist of finite"),
+        ("0 0 0.1", "0 inf 0.1", "loop joint cannot be read: xyz has to consist of finite"),
+    ],
+)
+def test_a_loop_joint_without_a_place_or_axis_is_refused(old, new, message, tmp_path):
+    loop = LOOPS["origins"].replace(f'"{old}"', f'"{new}"')
+    path = write_model(tmp_path, wrist_model(loop), "wrist.urdf")
+    with pytest.raises(FileError, match=message):
+        sk.import_mechanism(path)
+
+
+def test_fixed_loop_joints_hold_positions_and_orientations(tmp_path):
+    """A fixed loop joint is closed where its places on both links coincide, or refused."""
+
+    def import_loop(xyz, first_rpy, second_rpy):
+        loop = (
+            f'<loop_joint name="tip" type="fixed"><link1 link="left_rod" xyz="{xyz}" '
+            f'rpy="{first_rpy}"/><link1 link="tool" xyz="0 0 -0.1" rpy="{second_rpy}"/>'
+            "</loop_joint>"
+        )
+        return sk.import_mechanism(write_model(tmp_path, wrist_model(loop), "wrist.urdf"))
+
+    closed = import_loop("0 0 0.1", "0 0 0", "0 0 0").mechanism
+    rotated = import_loop("0 0 0.1", "0.2 0.1 0.3", "0.2 0.1 0.3").mechanism
+    assert rotated.pairs == closed.pairs
+    for xyz, rpy in (("0 0 0.1", "0.2 0 0"), ("0 3 7", "0 0 0")):
+        with pytest.raises(FileError, match="loops do not close near the pose"):
+            import_loop(xyz, rpy, "0 0 0")
+
+
 def test_axes_that_miss_are_refused_with_their_distances(tmp_path, capsys):
     """An axis that misses the common centre by 1 cm is refused, unless `within` allows it.
 

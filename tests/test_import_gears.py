@@ -324,6 +324,13 @@ def test_an_unknown_transmission_is_said(tmp_path):
     assert [item.pair for item in found.mechanism.inputs] == ["pitch", "roll"]
 
 
+def test_an_unknown_transmission_without_joints_is_said(tmp_path):
+    spare = '<transmission name="spare"><type>maker/Harmonic</type></transmission>'
+    text = TRANSMISSION.replace("</robot>", f"{spare}</robot>")
+    found = import_text(tmp_path, text, "wrist.urdf")
+    assert "spare of type Harmonic is not known: left out" in found.text
+
+
 REFUSED = {
     "zero": (
         TRANSMISSION.replace(">30<", ">0<", 1),

@@ -44,6 +44,16 @@ A result such as the sum of two loads that cancel is zero up to rounding. It has
 With a smaller value, rounding errors count as changes. With a larger one, weak effects are
 missed.
 """
+MOTION_STEP = 0.07
+"""Change of the first input that leads to a second configuration, rad.
+
+With a smaller value, effects that are zero in the first configuration are weak in the
+second one. With a larger one, the second configuration is more often beyond the range.
+"""
+MAX_SECOND_CONFIGURATION_STEPS = 12
+"""Most steps of Newton's method that compute the second configuration."""
+MAX_SECOND_CONFIGURATION_RESIDUAL = 1e-9
+"""A second configuration whose closure residual (rad) is larger is not used."""
 NOISE_TRIALS = 16
 """Number of evaluations from which the rounding noise of the results is estimated."""
 NOISE_STEP = 32.0 * EPS
@@ -200,30 +210,86 @@ def _idle_arguments(formulas: Formulas) -> list[str]:
 
     A size is a number of the mechanism file that is an argument of the formulas. Each size
     in turn is changed by `RELATIVE_STEP` in one configuration of each assembly mode (way to
-    assemble the mechanism).
-
-    Formulas without a closed form contain a step of Newton's method that computes the pair
-    variables. The variables after the step count as results.
+    assemble the mechanism). In a single configuration an effect can be zero by chance, for
+    example that of the stiffness of a spring that is at rest there. A size without effect
+    is therefore changed in a second configuration too.
     """
     if not formulas.sizes:
         return []
-    # `step` has the variables after a step of Newton's method. It is empty in closed form.
-    evaluate = formulas.numpy_function([*formulas.outputs, *formulas.step])
     motion = _choose_motion(formulas)
     # The numbers that select each mode: signs in closed form, otherwise the pair variables
     # from which Newton's method starts.
     mode_values = _stack_mode_values(formulas)
+    idle_rows = _find_idle_rows(formulas, range(len(formulas.sizes)), motion, mode_values)
+    if idle_rows:
+        # The ratios of the steps are irrational, so that the effects of two arguments, such
+        # as an input and whole turns of a wheel that it drives, do not cancel.
+        steps = MOTION_STEP * np.exp(0.1 * np.arange(len(motion)))
+        second_motion = motion + steps[:, None]
+        mode_values = _follow_mode_values(formulas, second_motion, mode_values)
+        idle_rows = _find_idle_rows(formulas, idle_rows, second_motion, mode_values)
+    return [formulas.sizes[row].key for row in idle_rows]
+
+
+def _find_idle_rows(
+    formulas: Formulas, rows: Iterable[int], motion: Floats, mode_values: Floats
+) -> list[int]:
+    """Return which sizes change no result in one configuration of each assembly mode.
+
+    Formulas without a closed form contain a step of Newton's method that computes the pair
+    variables. The variables after the step and the closure residual count as results.
+
+    Parameters
+    ----------
+    formulas
+        The formulas.
+    rows
+        Indices of the sizes that are tried, in `formulas.sizes`.
+    motion, mode_values
+        (arguments, modes) and (values, modes) the configurations, as the formulas take
+        them.
+    """
+    # `step` has the results of a step of Newton's method. It is empty in closed form.
+    evaluate = formulas.numpy_function([*formulas.outputs, *formulas.step])
     values_before = evaluate(motion, mode_values, formulas.size_values)
     noise = _estimate_noise(evaluate, (motion, mode_values, formulas.size_values))
     least_effect = _compute_least_effects(formulas, values_before, noise)
-    idle_keys = []
-    for row, size in enumerate(formulas.sizes):
+    idle_rows = []
+    for row in rows:
         changed_sizes = formulas.size_values.copy()
-        changed_sizes[row] += RELATIVE_STEP * (abs(size.value) or 1.0)
+        changed_sizes[row] += RELATIVE_STEP * (abs(formulas.sizes[row].value) or 1.0)
         values_after = evaluate(motion, mode_values, changed_sizes)
         if not _has_effect(values_before, values_after, least_effect):
-            idle_keys.append(size.key)
-    return idle_keys
+            idle_rows.append(row)
+    return idle_rows
+
+
+def _follow_mode_values(formulas: Formulas, motion: Floats, mode_values: Floats) -> Floats:
+    """Return the numbers (values, modes) that select each assembly mode at another motion.
+
+    The signs of dyads (groups of two links) in closed form stay. Pair variables are
+    computed by Newton's method. They are NaN for a mode in which the loops stay open, so
+    that sizes have no effect there.
+
+    Parameters
+    ----------
+    formulas
+        The formulas.
+    motion
+        (arguments, modes) the other motion.
+    mode_values
+        (values, modes) the numbers at a motion near it.
+    """
+    if not formulas.step:
+        return mode_values
+    take_step = formulas.numpy_function(formulas.step)
+    for _ in range(MAX_SECOND_CONFIGURATION_STEPS):
+        # The last row is the closure residual before the step.
+        # Steps that diverge give infinite variables.
+        with np.errstate(invalid="ignore", over="ignore"):
+            *variables, residual = take_step(motion, mode_values, formulas.size_values)
+        mode_values = np.array(variables)
+    return np.where(residual <= MAX_SECOND_CONFIGURATION_RESIDUAL, mode_values, np.nan)
 
 
 def _choose_motion(formulas: Formulas) -> Floats:
@@ -269,8 +335,8 @@ def _compute_least_effects(
         The formulas.
     values_before
         (r, modes) values of the r results in one configuration of each assembly mode. If
-        there is a step of Newton's method, the variables after it follow as further
-        results.
+        there is a step of Newton's method, the variables after it and the closure residual
+        follow as further results.
     noise
         (r,) largest change of each result when the last digits of the arguments change.
 
@@ -279,8 +345,8 @@ def _compute_least_effects(
     (r,) smallest change that counts as an effect, in the unit of the result.
     """
     result_units = list(formulas.results.values())
-    # Variables after a step of Newton's method are angles. Their unit here is the empty
-    # text, one of the `KINEMATIC_UNITS` like "rad".
+    # Variables after a step of Newton's method and its residual are angles. Their unit here
+    # is the empty text, one of the `KINEMATIC_UNITS` like "rad".
     variable_units = [""] * len(formulas.step)
     units = result_units + variable_units
     # A result that is zero up to rounding has no scale of its own. For angles and velocity

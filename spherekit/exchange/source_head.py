@@ -134,10 +134,8 @@ def _mode_lines(source: FormulaSource, position: int, mode: Mode) -> Iterator[st
     """
     argument_text = _mode_argument_text(source, mode.values)
     input_text = ", ".join(f"{q:.6g}" for q in mode.at)
-    yield (
-        f"  {mode.number} ({mode.name}): {argument_text}, exists for example at "
-        f"{input_text} rad"
-    )
+    title = f"{mode.number} ({mode.name})" if mode.name else f"{mode.number}"
+    yield f"  {title}: {argument_text}, exists for example at {input_text} rad"
     if source.smooth_modes is None:
         return
     pieces = source.smooth_modes.pieces(position)
@@ -171,7 +169,7 @@ def _method_sentences(source: FormulaSource) -> str:
     assemble the mechanism). A sign tells on which side of the dyad its middle pair is.
 
     Where the three axes of a dyad are in one plane, the mechanism can continue on either
-    side. If modes keep their signs for all inputs, a sentence warns of this.
+    side. If modes have signs and keep them for all inputs, a sentence warns of this.
     """
     # `step` has the expressions of a step of Newton's method. It is empty in closed form.
     # The function of the step returns the closure residual, by how much loops are open.
@@ -187,9 +185,9 @@ def _method_sentences(source: FormulaSource) -> str:
         "assembled."
     )
     # `smooth` has the mode values by intervals of the input, or is None if modes keep their
-    # signs for all inputs.
+    # signs for all inputs. Without dyads there are no signs.
     keeps_signs = source.formulas.mode_table.smooth is None
-    if not keeps_signs:
+    if not keeps_signs or not source.formulas.mode_value_names:
         return method
     return method + (
         " A mode is one side of each dyad. At a change point, an input at which the "
@@ -236,7 +234,7 @@ def _smooth_mode_sentences(source: FormulaSource) -> str:
     else:
         use = (
             f"{source.smooth_function} gives the sides of the dyads of a mode at an input. "
-            "They change at crossings, and are NaN within "
+            "They can change at crossings, and are then NaN within "
             f"{UNKNOWN_AT_CROSSING_RAD:g} rad of these."
         )
     if np.isfinite(smooth_modes.period):
@@ -271,9 +269,9 @@ def _renaming_sentences(source: FormulaSource) -> Iterator[str]:
     name = source.formulas.mechanism.name
     if source.name != name:
         yield (
-            f"The mechanism {name} is called {source.name} here, as names in "
-            f"{source.language.name} "
-            "cannot begin with a digit or be words that it or its libraries use."
+            f"The mechanism {name} is called {source.name} here, because the name is "
+            f"not allowed in {source.language.name}, or is used by it, its libraries or "
+            "this source."
         )
     for result, result_name in zip(
         source.formulas.results, source.result_names, strict=True

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
+from spherekit.errors import OutputError
 from spherekit.exchange.c_source import CPP, C, write_c, write_cpp
 from spherekit.exchange.casadi_source import CASADI, write_casadi
 from spherekit.exchange.formula_expressions import Formulas
@@ -42,6 +43,15 @@ def source(formulas: Formulas, language: str) -> str:
         The formulas.
     language
         One of the names in `WRITERS`.
+
+    Raises
+    ------
+    OutputError
+        If there are no results.
     """
+    if not formulas.results:
+        raise OutputError(
+            f"{formulas.mechanism.name}: source code needs at least one quantity"
+        )
     writer = WRITERS[language]
     return writer.write(FormulaSource(formulas, writer.language))

@@ -15,7 +15,7 @@ from spherekit.exchange.formula_expressions import (
 )
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.chebyshev import PiecewiseChebyshev
-from spherekit.symbolic.expression_graph import ExpressionNode, symbols
+from spherekit.symbolic.expression_graph import ExpressionNode, substitute, symbols
 from spherekit.velocities.axis_rotations import ProfileSide
 
 
@@ -56,18 +56,36 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
     # functions. The range of the table begins at the least coordinate, so the coordinate
     # needs no offset (`start`).
     series_symbols = tuple(symbols(unit_by_result))
+    # `heading.torques` is the driving torque as an expression of the symbols above.
+    outputs = [*series_symbols, *heading.torques]
+    table_symbols = series_symbols
+    length = heading.high[0] - heading.low[0]
+    if heading.periodic and any(heading.rise):
+        # The pair variables, which are the first functions, grow by `rise` in each period.
+        # The table moves the coordinate into the period. One more function of the table is
+        # the coordinate after this, so that its difference from the coordinate is the
+        # length of all whole periods.
+        (moved_coordinate,) = symbols(["coordinate moved into the period"])
+        table_symbols = (*series_symbols, moved_coordinate)
+        series = _append_position(series)
+        periods = (coordinate - moved_coordinate) / length
+        continued_variables = {
+            symbol: symbol + growth * periods
+            for symbol, growth in zip(series_symbols, heading.rise, strict=False)
+            if growth
+        }
+        outputs = substitute(outputs, continued_variables)
     table = SeriesTable(
-        terms=series_symbols,
+        terms=table_symbols,
         variable=coordinate,
         start=0.0,
         series=series,
-        length=heading.high[0] - heading.low[0],
+        length=length,
         closed=heading.periodic,
     )
     # The model belongs to one mode and one set of sizes, so there are no arguments that
     # select the mode or change sizes.
     mode = Mode(heading.assembly_mode, name="", at=heading.low, values=())
-    # `heading.torques` is the driving torque as an expression of the symbols above.
     return Formulas(
         mechanism=mechanism,
         motion=motion,
@@ -75,13 +93,25 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
         sizes=(),
         mode_table=ModeTable((mode,)),
         results={**unit_by_result, "torque": "N m"},
-        outputs=(*series_symbols, *heading.torques),
+        outputs=tuple(outputs),
         step=(),
         # Symbols of the motion; there are no symbols of mode values and of sizes.
         variables=(motion_symbols, (), ()),
         tables=(table,),
         title=f"stored functions, errors up to {model.error:.2g} of the largest of each",
     )
+
+
+def _append_position(functions: PiecewiseChebyshev) -> PiecewiseChebyshev:
+    """Return series of several functions, and of their variable itself."""
+    edges = functions.edges
+    # Axes of the coefficients: cells, orders, functions. In a cell the variable is its
+    # middle plus half the width times T_1.
+    position = np.zeros((*functions.coefficients.shape[:2], 1))
+    position[:, 0, 0] = (edges[1:] + edges[:-1]) / 2.0
+    position[:, 1, 0] = np.diff(edges) / 2.0
+    coefficients = np.concatenate([functions.coefficients, position], axis=2)
+    return PiecewiseChebyshev(edges, coefficients)
 
 
 def profile_table(

@@ -34,7 +34,7 @@ class UrdfContent:
         Unit axis (3,) of each revolute loop joint (joint that closes a loop), by the name
         of the joint, in the axes of the first link.
     notes
-        Sentences on parts that were left out or are not known.
+        Sentences on unknown transmissions, and on how far motors turn.
     """
 
     spec: Any
@@ -46,9 +46,9 @@ class UrdfContent:
 def read_urdf(mujoco: Any, root: Element, path: Path) -> UrdfContent:
     """Return the MuJoCo model of a URDF, with constraints for loops and transmissions.
 
-    In a transmission with two motors and two joints, each motor turns a weighted sum of
-    both joint angles. For each of these motors a wheel (`DrivenWheel`) is added to the
-    model, whose angle is this sum.
+    In a transmission with two motors and two joints, a motor can turn a weighted sum of
+    both joint angles. For each such motor a wheel (`DrivenWheel`) is added to the model,
+    whose angle is this sum.
 
     Parameters
     ----------

@@ -60,10 +60,10 @@ def add_loop_joint(
     Raises
     ------
     FileError
-        If the type is not one of `LOOP_TYPES`, there are not two links, or a link does not
-        exist.
+        If the type is not one of `LOOP_TYPES`, there are not two links, a link does not
+        exist, or an axis is zero.
     ValueError
-        If a vector is not given by numbers.
+        If a vector is not given by three finite numbers.
     """
     joint_type = loop_joint.get("type", "spherical")
     name = loop_joint.get("name", "loop")
@@ -88,35 +88,43 @@ def add_loop_joint(
         body = spec.body(link)
         if body is None:
             raise FileError(f'{where}: no link "{link}"')
-        body.add_site(name=f"{name}_{end_index}", pos=_read_vector(origin, "xyz"))
+        rotation = Rotation.from_euler("xyz", _read_vector(origin, "rpy"))
+        body.add_site(
+            name=f"{name}_{end_index}",
+            pos=_read_vector(origin, "xyz"),
+            quat=rotation.as_quat(scalar_first=True),
+        )
         if joint_type in AXIS_LOOP_TYPES and end_index == 0:
             axis_element = loop_joint.find("axis")
             if axis_element is None:
                 axis = np.eye(3)[0]  # as for other joints of a URDF
             else:
                 axis = _read_vector(axis_element, "xyz")
-            rotation = Rotation.from_euler("xyz", _read_vector(origin, "rpy"))
+            if not np.any(axis):
+                raise FileError(f"{where}: its axis is zero")
             axis_by_name[name] = rotation.apply(axis) / np.linalg.norm(axis)
-    # Add the constraint: a weld of the bodies, or the two sites held together.
-    if joint_type == "fixed":
-        first_name, second_name = (end.get("link", "") for _, end in ends)
-        constraint_type = mujoco.mjtEq.mjEQ_WELD
-        object_type = mujoco.mjtObj.mjOBJ_BODY
-    else:
-        first_name = f"{name}_0"
-        second_name = f"{name}_1"
-        constraint_type = mujoco.mjtEq.mjEQ_CONNECT
-        object_type = mujoco.mjtObj.mjOBJ_SITE
+    # Add the constraint. A weld holds the positions and orientations of the two sites
+    # together, other joints only their positions.
+    is_fixed = joint_type == "fixed"
     spec.add_equality(
         name=name,
-        name1=first_name,
-        name2=second_name,
-        type=constraint_type,
-        objtype=object_type,
+        name1=f"{name}_0",
+        name2=f"{name}_1",
+        type=mujoco.mjtEq.mjEQ_WELD if is_fixed else mujoco.mjtEq.mjEQ_CONNECT,
+        objtype=mujoco.mjtObj.mjOBJ_SITE,
     )
     return axis_by_name
 
 
 def _read_vector(element: Element, attribute: str) -> Floats:
-    """Return three numbers of an attribute; zeros if the element does not have it."""
-    return np.array((element.get(attribute) or "0 0 0").split(), dtype=float)
+    """Return three numbers of an attribute; zeros if the element does not have it.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite, or no number.
+    """
+    vector = np.array((element.get(attribute) or "0 0 0").split(), dtype=float)
+    if not np.all(np.isfinite(vector)):
+        raise ValueError(f"{attribute} has to consist of finite numbers")
+    return vector

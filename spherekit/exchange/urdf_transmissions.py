@@ -5,7 +5,7 @@ child elements. In ros2_control, the role is an attribute. Both packages have th
 equations (in their part transmission_interface). The positions of actuators are a, and the
 positions of joints relative to their offsets are q. The reductions are n_a and n_j:
 
-- `SimpleTransmission`: a = n_a q;
+- `SimpleTransmission`: a = n_a n_j q;
 - `DifferentialTransmission`: a1 = n_a1 (n_j1 q1 + n_j2 q2), a2 = n_a2 (n_j1 q1 - n_j2 q2);
 - `FourBarLinkageTransmission`: a1 = n_a1 n_j1 q1, a2 = n_a2 (q1 + n_j2 q2).
 """
@@ -102,14 +102,14 @@ def read_transmissions(
         A joint for each motor that turns only one joint. A motor in a differential turns
         two joints together by a wheel; the wheel then takes the place of the joint.
     notes
-        Sentences on transmissions of unknown types.
+        Sentences on transmissions of unknown types, except those of a single joint.
 
     Raises
     ------
     FileError
-        If a transmission has too few actuators or joints, or if it drives two joints of
-        which neither carries the other. Also if a reduction (a ratio of angles) is zero or
-        is not a number.
+        If a differential or four-bar linkage has not two actuators and two joints, or if
+        neither of its joints carries the other. Also if a reduction (a ratio of angles) is
+        zero, infinite or not a number.
     """
     links_by_joint = _find_joined_links(root)
     driven: list[DrivenJoint | DrivenWheel] = []
@@ -137,9 +137,10 @@ def read_transmissions(
             continue
         if kind not in ("", "SimpleTransmission") and (len(joints) > 1 or not joints):
             names = listing(joint.name for joint in joints)
+            reading = f"its joints {names} are read as driven each on its own"
             notes.append(
-                f"transmission {name} of type {kind} is not known: its joints {names} are "
-                "read as driven each on its own"
+                f"transmission {name} of type {kind} is not known: "
+                f"{reading if joints else 'left out, since it names no joint'}"
             )
         # Each joint has its own actuator. A missing actuator turns as far as the joint.
         for number, joint in enumerate(joints):
@@ -270,7 +271,7 @@ def _ends(item: Element, tag: str, where: str) -> list[TransmissionEnd]:
 
 
 def _find_joined_links(root: Element) -> Mapping[str, tuple[str, str]]:
-    """Return the parent and the child link of each joint that turns, by its name.
+    """Return the parent and the child link of each joint that is not fixed, by its name.
 
     Links that fixed joints join are one body. Of these links, the result has the link
     nearest to the root of the tree.
@@ -316,7 +317,7 @@ def _find_inner_joint(
     joints
         The two joints of a transmission.
     links_by_joint
-        Parent and child link of each joint, by its name.
+        Parent and child link of each joint that is not fixed, by its name.
     where
         The transmission, for messages.
     """
@@ -343,7 +344,8 @@ def name_wheels(
     """Give each driven wheel a name that no link and no joint of the URDF has.
 
     A driven wheel stands for one motor of a transmission, and the URDF has no name for it.
-    The wheel gets the name of its motor if this name is free. Otherwise "_wheel" is added.
+    The wheel gets the name of its motor, or a name made from that of the transmission if
+    the motor has none. If the name is not free, "_wheel" is added.
 
     Parameters
     ----------
