@@ -130,9 +130,9 @@ class Dynamics(AbstractAnalysis):
                 Column(
                     "M",
                     "kg m2",
-                    "one entry of the symmetric inertia matrix A; the kinetic energy is "
-                    "w^T A w / 2, where the vector w has the angular velocities of all "
-                    "inputs",
+                    "one entry of the symmetric inertia matrix; the kinetic energy is w^T "
+                    "times this matrix times w / 2, where the vector w contains the "
+                    "angular velocities of all inputs",
                 ),
                 DERIVATIVES,
                 STATUS,

@@ -192,6 +192,26 @@ def test_energy_of_a_motion_goes_into_friction(cam):
     assert np.all(np.diff(work) < 0.0) and work[-1] < -0.1
 
 
+@pytest.mark.parametrize("coefficient", [0.3, 0.0])
+def test_friction_goes_with_its_contact_when_only_needed_links_are_computed(
+    cam, coefficient
+):
+    mechanism = cam(coefficient, 0.5)
+    part = sk.run(mechanism, "poles:only=cam/base", samples=3, only_needed=True)
+    assert part.summary["part_of"]["left_out_pairs"] == ["hinge", "touch"]
+
+
+@pytest.mark.parametrize("coefficient", [0.3, 0.0])
+def test_contacts_with_friction_stay_if_loads_are_computed(cam, coefficient):
+    """The follower has neither mass nor a spring, only the friction of its contact."""
+    mechanism = cam(coefficient, 0.5)
+    (cam_mass,) = (mass for mass in mechanism.masses if mass.link == "cam")
+    (rub,) = (load for load in mechanism.loads if load.name == "rub")
+    mechanism = replace(mechanism, masses=(cam_mass,), loads=(rub,))
+    run = sk.run(mechanism, "dynamics", samples=3, only_needed=True)
+    assert set(run.frame("dynamics", "loads")["load"]) == {"rub"}
+
+
 def test_contact_friction_is_kept_in_files(cam, tmp_path):
     for coefficient in (0.2, 0.0):
         mechanism = cam(coefficient, 0.5)

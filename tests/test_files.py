@@ -1,7 +1,10 @@
 """Faults in mechanism files: each names file, line, key, what is found and allowed."""
 
 import os
+import subprocess
+import sys
 from dataclasses import MISSING, fields
+from pathlib import Path
 
 import jsonschema
 import numpy as np
@@ -67,6 +70,8 @@ def test_many_faults_are_counted_after_the_first_ones():
     """Of 20 unknown tables, eight are listed."""
     text = SIZES + "".join(f"[x{k}]\n" for k in range(20))
     assert refusal_message(text).endswith("x.toml: and 12 more faults")
+    text = SIZES + "".join(f"[x{k}]\n" for k in range(9))
+    assert refusal_message(text).endswith("x.toml: and 1 more fault")
 
 
 def test_byte_order_marks_and_windows_line_ends_do_not_matter():
@@ -118,11 +123,52 @@ def test_a_folder_is_refused(tmp_path):
         load(tmp_path)
 
 
+@pytest.mark.skipif(not Path("/dev/stdin").exists(), reason="no /dev/stdin")
+def test_a_large_text_from_standard_input_is_refused_instead_of_cut():
+    """The text has more bytes than are read, and as many characters as are allowed."""
+    text = SIZES + "# " + "\u00e9" * 4
+    text += "#" * (MAX_BYTES - len(text) - 1) + "\n[modes.lost]\n21 = 40.0\n"
+    code = "import spherekit; print(spherekit.load('/dev/stdin').name)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], input=text.encode(), capture_output=True, check=False
+    )
+    assert done.returncode == 1
+    assert f"FileError: /dev/stdin: is too large; at most {MAX_BYTES}" in str(done.stderr)
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
 def test_a_pipe_is_refused(tmp_path):
     os.mkfifo(tmp_path / "pipe.toml")
     with pytest.raises(FileError, match="not a regular file"):
         load(tmp_path / "pipe.toml")
+
+
+@pytest.mark.parametrize(
+    ("line", "fragment"),
+    [
+        ("links.2.type = R", "text needs quotes"),
+        ("links.2.arcs = [5.e1]", "a number needs a digit after its decimal point"),
+        ("links.2.arcs = [5., 30]", "a number needs a digit after its decimal point"),
+        ("pairs.2.one_sided = true,", "column 25: Expected newline"),
+        ("[pairs.41.profiles.2", "column 21: Expected ']'"),
+    ],
+)
+def test_hints_about_syntax_are_about_the_fault(line, fragment):
+    """Dots between the parts of a key are no decimal points, and true is no text."""
+    message = refusal_message(f"{line}\n# end\n")
+    assert message.startswith("x.toml:1: column ")
+    assert fragment in message
+
+
+def test_a_repeated_table_is_named_if_its_name_has_a_quotation_mark():
+    text = """["it's"]\n["it's"]\n"""
+    expected = """x.toml:2: "it's": this table is given twice (first on line 1)"""
+    assert refusal_message(text).startswith(expected)
+
+
+def test_keys_with_long_escape_sequences_are_located_at_their_line():
+    text = """a = 1\n"caf\\U000000e9" = 2\n"""
+    assert locate_keys(text) == {("a",): 1, ("caf\u00e9",): 2}
 
 
 def test_keys_of_every_toml_syntax_are_located_at_their_line():

@@ -12,6 +12,7 @@ from oracles.newton_euler import with_point_masses
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.files.mechanism_reader import loads
+from spherekit.files.mechanism_writer import dumps
 from spherekit.files.time_law import ConstantSpeed
 from spherekit.positions.position_analysis import PositionAnalysis
 
@@ -214,6 +215,16 @@ def test_a_study_locks_the_pairs_of_its_table_lock(tmp_path):
         "[lock]\n51 = 80.0\n[analyses.poles]\n"
     )
     assert [item.pair for item in sk.load_study(study).mechanism.inputs] == ["21"]
+
+
+@pytest.mark.parametrize(
+    ("name", "other_name"), [("21", "1_z"), ("21", "1_y"), ("1", "ground" * 10 + "base")]
+)
+def test_a_locked_mechanism_is_written_whatever_its_names(name, other_name):
+    """The joined link gets extra axes, whose names follow from that of the link."""
+    text = re.sub(rf'(?<=[".]){name}(?=["\]])', other_name, dumps(sk.load("five_bar")))
+    locked = sk.lock(loads(text), {"51": 80.0}, angle_unit="deg")
+    assert loads(dumps(locked)) == locked
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -185,8 +186,8 @@ def _precision_point_deviations(
 
     A precision point is a desired value of a quantity at certain inputs, such as an angle
     or a direction of an output. A figure of merit is a number that rates a design. It is
-    stated as a text such as "missed_1=at(theta_41 - (0.5), 0.3)": its name, the deviation
-    of theta_41 from 0.5, and the input 0.3 at which it is evaluated.
+    stated as a text such as "missed_1=at(rate_41 - (0.5), 0.3)": its name, the deviation of
+    rate_41 from 0.5, and the input 0.3 at which it is evaluated.
 
     Parameters
     ----------
@@ -199,7 +200,7 @@ def _precision_point_deviations(
     Returns
     -------
     Texts of figures of merit by name, ``missed_1`` and so on, and the number of precision
-    points. A precision point has as many deviations as the value has components.
+    points. A precision point has as many deviations as the quantity has components.
     """
     match = document.data.get("match", [])
     is_list = isinstance(match, list)
@@ -241,9 +242,12 @@ def _angle_of(
 ) -> float:
     """Return an angle of a synthesis file in rad, or raise an error with its line."""
     try:
-        return read_quantity(number, ANGLE, angle_unit)
+        angle = read_quantity(number, ANGLE, angle_unit)
     except QuantityError as problem:
         raise document.fault(path, str(problem)) from None
+    if not isfinite(angle):
+        raise document.fault(path, f'found "{number}", expected a finite number')
+    return angle
 
 
 def _deviations(
@@ -283,6 +287,12 @@ def _deviations(
         angle = _angle_of(document, path, value, angle_unit)
         difference = f"{quantity} - ({angle!r})"
         return [f"{1.0 / unit!r}*atan2(sin({difference}), cos({difference}))"]
+    if quantity.startswith("angular_velocity_"):
+        raise document.fault(
+            path,
+            f"{value}: {quantity} is neither a direction nor an orientation; "
+            "give its components one by one",
+        )
     is_orientation = quantity.startswith("orientation_")
     angle_count = 3 if is_orientation else 2
     has_components = len(value) == angle_count + 1

@@ -75,6 +75,7 @@ KINDS_OF_ARGUMENT: Mapping[str, tuple[Kind, ...]] = {
     "pairs": ("coupling",),
     "samples": ("coupling",),
     "at": ("mjcf",),
+    "angle_unit": ("mjcf",),
     "quantities": (*SOURCES, "latex"),
     "vary": (*SOURCES, "latex"),
     "assembly_mode": (*SOURCES, "model", "mjcf", "coupling"),
@@ -144,8 +145,8 @@ def export(
     input_pair
         The driven pairs, by default the inputs of the mechanism.
     assembly_mode
-        Number or name of the assembly mode. The default is the first one; a coupling table
-        has all modes by default.
+        Number or name of the assembly mode. The default is the first one; source code of
+        formulas and a coupling table have all modes by default.
     poles
         For models and coupling tables: the poles (axes of the relative rotation of two
         links) that are stored. By default, a model of one input has all poles. Other models
@@ -208,6 +209,8 @@ def export(
     stated_names = list(options)
     if assembly_mode is not None:
         stated_names.append("assembly_mode")
+    if angle_unit != "rad":
+        stated_names.append("angle_unit")
     for name in stated_names:
         if kind not in KINDS_OF_ARGUMENT[name]:
             kinds = [f'"{allowed_kind}"' for allowed_kind in KINDS_OF_ARGUMENT[name]]
@@ -374,8 +377,8 @@ def _export_coupling_table(table: CouplingTable, target: Path) -> Exported:
     their rates per unit rate of each input, as functions of the inputs. A program
     interpolates between the nodes of a grid over the inputs. A cell is the box between
     neighbouring nodes. A cell is sure if interpolation in the cell is as accurate as
-    required. In other cells the program gets NaN, and a note says how many such cells there
-    are.
+    required. In other cells the program gets NaN, and a note says how many of them have a
+    mode at all corners.
 
     The ending of `target` selects an archive (.npz), a CSV file, or a C header. The caller
     has checked the ending.

@@ -185,7 +185,7 @@ class Kinematics:
 
     @property
     def inputs(self) -> Floats:
-        """(n, inputs) rad, the inputs as they were given."""
+        """(n, inputs) rad, the inputs; an only input is shifted by periods to its range."""
         return self._drop_axis_if_single(self._batch.inputs)
 
     @property
@@ -621,7 +621,8 @@ def _prepare_evaluation(
             # and a new analysis over a range that contains the inputs is made.
             if all_finite(q):
                 position_analysis = analysis_covering(range_analysis, q)
-            motion = position_analysis.at(shift_into_range(position_analysis, q))
+                q = shift_into_range(position_analysis, q)
+            motion = position_analysis.at(q)
         else:
             path = q[None] if q.ndim == 1 else q
             # `independent`: the rows of q may be far apart and are no samples of a motion.
@@ -815,8 +816,8 @@ class _SingleRowEvaluator:
         floats. They replace those of a known row, `row_template`.
         """
         values = np.array([evaluated_row.variables])
-        # The input keeps the value that was asked for. The variables of all other pairs
-        # (passive ones) are reduced to (-pi, pi].
+        # The input keeps its value q. The variables of all other pairs (passive ones) are
+        # reduced to (-pi, pi].
         passive_variables = list(self.kernel.passive_variables)
         values[:, passive_variables] = wrap(values[:, passive_variables])
         row = replace(

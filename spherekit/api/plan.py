@@ -27,9 +27,9 @@ def plan(
     mechanism
         The mechanism, the name of a shipped one, or the path of a file.
     poles
-        Poles to find, as texts such as ``"3/1"`` or as pairs of link numbers. The plan then
-        contains only these poles and the poles from which they are constructed. By default
-        all poles are found.
+        Poles to find, as texts such as ``"3/1"`` or as pairs of indices of links, from 0.
+        The plan then contains only these poles and the poles from which they are
+        constructed. By default all poles are found.
     input_pair
         The input that moves, by default the first.
 
@@ -78,8 +78,9 @@ def table(plan: Plan) -> str:
     """Return the pole table of a plan as text.
 
     A pole is the axis about which one link rotates relative to another. The table has a row
-    and a column for each link, and its cell (i, j) belongs to the pole of links i and j.
-    The cell contains ``x`` if the pole is the axis or the contact line of a pair (joint).
+    and a column for each link (links joined by locked inputs share one), and its cell
+    (i, j) belongs to the pole of links i and j. The cell contains ``x`` if the pole is the
+    axis or the contact line of a pair (joint), and is empty if the pole is not in the plan.
     Otherwise the cell contains a Roman numeral. ``I`` marks poles that the first pass of
     the Aronhold-Kennedy theorem constructs from poles of pairs, ``II`` marks poles of the
     second pass. A star marks poles that follow from velocity equations instead. R. Di

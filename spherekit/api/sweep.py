@@ -226,8 +226,8 @@ def sweep_of(
         if not (analysis_merits or tables or analysis.name in read_analyses):
             raise DesignError(
                 f"{analysis.name} defines no figures of merit for "
-                f"{study.mechanism.name}; give some of its tables with the argument "
-                "reduce, or request tables"
+                f"{study.mechanism.name}; compute figures from its tables with the "
+                "argument reduce, or keep its tables with tables=True"
             )
         for merit in analysis_merits:
             merits[merit.name] = merit

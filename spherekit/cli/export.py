@@ -148,9 +148,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="T",
         type=number,
         help=(
-            "with --to model: largest error of every function, relative to its largest "
-            "value (default: 1e-13; with several inputs 1e-11); with --to coupling: "
-            "largest error of angles, in rad (default: 1e-6)"
+            "with --to model: permitted error of each stored function, relative to the "
+            "largest value of this function (default: 1e-13; with several inputs 1e-11); "
+            "with --to coupling: permitted error of angles, in rad (default: 1e-6)"
         ),
     )
     parser.add_argument(

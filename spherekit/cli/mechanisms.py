@@ -21,7 +21,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--json",
         action="store_true",
-        help="print as JSON, with the source of each mechanism",
+        help="print as JSON, with the literature reference of each mechanism",
     )
 
 

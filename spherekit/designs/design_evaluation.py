@@ -1033,9 +1033,10 @@ class DesignEvaluator:
         for point in points[np.min(distances, axis=0) > POINT_TOLERANCE_RAD]:
             inputs = listing(f"{angle:.6g}" for angle in point)
             raise DesignError(
-                f"{self.mechanism.name}: the inputs {inputs} rad are not those of a "
-                "sample. With several inputs and groups other than dyads, figures of merit "
-                "are computed only at samples; choose the inputs of a sample"
+                f"{self.mechanism.name}: no sample has the inputs {inputs} rad. If a "
+                "mechanism has several inputs and groups of links other than dyads, "
+                "figures of merit are computed only at samples; choose the inputs of a "
+                "sample"
             )
         return np.argmin(distances, axis=0)
 

@@ -149,7 +149,7 @@ def simulate(
     passes_crossings = crossings == "pass"
     if passes_crossings and engine == "compiled":
         raise EngineError(
-            f'{mechanism.name}: crossings "pass" is only possible with the engine "numpy"',
+            f'{mechanism.name}: crossings="pass" requires the engine "numpy"',
             "leave out one of the options engine and crossings",
         )
     problem = prepare(
@@ -327,7 +327,7 @@ def _simulate_by_choice(
         if engine == "numpy":
             raise EngineError(REQUESTED_REASON)
         if problem.passes_crossings:
-            raise EngineError('crossings "pass" is only possible with the engine "numpy"')
+            raise EngineError('crossings="pass" requires the engine "numpy"')
         pairs = coordinates_at(problem, problem.values)
         compile_seconds = estimate_compile_seconds(
             mechanism, tolerance, problem.compact, pairs

@@ -1,5 +1,6 @@
 """A TOML file as text and data; a fault in it is reported with file, line and key."""
 
+import ast
 import os
 import re
 import stat
@@ -12,6 +13,7 @@ from typing import Any
 
 from spherekit.errors import FileError, ModelError
 from spherekit.files.toml_lines import KeyPath, locate_keys
+from spherekit.wording import counted
 
 Table = Mapping[str, Any]
 """A table of a file, or the whole file."""
@@ -22,7 +24,7 @@ MAX_BYTES = 4 * 1024 * 1024
 MAX_NESTING = 32
 """Deepest nesting of tables and arrays; the format itself needs 6.
 
-Deeper nesting would exceed the recursion limit of the code that reads the data.
+Deeper nesting could exceed the recursion limit of the code that reads the data.
 """
 
 MAX_KEYS = 30000
@@ -47,13 +49,13 @@ _HUGE_INTEGER = re.compile(r"[0-9_]{4300}")
 _PARSER_MESSAGE = re.compile(
     r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", re.S
 )
-_REPEATED_TABLE = re.compile(r"Cannot declare \((.*?),?\) twice", re.S)
+_REPEATED_TABLE = re.compile(r"Cannot declare (\(.*\)) twice", re.S)
 
 _SYNTAX_HINTS = (
     ("^Cannot overwrite", "this key is given twice: remove one of the two"),
     (r"(?<![\w.])\.\d", "a number must start with a digit: write 0.5, not .5"),
     (
-        r"\d\.(?!\d)",
+        r"\d\.(?!\w)|\d\.[eE][+-]?\d",
         "a number needs a digit after its decimal point: write 5.0 or 5 instead of 5.",
     ),
     (r"=\s*(True|False)\b", "true and false are written in small letters"),
@@ -62,7 +64,7 @@ _SYNTAX_HINTS = (
         r"^Illegal character \n[^\n]*=\s*[\"']",
         "a text must end on its line, and the closing quote is missing: add the quote",
     ),
-    (r"=\s*[A-Za-z_]", 'text needs quotes: write "R", not R'),
+    (r"=\s*(?!(?:true|false|inf|nan)\b)[A-Za-z_]", 'text needs quotes: write "R", not R'),
 )
 """Patterns of the parser's message followed by the faulty line, and a hint for each."""
 
@@ -94,7 +96,8 @@ class Document:
     text
         Text of the file. None for data that a program has made.
     data
-        The tables of the file. Floats are `LiteralNumber`, which keep their decimals.
+        The tables of the file. Floats of a text are `LiteralNumber`, which keep their
+        decimals.
     """
 
     name: str
@@ -139,7 +142,7 @@ class Document:
         unlisted = len(sentences) - MAX_REPORTED_FAULTS
         if unlisted > 0:
             sentences = sentences[:MAX_REPORTED_FAULTS]
-            sentences.append(f"{self.name}: and {unlisted} more faults")
+            sentences.append(f"{self.name}: and {counted(unlisted, 'more fault')}")
         return self._error("\n".join(sentences))
 
     @property
@@ -150,8 +153,9 @@ class Document:
 def key_path_text(path: KeyPath) -> str:
     """Return a key path as users write it: ``pairs.21.links[0]``.
 
-    A path is a tuple of the keys and indices that lead to a value. Parts with other
-    characters than letters, digits, ``_`` and ``-`` are escaped and shortened.
+    A path is a tuple of the keys and indices that lead to a value. Long parts, and parts
+    with other characters than letters, digits, ``_`` and ``-``, are quoted, escaped and
+    shortened.
     """
     text = ""
     for part in path:
@@ -205,7 +209,7 @@ def read_text(path: Path) -> str:
     ------
     FileError
         If the file cannot be opened, is neither a regular file nor a pipe of the shell, is
-        larger than `MAX_BYTES`, or is not UTF-8. The size of a pipe is not checked here.
+        larger than `MAX_BYTES`, or is not UTF-8.
     """
     try:
         if path.is_dir():
@@ -214,6 +218,8 @@ def read_text(path: Path) -> str:
         # more than allowed is read, so that the excess is noticed.
         data = read_pipe(path, MAX_BYTES + 1)
         if data is not None:
+            if len(data) > MAX_BYTES:
+                raise FileError(f"{path}: is too large; at most {MAX_BYTES} bytes are read")
             return _decode(data, str(path))
         # Without O_NONBLOCK, opening a named pipe (made by ``mkfifo``) would wait for a
         # writer.
@@ -268,8 +274,8 @@ def parse(text: str, name: str) -> Document:
             f"{name}:{line}: a key has too many parts between dots; at most {MAX_NESTING} "
             "are allowed"
         )
-    # The counts of "=" and "," are upper bounds of the numbers of keys and values, because
-    # strings can contain these characters too.
+    # The counts of "=" and "," can exceed the numbers of keys and values, because strings
+    # can contain these characters too.
     key_count = text.count("=") + len(_HEADER.findall(text))
     if key_count > MAX_KEYS:
         raise FileError(
@@ -369,10 +375,10 @@ def _syntax_message(text: str, name: str, parser_message: str) -> str:
         position = "at the end: "
 
     # If the file has a table twice, the line of the first one is added. The message of the
-    # parser has the path as a tuple of quoted keys.
-    repeated = _REPEATED_TABLE.search(problem)
+    # parser has the path as a tuple in Python.
+    repeated = _REPEATED_TABLE.fullmatch(problem)
     if repeated:
-        path = tuple(re.findall(r"'([^']*)'", repeated[1]))
+        path = ast.literal_eval(repeated[1])
         first_line = locate_keys("\n".join(lines[: line - 1])).get(path, 0)
         first = f" (first on line {first_line})" if first_line else ""
         return (

@@ -5,8 +5,8 @@ name the line of the faulty key, so this module splits the text into tokens once
 expects a text that is valid TOML.
 """
 
-import json
 import re
+import tomllib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -203,6 +203,6 @@ def _unquote(key: str) -> str:
     if not key.startswith('"'):
         return key.strip("'")
     try:
-        return str(json.loads(key, strict=False))
-    except ValueError:  # TOML has escapes that JSON lacks, such as \U0001F600
+        return str(tomllib.loads(f"key = {key}")["key"])
+    except tomllib.TOMLDecodeError:  # the text is not valid TOML
         return key[1:-1]

@@ -143,9 +143,9 @@ def convert_to_model(
     Raises
     ------
     FileError
-        If an angle in rad looks like degrees, the unit of a text is wrong, or a direction
-        is not a unit vector. If the document was built from data in code, the error is a
-        `ModelError`.
+        If an angle in rad looks like degrees, the unit of a text is wrong, a latitude
+        exceeds 90 deg, or a direction is not a unit vector. If the document was built from
+        data in code, the error is a `ModelError`.
     """
     unit: AngleUnit = document.data.get("angle_unit", angle_unit)
 
@@ -214,7 +214,7 @@ def convert_to_model(
     # By the names of the parts of the schema that declare the values.
     converters: Converters = {
         "angle": convert_angle,
-        "travel": convert_travel,  # ranges of inputs may have many turns
+        "travel": convert_travel,  # laws and locked pairs may have many turns
         "rate": convert_rate,
         "coefficient": convert_coefficient,
         "xyz": convert_xyz,
@@ -236,7 +236,7 @@ def convert_to_file(data: Table, unit: AngleUnit) -> Any:
 
     Returns
     -------
-    The same tables with converted numbers. Each number is a `LiteralNumber`: a float that
+    The same tables with converted numbers. Each of these is a `LiteralNumber`: a float that
     keeps the decimal digits with which it is written. The digits are read back as the same
     angle.
     """

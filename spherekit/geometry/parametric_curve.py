@@ -377,7 +377,8 @@ def axes_about(centre: ArrayLike) -> Floats:
     size = _length(vector)
     if not abs(size - 1.0) <= UNIT_LENGTH_TOLERANCE:
         raise ValueError(
-            f"the centre has length {abs(size):.9g}; it has to be a unit vector"
+            f"the vector to the centre has length {abs(size):.9g}; it has to be a unit "
+            "vector"
         )
     unit = vector / size
     # If the projected axis were too close to the centre, digits would be lost.

@@ -94,7 +94,7 @@ class MarginEvaluator:
             raise RegionError(
                 f"the function returned {values.shape[1]} margins for each point, but "
                 f"{len(self.rounding_errors)} in an earlier call; return the same "
-                "margins at every call"
+                "number of margins in every call"
             )
         return values
 

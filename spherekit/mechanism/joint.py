@@ -202,9 +202,9 @@ class Joint(ABC):
         joints
             The m contacts, all of this class.
         values
-            (n, m, variables) the variables of each contact, rad. Curves need finite arc
-            lengths, so a variable that is not finite is replaced by a number. The states of
-            this contact in that sample must not be used.
+            (n, m, variables) the variables of each contact, rad. A variable that is not
+            finite is replaced by a number. The states of this contact in that sample must
+            not be used.
         """
         states = PairStates.blank(len(values), len(joints))
         frames = (states.first, states.second)
@@ -532,7 +532,7 @@ class Rolling(Joint):
 
     @property
     def start_ranges(self) -> tuple[Ends, ...]:
-        # One revolution of the longer profile.
+        # As long as the longer profile.
         half = 0.5 * max(self.first.length, self.second.length)
         return ((-half, half),)
 

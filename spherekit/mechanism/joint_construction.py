@@ -18,7 +18,7 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import pair_frames
 
 PROFILE_GAP_RAD = 1e-6
-"""Largest distance (rad) at which two profiles are taken to touch.
+"""Largest angle (rad) between the frames of two profiles that are taken to touch.
 
 Profiles with a smaller gap are moved so that they touch exactly. Larger: rougher numbers
 are accepted and changed more. Smaller: rounded numbers are refused.

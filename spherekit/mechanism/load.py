@@ -63,8 +63,8 @@ class LinkMoment:
 class TorqueCallback:
     """A torque at a pair that a Python function f(t, q, dq) returns.
 
-    The magnitude of a load is an `Expression`, or an object of this class if the user has a
-    Python function. Only computations with numbers can use the function.
+    The magnitude of a load is an `Expression`, a `TorqueTable`, or an object of this class
+    if the user has a Python function. Only computations with numbers can use the function.
 
     Attributes
     ----------
@@ -364,7 +364,7 @@ class TorqueTable(Load):
         Raises
         ------
         ModelError
-            If a time is outside the table and the table is not periodic.
+            If a time is outside the table or not finite, and the table is not periodic.
         """
         t = np.asarray(t, dtype=np.float64)
         first = self.times[0]
@@ -452,7 +452,7 @@ def check_field(kind: str, key: str, value: Any, mechanism: LoadedMechanism) -> 
                 )
         case "text" if callable(value):
             # The signature shows, without a call, whether the function takes (t, q, dq).
-            with suppress(ValueError):  # functions of compiled modules have no signature
+            with suppress(ValueError):  # functions of compiled modules can lack one
                 try:
                     inspect.signature(value).bind(0.0, 0.0, 0.0)
                 except TypeError as error:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from spherekit.arrays import Floats
 from spherekit.conventions import Names
+from spherekit.mechanism.friction import ContactFriction
 from spherekit.mechanism.load import LoadComponent, TorqueTable
 from spherekit.mechanism.load_expression import Expression
 from spherekit.mechanism.mechanism import Mechanism
@@ -29,15 +30,23 @@ def acting_links(mechanism: Mechanism) -> frozenset[int]:
 
     These are the links that have mass, and those on whose orientation or angular velocity
     loads depend. The links of the `used_pairs` (joints at which loads act or whose
-    variables or rates loads contain) are included.
+    variables or rates loads contain) and of the `rubbing_contacts` are included.
     """
     names = {mass.link for mass in mechanism.masses} | used_links(mechanism)
-    names |= {link for pair in used_pairs(mechanism) for link in mechanism.pair(pair).links}
+    for pair in used_pairs(mechanism) | rubbing_contacts(mechanism):
+        names.update(mechanism.pair(pair).links)
     return frozenset(mechanism.link_number[name] for name in names)
 
 
+def rubbing_contacts(mechanism: Mechanism) -> frozenset[str]:
+    """Return the sliding contacts for which the mechanism has a load of friction."""
+    return frozenset(
+        load.pair for load in mechanism.loads if isinstance(load, ContactFriction)
+    )
+
+
 def wound_pairs(mechanism: Mechanism) -> Names:
-    """Return the R pairs (revolute joints) whose angles appear in loads.
+    """Return the R pairs (revolute joints) whose angles appear in expressions of loads.
 
     A load such as a spring differs after a whole revolution of the pair. The whole
     revolutions of these pairs are therefore counted.
@@ -54,7 +63,7 @@ def check_torque_tables_cover(mechanism: Mechanism, t: Floats) -> None:
 
 
 def has_smooth_loads(mechanism: Mechanism) -> bool:
-    """Return whether no load has kinks or jumps, apart from the knots of tables."""
+    """Return whether no expression of a load has kinks or jumps."""
     return all(expression.is_smooth for expression in _expressions(mechanism))
 
 

@@ -46,7 +46,7 @@ ONE_TURN_RAD = 2.0 * math.pi
 """Range of an input that is driven without a range."""
 
 UNCOMPARED = ("source", "user", "description", "angle_unit")
-"""Fields on which no result depends. Mechanisms that differ only in these are equal."""
+"""Fields on which no result depends. `Mechanism.content` leaves them out."""
 
 _FIELD_KINDS: Mapping[type, Mapping[str, str]] = {
     Pair: {"links": "links", "profiles": "profiles"},
@@ -165,7 +165,7 @@ class Mechanism:
 
     @cached_property
     def content(self) -> str:
-        """Text of all fields except `UNCOMPARED`. Mechanisms with equal texts are equal."""
+        """Text of all fields except `UNCOMPARED`. Equal texts mean equal results."""
         compared = [part.name for part in fields(self) if part.name not in UNCOMPARED]
         with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
             return repr([getattr(self, name) for name in compared])
@@ -439,7 +439,7 @@ class Mechanism:
         Raises
         ------
         ModelError
-            If a link or pair is unknown, sizes are impossible, or of the other form.
+            If a link or R pair is unknown, sizes are impossible, or of the other form.
 
         Examples
         --------
@@ -459,6 +459,12 @@ class Mechanism:
                 raise ModelError(
                     f"{self.name}: with_sizes: {key} cannot be changed, because this "
                     f"mechanism is given by {form}; change one of these"
+                )
+        for name in {**(zeros or {}), **(axes or {}), **(values or {})}:
+            if not self.pair(name).kind.has_axis:
+                raise ModelError(
+                    f'{self.name}: with_sizes: pair "{name}" is a contact pair; only R '
+                    "pairs have an axis"
                 )
         if isinstance(geometry, SizeGeometry):
             links = dict(geometry.links)
@@ -543,7 +549,8 @@ class Mechanism:
         Raises
         ------
         ModelError
-            If `without` names a load that does not exist, or a load is not meaningful.
+            If `without` names a load that does not exist, two of the loads have the same
+            name, or a load is not meaningful.
 
         Examples
         --------
@@ -551,6 +558,7 @@ class Mechanism:
         >>> spring = sk.Spring("return", "21", stiffness=2.0, rest=0.5)
         >>> sprung = sk.load("four_bar").with_loads(spring, without=["on_crank"])
         """
+        _check_name_list(self.name, "load", [load.name for load in loads])
         load_by_name = {load.name: load for load in self.loads}
         for name in without:
             if name not in load_by_name:
@@ -956,6 +964,8 @@ def _describe_wrong_arc(arc: float) -> str:
     if not math.isfinite(arc):
         return f"found {arc}, expected a finite number"
     degrees = math.degrees(arc)
+    if not math.isfinite(degrees):
+        return f"found {arc:.6g} rad; an arc between two axes is between 0 and pi"
     return (
         f"found {degrees:.6g} deg ({arc:.6g} rad); an arc between two axes is between 0 "
         "and 180 deg. Measured the shorter way, the axis is "

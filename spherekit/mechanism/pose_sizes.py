@@ -53,6 +53,8 @@ def pose_sizes(mechanism: Mechanism, link: str) -> tuple[PoseSize, ...]:
         for pair in mechanism.pairs
         if pair.kind.has_axis and link in pair.links
     ]
+    if not axes:
+        return ()
     _, first_axis = axes[0]
     # When a size grows, the end of its arc rotates about `growth_axis`. The growth axis of
     # an arc is the normal of its plane, that of an angle is the first axis.

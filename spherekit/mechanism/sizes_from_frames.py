@@ -1,10 +1,11 @@
 """Arcs, angles and zeros of links that result from given frames of R pairs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
 from spherekit.arrays import Floats
+from spherekit.conventions import MAX_NAME_LENGTH
 from spherekit.mechanism.changed_axes import EMPTY_MAPPING
 from spherekit.mechanism.elements import LinkSizes, Pair, SizeGeometry
 from spherekit.mechanism.pair_frames import pair_frames_from_sizes
@@ -44,10 +45,11 @@ def sizes_from_frames(
             axes = axes_by_link.setdefault(link, {})
             if pair.name in frames_of_end:
                 axes[pair.name] = frames_of_end[pair.name][:, 2]
+    pair_names = {pair.name for pair in pairs}
     links = {}
     for link, axes in axes_by_link.items():
         # The arc from z to y is a right angle, and angles are measured from it.
-        link_axes = (f"{link}_z", f"{link}_y")
+        link_axes = (_free_name(link, "z", pair_names), _free_name(link, "y", pair_names))
         arcs = [0.5 * np.pi]
         angles = []
         for axis in axes.values():
@@ -75,6 +77,14 @@ def sizes_from_frames(
         )
         zeros[name] = second_angle - first_angle
     return SizeGeometry(links, zeros)
+
+
+def _free_name(link: str, letter: str, pair_names: Collection[str]) -> str:
+    """Return a name for an extra axis of a link, such as ``crank_z``, that no pair has."""
+    ending = f"_{letter}"
+    while (name := link[: MAX_NAME_LENGTH - len(ending)] + ending) in pair_names:
+        ending += letter
+    return name
 
 
 def _rotation_angle_about_z(rotation: Floats) -> float:

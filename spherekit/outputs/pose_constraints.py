@@ -645,9 +645,9 @@ def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]
     if not 0.0 <= near < 0.5 * np.pi:
         raise _error(
             mechanism,
-            f"near: {_format_degrees(near)} is not a distance from a singularity; give an "
-            "angle of at least 0 and less than 90 deg. Poses at which the measure of type "
-            "I or II is below the sine of this angle are left out",
+            f"near: {_format_degrees(near)} is out of range; give an angle of at least 0 "
+            "and less than 90 deg. The workspace leaves out poses at which the singularity "
+            "measure of type I or of type II is less than the sine of this angle",
         )
     if near == 0.0:
         return ()

@@ -12,7 +12,11 @@ from dataclasses import replace
 from spherekit.errors import CountError
 from spherekit.mechanism.elements import PoseGeometry, SizeGeometry
 from spherekit.mechanism.load import Load
-from spherekit.mechanism.load_dependence import used_links, used_pairs
+from spherekit.mechanism.load_dependence import (
+    rubbing_contacts,
+    used_links,
+    used_pairs,
+)
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Assembly, Group, plan_assembly
 from spherekit.planning.mobility import merge_locked_links
@@ -199,11 +203,13 @@ def of_pairs(mechanism: Mechanism, numbers: Iterable[int]) -> Mechanism:
     def uses_remaining_parts(load: Load) -> bool:
         """Return whether a load depends only on links and pairs that remain.
 
-        `used_links` and `used_pairs` return the links and pairs that all loads of a
-        mechanism use. So they are called with a copy that has this load only.
+        `used_links`, `used_pairs` and `rubbing_contacts` return the links and pairs that
+        all loads of a mechanism use. So they are called with a copy that has this load
+        only.
         """
         with_this_load = replace(mechanism, loads=(load,))
-        return used_links(with_this_load) <= links and used_pairs(with_this_load) <= names
+        used_names = used_pairs(with_this_load) | rubbing_contacts(with_this_load)
+        return used_links(with_this_load) <= links and used_names <= names
 
     return replace(
         mechanism,

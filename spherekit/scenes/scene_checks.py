@@ -458,7 +458,7 @@ def _check_triangles(where: str, triangles: Array, vertex_count: int) -> None:
     if len(triangles) and triangles.dtype.kind not in "iu":
         raise PluginError(
             f"{where}: triangles contains {triangles.dtype} values; it has to contain the "
-            "numbers of vertices"
+            "indices of vertices, as integers"
         )
     wrong_corners = triangles[(triangles < 0) | (triangles >= vertex_count)]
     if len(wrong_corners):
