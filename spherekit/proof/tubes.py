@@ -554,8 +554,9 @@ class TubeTest:
         # 2. Slopes in the box and at s = 0, which is in the box, so that its contraction is
         #    valid there, too. If it exceeds 1, the slopes become huge, but not negative.
         margin = np.maximum(1.0 - contraction, 1e-300)
-        slope_in_box = change_in_box[..., 0].max(axis=-1) / margin * ROUND_UP
-        slope_at_centre = change_at_centre[..., 0].max(axis=-1) / margin * ROUND_UP
+        with np.errstate(over="ignore"):  # infinity is a valid bound
+            slope_in_box = change_in_box[..., 0].max(axis=-1) / margin * ROUND_UP
+            slope_at_centre = change_at_centre[..., 0].max(axis=-1) / margin * ROUND_UP
 
         # 3. Largest |y_i|. At s = 0 it is at most the residual |Y F| at the centre, divided
         #    by 1 - contraction. From there the slope is integrated along s. Its bound is a
