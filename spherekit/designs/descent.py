@@ -28,7 +28,7 @@ CONSTRAINT_TOLERANCE = 1e-9
 """A constraint counts as satisfied if it is violated by less, relative to its size."""
 
 UNDEFINED_OBJECTIVE = 1e6
-"""Smallest objective, and violation of constraints, where a design is undefined.
+"""Least value given to the objective, and violation of constraints, of undefined designs.
 
 It is so large that a line search turns back.
 """

@@ -168,8 +168,8 @@ class DesignEvaluator:
     samples
         The samples of the inputs over which the figures are reduced.
     needs_modes_of_runs
-        Whether assembly modes need the signs or numbers that they have in runs. No kernel
-        that tracks solutions or replaces contacts is then used.
+        Whether assembly modes must have the labels (signs or numbers) of a run, because one
+        is selected by its label. Kernels that label modes in another way are then not used.
 
     Attributes
     ----------
@@ -206,7 +206,7 @@ class DesignEvaluator:
         samples
             The inputs at which each design is evaluated.
         needs_modes_of_runs
-            Whether assembly modes need the same signs or numbers as in a run of a design.
+            Whether assembly modes must have the labels (signs or numbers) of a run.
         """
         self.document = document
         self.mechanism = mechanism

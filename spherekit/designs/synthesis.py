@@ -280,7 +280,8 @@ def _require_gradients(specification: Specification) -> DesignEvaluator:
       assembly modes (ways to assemble the mechanism) follow the smooth curve.
     - A contact curve is not a circle, and a number varies that is neither a size of a link
       nor a number of such a curve.
-    - The study states an assembly mode, and groups are no dyads or contacts are replaced.
+    - The study states an assembly mode, and the mechanism has contacts, or groups other
+      than dyads.
     - The study requests only the assembly mode of the reference pose, and the file has one.
 
     Raises
@@ -298,9 +299,9 @@ def _require_gradients(specification: Specification) -> DesignEvaluator:
             "only with respect to dimensions of links and numbers under "
             "pairs.PAIR.profiles. Gradients do not exist with redundant constraints, with "
             "groups of more than 7 "
-            'bodies or 64 solutions, with crossings "pass", with search = false and a '
-            "reference pose, or, unless all groups are dyads of R pairs, with a stated "
-            "assembly mode"
+            'bodies or 64 solutions, with crossings "pass", or with search = false and a '
+            "reference pose. With a stated assembly mode, gradients exist only if all "
+            "groups are dyads of R pairs; leave the assembly mode out"
         )
     if evaluator.has_unsigned_modes and len(specification.minimise) > 1:
         raise DesignError(

@@ -714,7 +714,7 @@ class _AspectGraph:
             free_of=free_of,
             # The number of singular configurations, which belong to no aspect.
             singular=len(self.nodes) - len(regular_numbers),
-            note=self.limit_note or self.time_limit.note,
+            note="; ".join(filter(None, [self.limit_note, self.time_limit.note])),
         )
 
 

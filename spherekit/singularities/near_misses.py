@@ -18,7 +18,10 @@ from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.configuration_space import Piece
 from spherekit.singularities.input_output_relation import Type
 from spherekit.singularities.passed_parts import PassedPart
-from spherekit.singularities.sampled_singularities import SampledSingularities
+from spherekit.singularities.sampled_singularities import (
+    END_TOLERANCE_RAD,
+    SampledSingularities,
+)
 from spherekit.status import Status
 from spherekit.tolerances import SINGULAR_TRANSMISSION
 from spherekit.velocities.transmission_angle import distance_from_type_two
@@ -31,8 +34,6 @@ EQUAL_MINIMUM_RAD = 1e-7
 """Arc lengths of a minimum in two laps that differ by less from a lap are one minimum,
 because rounding leaves half the digits of its position. Larger: two minima near the seam
 of laps can become one. Smaller: a minimum at the seam is listed twice."""
-RANGE_END_TOLERANCE_RAD = 1e-9
-"""An input or arc length that differs from the end of a range or curve by less is at it."""
 EQUAL_TRANSMISSION_ANGLE_RAD = 1e-8
 """Transmission angles that differ by less are equal. Larger: modes that come slightly less
 near to type II are listed, too."""
@@ -542,8 +543,8 @@ def _is_at_range_limit(
     # The count is 0 if the range is not a whole number of periods, for example 1.5.
     if sampled.count_periods_in_range(number) > 0:
         return np.zeros(len(ends.s), dtype=bool)
-    is_at_low = np.abs(ends.q - low) < RANGE_END_TOLERANCE_RAD
-    is_at_high = np.abs(ends.q - high) < RANGE_END_TOLERANCE_RAD
+    is_at_low = np.abs(ends.q - low) < END_TOLERANCE_RAD
+    is_at_high = np.abs(ends.q - high) < END_TOLERANCE_RAD
     return is_at_low | is_at_high
 
 
@@ -562,8 +563,8 @@ def _is_at_curve_end(curve: ArcCurve, ends: _PieceEnds) -> Bools:
     """
     if curve.closed:
         return np.zeros(len(ends.s), dtype=bool)
-    is_at_start = np.abs(ends.s) < RANGE_END_TOLERANCE_RAD
-    is_at_stop = np.abs(ends.s - curve.length) < RANGE_END_TOLERANCE_RAD
+    is_at_start = np.abs(ends.s) < END_TOLERANCE_RAD
+    is_at_stop = np.abs(ends.s - curve.length) < END_TOLERANCE_RAD
     return (is_at_start | is_at_stop) & ~_is_at_crossing(curve, ends)
 
 
@@ -581,7 +582,7 @@ def _is_at_crossing(curve: ArcCurve, ends: _PieceEnds) -> Bools:
     is_at_crossing = np.zeros(len(ends.s), dtype=bool)
     for s, status in zip((0.0, curve.length), curve.ends, strict=True):
         if status is Status.AT_SINGULARITY:
-            is_at_crossing |= np.abs(ends.s - s) < RANGE_END_TOLERANCE_RAD
+            is_at_crossing |= np.abs(ends.s - s) < END_TOLERANCE_RAD
     return is_at_crossing
 
 

@@ -115,6 +115,8 @@ def find_passed_parts(
     periods
         For each curve, the growth of the input (rad) after which configurations repeat.
     """
+    if not curves:
+        return []
     finder = _PartFinder(rows, curves, crossings, driven, periods)
     visits = finder.split_into_visits()
     parts = [finder.make_part(visit) for visit in visits]

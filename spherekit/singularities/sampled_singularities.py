@@ -50,7 +50,7 @@ from spherekit.velocities.transmission_measure import (
 AT_CROSSING_RAD = 1e-8
 """A configuration whose distance to a crossing is smaller is taken for the crossing."""
 END_TOLERANCE_RAD = 1e-9
-"""An input that is outside of a range by no more than this is at the end of the range."""
+"""An input or arc length that differs from the end of a range or curve by less is at it."""
 PIECE_END_TOLERANCE_RAD = 1e-6
 """A piece (section) of a curve includes points beyond its ends by less than this length."""
 
