@@ -45,6 +45,11 @@ def test_turns_that_differ_by_a_revolution_are_one_solution():
     assert kept_rows.tolist() == [0, 0, 1, 2, 2]
     expected = [-np.pi + 1e-9, 0.5, np.pi, -np.pi + 1e-3, np.pi]
     assert np.array_equal(kept_turns, expected)
+    # a root that is bracketed twice at pi and once at -pi
+    _, merged = merge_equal_turns(
+        np.zeros(3, dtype=int), np.array([-np.pi + 1e-9, np.pi - 2e-9, np.pi - 1e-9])
+    )
+    assert merged.tolist() == [-np.pi + 1e-9]
     no_rows, no_turns = merge_equal_turns(np.array([], dtype=int), np.array([]))
     assert len(no_rows) == len(no_turns) == 0
 

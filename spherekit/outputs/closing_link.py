@@ -617,14 +617,16 @@ def merge_equal_turns(row: Indices, turn: Floats) -> tuple[Indices, Floats]:
     has_next_direction = row[1:] > row[:-1]
     is_next_turn = turn[1:] - turn[:-1] > SAME_TURN_RAD
     is_kept[1:] = has_next_direction | is_next_turn
+    row = row[is_kept]
+    turn = turn[is_kept]
     # The turns of a direction lie on a circle, so the last one can equal the first one, as
     # pi and nearly -pi do.
     _, first, count = np.unique(row, return_index=True, return_counts=True)
     last = first + count - 1
     gap = turn[first] + TURN - turn[last]
     is_repeated = (last > first) & (gap <= SAME_TURN_RAD)
-    is_kept[last[is_repeated]] = False
-    return row[is_kept], turn[is_kept]
+    repeated = last[is_repeated]
+    return np.delete(row, repeated), np.delete(turn, repeated)
 
 
 def _count_dependences(candidate: DyadsWithClosingLink) -> int:
