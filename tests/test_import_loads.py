@@ -32,6 +32,15 @@ def import_text(tmp_path, text):
     return sk.import_mechanism(path)
 
 
+def test_a_body_without_mass_does_not_weigh_on_a_compensated_link(tmp_path):
+    """All the weight of a link is compensated if the other body of it has no mass."""
+    rotor = '<body name="rotor"><inertial pos="0 0 0" mass="0" diaginertia="1 1 1"/></body>'
+    text = wrist(hand=HAND + rotor, body='gravcomp="1"')
+    assert "Its weight is compensated" in import_text(tmp_path, text).text
+    weightless = wrist(hand=HAND + rotor, body='gravcomp="1"', option='gravity="0 0 0"')
+    assert mass_of(import_text(tmp_path, weightless), "hand").mass is None
+
+
 def load_names(found):
     """Return the names of all loads but gravity."""
     return {load.name for load in found.mechanism.loads} - {"gravity"}

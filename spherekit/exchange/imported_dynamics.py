@@ -162,9 +162,12 @@ class ImportedDynamics:
         return table
 
     def _is_weightless(self, bodies: list[int]) -> Bools:
-        """Return whether MuJoCo compensates the whole weight of each body (bodies,)."""
-        is_weightless: Bools = self._mj_model.body_gravcomp[bodies] == 1.0
-        return is_weightless
+        """Return whether MuJoCo compensates all the weight of each body (bodies,).
+
+        Bodies with moments of inertia but no mass have no weight.
+        """
+        is_compensated: Bools = self._mj_model.body_gravcomp[bodies] == 1.0
+        return is_compensated | (self._find_masses(bodies) == 0.0)
 
     def _has_invented_masses(self, bodies: list[int]) -> bool:
         """Return whether spherekit invented the masses of a link's bodies at an export.
