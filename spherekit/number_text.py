@@ -53,7 +53,8 @@ def bound_text(bound: float) -> str:
         return f"{bound:.0e}"
     if bound <= 0.0:
         return "0"
-    exponent = math.floor(math.log10(bound))
+    # For smaller exponents, the power of ten is not a normal float64 number.
+    exponent = max(math.floor(math.log10(bound)), -307)
     # The factor keeps a bound such as 3e-14 from being rounded up to 4e-14.
     digit = math.ceil(bound / 10.0**exponent * (1.0 - 1e-12))
     return f"{digit * 10.0**exponent:.0e}"

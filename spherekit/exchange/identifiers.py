@@ -67,11 +67,11 @@ class NameRules:
         return name
 
     def is_taken(self, name: str) -> bool:
-        """Return whether letters, digits and underscores cannot be used as a name.
+        """Return whether a text of letters, digits and underscores cannot be a new name.
 
-        They cannot be used if they are empty, begin with a character that names cannot
-        begin with, or are a word or in a family of the language, or the name of an
-        argument, an intermediate term or a helper function in the generated sources.
+        This is so if it is empty or begins with a character that names cannot begin with,
+        if the language reserves the word or a pattern that it matches, or if an argument,
+        an intermediate term or a helper function of the generated sources has this name.
         """
         return bool(
             not name

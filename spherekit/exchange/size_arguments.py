@@ -45,7 +45,9 @@ With a smaller value, rounding errors count as changes. With a larger one, weak 
 missed.
 """
 MOTION_STEP = 0.07
-"""Change of the first input that leads to a second configuration, rad.
+"""Change of the first argument of the motion in a second configuration, in its own unit.
+
+Each further argument changes by about a tenth more than the one before.
 
 With a smaller value, effects that are zero in the first configuration are weak in the
 second one. With a larger one, the second configuration is more often beyond the range.

@@ -36,8 +36,8 @@ AXIS_KEYS = {"through_xyz", "through_lonlat", "xyz", "lonlat"}
 PHASE_ERROR_RAD = 1e-13
 """Error bound (rad) of a start of a contact that the file reader computes from a phase.
 
-The bound is multiplied by the turns of the phase times the ratio of the wheels, if this
-product exceeds 1.
+It holds for a phase of up to one turn and equal wheels. For more turns, or unequal wheels,
+the bound grows in proportion to the length that the wheels have rolled.
 """
 
 
