@@ -261,6 +261,22 @@ def test_a_platform_that_can_move_with_locked_inputs_is_searched(monkeypatch):
     assert method.description.startswith(description)
 
 
+@pytest.mark.slow
+def test_a_search_that_ends_because_modes_were_left_out_has_the_doubt_1():
+    """Two legs with common axes let the platform move, so the search never has all modes.
+
+    Only 4 of the configurations are kept. How many starts were made says nothing then.
+    """
+    axes = random_axes(np.random.default_rng(11), 9)
+    axes[4] = axes[3]
+    axes[7] = axes[6]
+    group, closure = only_group_and_closure(linkage_with_inputs(*PLATFORM, axes))
+    configurations, method = find_group_configurations(group, closure)
+    assert len(configurations) == 4
+    assert "there may be more" in method.description
+    assert method.doubt == 1.0
+
+
 def test_a_bar_without_arc_is_searched_and_said_to_be():
     """Elimination gives the reason if elbow and platform axis of a leg coincide."""
     axes = random_axes(np.random.default_rng(12), 9)

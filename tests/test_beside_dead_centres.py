@@ -12,9 +12,11 @@ from oracles.exact_configurations import deviations
 
 import spherekit as sk
 from spherekit.errors import SpherekitError
+from spherekit.files.mechanism_reader import loads
 from spherekit.mechanism.elements import Input
 from spherekit.positions.decimal_frames import decimal_frames
 from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.positions.quad_positions import QuadAssembly
 from spherekit.proof.balls import Digits
 from spherekit.proof.decimal_mechanism import read_decimals
 from spherekit.status import Status
@@ -201,6 +203,55 @@ def test_a_dyad_that_can_turn_about_a_line_has_no_angles(arcs):
         pytest.skip("this fold is at another input")
     assert np.all(np.isnan(motion.values[at_fold]).any(axis=1) == motion.failed[at_fold])
     assert np.all(motion.status[~at_fold] == Status.OK)
+
+
+@pytest.mark.parametrize("gap", [0.5, 0.01])
+def test_rounding_of_the_input_reaches_a_dead_centre_through_the_dyad_before_it(gap):
+    """A whole turn of the crank has the status of the reference pose: AT_SINGULARITY.
+
+    At input 0 the crank points to the axis 41 and ends `gap` (deg) before it. All arcs of
+    links 3 and 4 are 90 deg, so link 4 follows the great circle through both axes: a
+    rounded input turns link 4 by up to 1 / sin(gap) of the rounding. There, link 4 holds
+    its axis 54 at 100 deg from the axis 61 of the ground, and links 5 and 6 are in line.
+    """
+    mechanism = loads(
+        f"""
+        format = 1
+        name = "two_dyads"
+        angle_unit = "deg"
+        ground = "1"
+        links.1 = {{ axes = ["41", "21", "61"], arcs = [{60.0 + gap}, 90], angles = [30] }}
+        links.2 = {{ axes = ["21", "32"], arcs = [60] }}
+        links.3 = {{ axes = ["32", "43"], arcs = [90] }}
+        links.4 = {{ axes = ["41", "43", "54"], arcs = [90, 90], angles = [40] }}
+        links.5 = {{ axes = ["54", "65"], arcs = [60] }}
+        links.6 = {{ axes = ["61", "65"], arcs = [40] }}
+        pairs.21 = {{ type = "R", links = ["2", "1"] }}
+        pairs.32 = {{ type = "R", links = ["3", "2"] }}
+        pairs.43 = {{ type = "R", links = ["4", "3"] }}
+        pairs.41 = {{ type = "R", links = ["4", "1"] }}
+        pairs.54 = {{ type = "R", links = ["5", "4"] }}
+        pairs.65 = {{ type = "R", links = ["6", "5"] }}
+        pairs.61 = {{ type = "R", links = ["6", "1"] }}
+        inputs.21 = {{ from = -360, to = 360 }}
+        """
+    )
+    motion = sk.trace(mechanism, samples=3)
+    modes = {mode.signs: mode.number for mode in motion.assembly_modes}
+    rows = motion.rows(np.flatnonzero(motion.assembly_mode == modes[1, 1]))
+    assert rows.status.tolist() == [Status.AT_SINGULARITY] * 3
+    # The angles of the triangles, all with sides of 90 deg or in line.
+    passive_angles = np.radians([-90.0, gap, -90.0, -90.0, 180.0, 90.0])
+    errors = np.sin(0.5 * (rows.values[:, 1:] - passive_angles))
+    has_angles = np.isfinite(rows.configuration_error)
+    assert np.all(has_angles) == (gap > 0.1)
+    bounds = rows.configuration_error[has_angles, None]
+    assert np.all(2.0 * np.abs(errors[has_angles]) <= bounds)
+    # The same if Newton's method closes the first dyad, as any other group (sign 0).
+    starts = np.column_stack([rows.inputs, np.tile(passive_angles, (3, 1))])
+    quad_assembly = QuadAssembly(mechanism, motion.assembly)
+    placed = quad_assembly.place([0, 1], determinants=(), q=rows.inputs, starts=starts)
+    assert placed.status.tolist() == [Status.AT_SINGULARITY] * 3
 
 
 def test_sizes_are_the_decimals_of_the_file():

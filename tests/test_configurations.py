@@ -12,15 +12,17 @@ from mechanism_examples.linkages import (
     parse_chain,
     random_axes,
 )
+from mechanism_examples.named_mechanisms import four_bar
 from oracles.configuration_search import search_configurations
 
 import spherekit as sk
 from spherekit.completeness import Guarantee
+from spherekit.errors import PlanError, SolveError
 from spherekit.numerics.sign_changes import FIRST_EDGES, SAMPLES_PER_CELL, find_sign_changes
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions import configuration_space
 from spherekit.positions.assembly_enumeration import enumerate_assemblies
-from spherekit.positions.configuration_space import monotone_pieces
+from spherekit.positions.configuration_space import configuration_curves, monotone_pieces
 from spherekit.positions.curve_crossing import find_outgoing_points
 from spherekit.positions.driving_pair import choose_driving_pair
 from spherekit.positions.input_turning_points import (
@@ -310,3 +312,58 @@ def test_no_range_that_a_curve_reaches_is_skipped(monkeypatch):
     monkeypatch.setattr(configuration_space, "_may_reach_range", lambda *_: True)
     starts_without_early_test = find_piece_starts()
     assert starts == starts_without_early_test
+
+
+@pytest.mark.parametrize("width", [0.0, 1e-8])
+def test_the_curves_of_a_single_input_pass_its_configurations(width):
+    """Each of the two modes of a four-bar is a point of a curve at a single input."""
+    analysis = PositionAnalysis(sk.load("four_bar"))
+    configurations = configuration_curves(
+        analysis.solver, analysis.assembly_modes, 1.0, 1.0 + width
+    )
+    assert configurations.guarantee is Guarantee.COMPLETE
+    assert configurations.mismatches == ()
+    pieces = [piece for item in configurations.curves for piece in item.pieces]
+    assert sorted(piece.assembly_mode for piece in pieces) == [0, 1]
+    q = 1.0 + 0.5 * width
+    expected = analysis.at(np.array([q])).values
+    for piece in pieces:
+        assert piece.lowest == piece.highest == pytest.approx(q, abs=1e-12)
+        assert np.allclose(piece.middle, expected[piece.assembly_mode], rtol=0, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_the_singularity_of_a_single_input_at_a_dead_centre_is_in_the_range():
+    made = four_bar(np.radians([60.0, 75.0, 40.0, 50.0]))
+    (item,) = PositionAnalysis(made).configurations.curves
+    dead_centre = np.max(item.curve.at(item.curve.dead_points(0).places).values[:, 0])
+    for q, count in ((dead_centre, 1), (dead_centre - 0.5, 0)):
+        run_result = sk.run(made, "singularities", path=np.array([[q]]))
+        (entry,) = run_result.summary["analyses"]
+        assert entry["findings"]["checks_failed"] == []
+        assert entry["findings"]["singularities"].get("II", 0) == count
+
+
+def test_curves_do_not_depend_on_whole_turns_of_the_range():
+    """Rounding errors of the input in thousands of turns do not stop the curves."""
+    analysis = PositionAnalysis(sk.load("four_bar"))
+    lengths = []
+    for low in (0.0, 4000.0 * TURN):
+        configurations = configuration_curves(
+            analysis.solver, analysis.assembly_modes, low, low + 1.0
+        )
+        assert configurations.guarantee is Guarantee.COMPLETE
+        ranges = [(x.pieces[0].lowest, x.pieces[0].highest) for x in configurations.curves]
+        assert np.allclose(ranges, (low, low + 1.0), rtol=0, atol=1e-9)
+        lengths.append([item.curve.length for item in configurations.curves])
+    assert np.allclose(*lengths, rtol=1e-12)
+
+
+def test_ranges_and_mechanisms_without_configuration_curves_are_refused():
+    analysis = PositionAnalysis(sk.load("four_bar"))
+    for low, high in ((np.nan, 1.0), (0.0, np.inf), (2.0, 1.0)):
+        with pytest.raises(SolveError, match="give finite ends, the lower one first"):
+            configuration_curves(analysis.solver, analysis.assembly_modes, low, high)
+    several = PositionAnalysis(sk.load("five_bar"), search=False)
+    with pytest.raises(PlanError, match="mechanisms with one input"):
+        configuration_curves(several.solver, several.assembly_modes, 0.0, 1.0)

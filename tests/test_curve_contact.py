@@ -137,3 +137,24 @@ def test_of_several_contacts_it_is_the_first_along_the_first_profile():
     s, miss = nearest_frames(cam, circle([0.0, 0.0, 1.0], 0.6))
     assert miss < 1e-12
     assert min(s[0], cam.length - s[0]) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_contact_at_the_end_of_an_open_profile_is_not_taken_for_one_at_its_start():
+    """An open profile runs one and a half times about a circle, and touches it twice."""
+    turn = circle([0.0, 0.0, 1.0], 0.6)
+    profile = replace(turn, closed=False, length=1.5 * turn.length)
+    roller = circle([-np.sin(0.9), 0.0, np.cos(0.9)], 0.3).reversed()
+    s, miss = nearest_frames(profile, roller)
+    assert miss < 1e-12
+    assert s[0] == pytest.approx(0.5 * turn.length, abs=1e-9)
+
+
+@pytest.mark.parametrize("fraction", [-0.7, -0.4, 0.3, 0.5, 0.8])
+def test_a_contact_at_a_sharp_tip_is_found(fraction):
+    """The tip, of radius 2e-8 rad, is far narrower than the first samples of the curve."""
+    cam = fourier([0.0, 0.0, 1.0], [0.5001, 0.5]).reversed()
+    place = 0.5 * cam.length + 1e-7 * fraction
+    _, normal, point = cam.evaluate([place]).frame[0].T
+    roller = circle(np.cos(0.2) * point - np.sin(0.2) * normal, 0.2).reversed()
+    _, miss = nearest_frames(cam, roller)
+    assert miss < 1e-9

@@ -19,7 +19,7 @@ import spherekit as sk
 from spherekit.errors import SolveError
 from spherekit.mechanism.elements import Profile
 from spherekit.mechanism.joint_construction import make_joints
-from spherekit.positions.curve_continuation import follow_arc
+from spherekit.positions.curve_continuation import follow_arc, follow_arcs
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.position_analysis import PositionAnalysis
 
@@ -160,6 +160,36 @@ def test_stops_end_a_curve_where_they_are(no_crank):
     ends = np.sort(curve.nodes.values[[0, -1], 1])
     assert np.max(np.abs(ends - stops[1])) < 1e-14
     assert np.min(np.max(np.abs(curve.nodes.values - given), axis=1)) < 1e-14
+
+
+def test_stops_more_than_a_turn_apart_end_a_curve_where_they_are():
+    """A crank from -400 to 100 deg cannot go on turning, although a lap is one turn."""
+    curve = shipped("four_bar")
+    start = curve.nodes.values[0]
+    crank_start = start[0]
+    stops = {0: (crank_start - 7.0, crank_start + 2.0)}
+    limited_curve = follow_arc(curve.closure, start, stops)
+    assert not limited_curve.closed and not np.any(limited_curve.rise)
+    ends = np.sort(limited_curve.nodes.values[[0, -1], 0])
+    assert np.max(np.abs(ends - stops[0])) < 1e-13
+    # The output pair does not turn fully, so its stops beyond the motion have no effect.
+    swing = curve.nodes.values[:, 3]
+    free_curve = follow_arc(curve.closure, start, {3: (min(swing) - 1, max(swing) + 1)})
+    assert free_curve.closed
+    assert free_curve.length == pytest.approx(curve.length, abs=1e-12)
+
+
+def test_a_start_in_a_crossing_is_singular_and_leaves_other_curves_alone():
+    """Two curves of a parallelogram cross where all its axes are in one plane."""
+    made = four_bar(np.radians([60.0, 40.0, 60.0, 40.0]))
+    closure = Closure.of_mechanism(made, make_joints(made))
+    crossing = np.array([0.0, np.pi, 0.0, 0.0])
+    assert closure.linearise(crossing[None]).closure_residual[0] < 1e-15
+    with pytest.raises(SolveError, match="is singular"):
+        follow_arc(closure, crossing)
+    (regular,) = closure.solve(np.array([[1.0, 2.8, 0.5, -1.0]]), fixed=[0]).values
+    curves = follow_arcs(closure, np.stack([crossing, regular]), longest=50.0)
+    assert curves[0] is None and curves[1].passes(regular[None]).all()
 
 
 @pytest.mark.slow

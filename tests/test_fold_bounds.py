@@ -14,8 +14,9 @@ from oracles.exact_configurations import (
     deviations_with_free_inputs,
 )
 
+import spherekit as sk
 from spherekit.errors import SpherekitError
-from spherekit.positions.fold_bounds import bound_by_kantorovich
+from spherekit.positions.fold_bounds import bound_by_kantorovich, curvature_bound
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 from spherekit.tolerances import EPS, MAX_SINGULAR_ANGLE_ERROR_RAD
@@ -183,3 +184,54 @@ def test_newton_bounds_are_infinite_if_loops_together_may_have_no_solution(loop_
     assert np.isfinite(bounds[0])
     assert np.isinf(bounds[-1])  # 1.01 times the largest residual that closes
     assert np.all(zeros[:-1] <= bounds[:-1])
+
+
+def small_bevel_gears():
+    """Return two bevel gears whose shafts meet at 1 degree."""
+    return sk.build(
+        "small_gears",
+        angle_unit="deg",
+        ground="frame",
+        links={
+            "frame": {"axes": ["left", "right"], "arcs": [1.0]},
+            "a": {"axes": ["left"]},
+            "b": {"axes": ["right"]},
+        },
+        pairs={
+            "left": {"type": "R", "links": ["frame", "a"]},
+            "right": {"type": "R", "links": ["frame", "b"]},
+            "mesh": {
+                "type": "Cr",
+                "links": ["a", "b"],
+                "teeth": [20, 40],
+                "axes": ["left", "right"],
+            },
+        },
+        inputs={"left": {}},
+    )
+
+
+@pytest.mark.parametrize("name", ["four_bar", "shaped_cam", "two_contacts", "small gears"])
+def test_bounds_of_the_change_of_the_jacobian_hold_for_wheels_and_cams(name):
+    """The change per radian of each variable, by finite differences, is within the bound.
+
+    Velocity vectors at the contact of small gears are long, and turn with their own
+    variable.
+    """
+    mechanism = small_bevel_gears() if name == "small gears" else sk.load(name)
+    position_analysis = PositionAnalysis(mechanism, samples=7)
+    motion = position_analysis.motion()
+    closure = position_analysis.solver.closure
+    values = motion.values[motion.status == Status.OK]
+    bound = curvature_bound(closure.linearise(values))
+    step = 1e-6
+    for variable in range(values.shape[1]):
+        shift = step * np.eye(values.shape[1])[variable]
+        change = (
+            closure.linearise(values + shift).jacobian
+            - closure.linearise(values - shift).jacobian
+        ) / (2.0 * step)
+        # The rows of each loop: (n, loops, 3, variables).
+        loops = change.reshape(len(values), -1, 3, values.shape[1])
+        norms = np.linalg.norm(loops, ord=2, axis=(2, 3))
+        assert np.all(np.max(norms, axis=1) <= bound * (1.0 + 1e-6))

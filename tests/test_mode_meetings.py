@@ -570,3 +570,30 @@ def test_modes_of_a_triad_follow_smooth_curves():
         bend = np.abs(np.diff(steps, axis=0)).max()
         assert bend < 0.5 * np.abs(steps).max()
     assert passing_modes >= 2
+
+
+@pytest.mark.parametrize("turns", [41, 2700])
+def test_modes_pass_a_crossing_after_many_turns_as_in_the_first(turns):
+    """The motion of a parallelogram about its flat state repeats after whole turns.
+
+    The rounding of an input of 2700 turns (17000 rad) is 2e-12.
+    """
+
+    def trace(middle):
+        """Return the pair angles from 40 deg below to 40 deg above a flat state."""
+        text = four_bar_text((60, 30, 60, 30), middle - 40, middle + 40, zero="0")
+        return sk.trace(loaded(text), samples=10, crossings="pass").values
+
+    assert np.abs(wrap(trace(360 * turns) - trace(0))).max() < 1e-10
+
+
+@pytest.mark.slow
+def test_modes_can_pass_crossings_in_a_range_that_ends_at_one():
+    """The modes of a triad below its flat state need no successors above the range."""
+    mechanism = six_bar_with_a_flat_loop()
+    below = mechanism.with_inputs(
+        ranges={mechanism.input_pairs[0]: (-0.3, 0.0)}, angle_unit="rad"
+    )
+    passed = sk.trace(below, samples=7, crossings="pass")
+    ended = sk.trace(below, samples=7)
+    assert np.array_equal(passed.values, ended.values, equal_nan=True)

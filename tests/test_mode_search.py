@@ -166,6 +166,13 @@ def test_a_search_in_which_no_start_closes_ends_after_four_rounds():
     assert "none closed" in statistics.describe("modes")
 
 
+def test_a_search_without_closed_starts_does_not_deny_modes_known_from_elsewhere():
+    statistics = SearchStatistics(12)
+    statistics.add(STARTS_PER_ROUND, np.zeros(0, dtype=np.intp), 1)
+    assert statistics.sentence(0).endswith("random starts found no assembly mode.")
+    assert statistics.sentence(1).endswith("random starts found no further assembly mode.")
+
+
 def test_a_long_search_says_what_it_does_unless_it_is_to_be_quiet(capsys, monkeypatch):
     monkeypatch.setattr(progress, "REPORT_INTERVAL_S", -1.0)
     assert main(["run", "roller_cam", "--samples", "9"]) == 0
@@ -278,3 +285,60 @@ def test_the_group_that_does_not_close_is_named_after_groups_that_do():
     ]
     with pytest.raises(SolveError, match="of pairs 15, 35 did not close from any start"):
         sk.trace(replace(cams, pairs=tuple(pairs)), samples=3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "input_pair", "low", "high"),
+    [
+        # Two modes of one curve counted as two curves, after the mode of the reference pose
+        # had been continued beyond its dead centres.
+        ("eight_bar_08", "37", -3.1, 3.1),
+        # The mode beyond a dead centre of the mode of the reference pose counted as a
+        # further curve.
+        ("single_flier", "15", -1.5, 1.5),
+    ],
+)
+def test_a_search_counts_the_configuration_curves(name, input_pair, low, high):
+    """The number of components in the report is that of the configuration curves.
+
+    The curves are searched with another pair as the input, so they are an independent
+    check.
+    """
+    position_analysis = PositionAnalysis(
+        sk.load(name), input_pair=input_pair, path=np.linspace(low, high, 7)
+    )
+    curves = position_analysis.configurations.curves
+    assert f" closed on {len(curves)} components, " in position_analysis.search
+
+
+@pytest.mark.parametrize(
+    ("name", "input_pair", "low", "high", "message"),
+    [
+        # The first group is a dyad, which does not close.
+        (
+            "eight_bar_07",
+            "12",
+            3.0,
+            3.05,
+            "dyad of pairs 14, 23, 34 cannot be assembled anywhere in the range 12 in "
+            "[171.887, 174.752] deg; change the axes of its pose, or the range",
+        ),
+        # A dyad after a triad does not close.
+        (
+            "eight_bar_13",
+            "67",
+            -3.0,
+            -2.95,
+            "dyad of pairs 14, 23, 34 did not close; change the axes of its pose or the "
+            "range",
+        ),
+    ],
+)
+def test_the_advice_for_open_loops_is_about_what_the_file_has(
+    name, input_pair, low, high, message
+):
+    """These files have a reference pose and no contacts: neither arcs nor profiles."""
+    with pytest.raises(SolveError) as error:
+        sk.trace(sk.load(name), input_pair=input_pair, path=[low, high])
+    assert str(error.value).endswith(message)

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,6 +31,7 @@ from spherekit.positions.configuration_graph import ConfigurationGraph, Determin
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.sample_configurations import enumerate_configurations
+from spherekit.runs.completeness_text import describe_completeness
 from spherekit.status import Status
 
 FILES = Path(__file__).parent / "files"
@@ -874,3 +876,36 @@ def test_evaluate_numbers_the_modes_of_a_path_as_a_trace_does(name, degrees):
     evaluated = mode_numbers(sk.evaluate(mechanism, path)._motion)
     assert len(traced) > len(path)
     assert traced == evaluated
+
+
+def test_over_the_limit_the_mode_of_the_reference_pose_remains(monkeypatch):
+    """If only one of eight modes is kept, it is mode 0, that of the reference pose."""
+    wrist = sk.load(FILES / "coaxial_wrist.toml")
+    all_values = PositionAnalysis(wrist, samples=5).motion().values
+    monkeypatch.setattr("spherekit.positions.modes_over_samples.MOST_MODE_ROWS", 0)
+    monkeypatch.setattr("spherekit.positions.modes_over_samples.MAX_ASSEMBLY_MODES", 1)
+    limited = PositionAnalysis(wrist, samples=5)
+    assert len(all_values) == 8 * 5
+    assert np.array_equal(limited.motion().values, all_values[:5])
+    assert "of 8 assembly modes, that of the reference pose" in limited.search
+
+
+@pytest.mark.slow
+def test_the_report_of_a_random_search_counts_the_modes_of_the_run():
+    """The report counts the modes of the run, not the parts from which they are joined."""
+    position_analysis = PositionAnalysis(sk.load(FILES / "arm_cam.toml"), samples=(5, 6))
+    mode_count = len(position_analysis.assembly_modes)
+    assert f"found {mode_count} modes" in describe_completeness(position_analysis)
+    # The text on the search counts the parts, of which there are more.
+    (part_count,) = re.findall(r"closed on (\d+) mode parts", position_analysis.search)
+    assert int(part_count) > mode_count
+
+
+@pytest.mark.slow
+def test_the_report_of_a_stopped_search_says_that_there_may_be_more(monkeypatch):
+    """A search that stops at the limit states no probability in its sentence."""
+    monkeypatch.setattr("spherekit.positions.modes_over_samples.MAX_ASSEMBLY_MODES", 2)
+    arm_cam = sk.load(FILES / "arm_cam.toml")
+    report = describe_completeness(PositionAnalysis(arm_cam, samples=(3, 4)))
+    assert report.startswith("Assembly modes could be missed: ")
+    assert report.endswith("stopped at 2 mode parts, and there may be more.")

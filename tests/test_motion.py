@@ -100,7 +100,7 @@ def test_arcs_that_cannot_close_are_refused_with_the_group():
     made = sk.Mechanism(
         "far", "1", random.links, random.pairs, SizeGeometry(lengths), inputs=random.inputs
     )
-    with pytest.raises(SolveError, match="did not close from any start"):
+    with pytest.raises(SolveError, match="did not close; change its arcs or the range"):
         sk.trace(made)
 
 
@@ -166,3 +166,10 @@ def test_curves_followed_side_by_side_are_those_of_each(name):
         (alone,) = follow_each(closure, driven, one[None], *tracer.range)
         assert (curve.ends, curve.tried_steps) == (alone.ends, alone.tried_steps)
         assert np.max(np.abs(curve.values - alone.values)) < 1e-12
+
+
+def test_some_rows_of_a_motion_are_printed_as_rows():
+    """`repr` names samples and modes of a whole motion, and only rows of a part of it."""
+    motion = sk.trace("four_bar", samples=7)
+    assert "7 samples in 2 assembly modes; 14 OK" in repr(motion)
+    assert repr(motion.rows(slice(5, 8))) == "<Motion of four_bar: 3 rows; 3 OK>"

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.refusals import TABLES, check_call
+from mechanism_examples.flat_mechanisms import four_bar_text
 from oracles.closed_forms import FOUR_BAR_ARCS, four_bar_angles
 
 import spherekit as sk
@@ -12,6 +13,8 @@ from spherekit.cli.main import main
 from spherekit.errors import SolveError
 from spherekit.files.mechanism_reader import loads
 from spherekit.files.mechanism_writer import dumps
+from spherekit.numerics.angles import wrap
+from spherekit.positions.position_analysis import PositionAnalysis
 
 CROSSED = {"p0": {"21": 60.0, "41": -97.1}, "p1": {"21": 60.0, "41": 52.8}}
 
@@ -96,6 +99,7 @@ def test_names_are_those_of_the_modes_whatever_their_order():
             {"one": {"21": 60.0, "41": 52.8}, "two": {"21": 0.0, "41": 53.7}},
             "modes.two: it is mode 1, which already has the name one",
         ),
+        ({"part": {"41": 52.8}}, "modes.part: it has no value of input 21"),
     ],
 )
 def test_a_name_of_no_mode_is_told(modes, said, tmp_path, capsys):
@@ -110,3 +114,51 @@ def test_a_name_of_no_mode_is_told(modes, said, tmp_path, capsys):
 @pytest.mark.parametrize("call", TABLES["names of modes"])
 def test_what_is_no_name_is_refused(call):
     check_call(call, globals(), TABLES["names of modes"][call])
+
+
+@pytest.mark.parametrize("turns", [-1, 0, 1, 2])
+@pytest.mark.parametrize("crossings", ["end", "pass"])
+def test_a_name_is_that_of_its_configuration_in_every_turn(turns, crossings):
+    """A mode has the stated angles at the stated input, up to whole turns.
+
+    The flat-foldable vertex (Huffman 1976) is flat at 0 deg, where its curves cross and the
+    range begins just below. In its mode with the fold angles of c1 and c3 of equal sense,
+    tan(c3/2) = tan(c1/2) for the sectors 100, 60, 80 and 120 deg.
+    """
+    low, high = 360 * turns - 10, 360 * turns + 90
+    equal = {"c1": 30.0, "c3": 30.0}
+    opposite = {"c1": 30.0, "c3": -30.0}
+    text = four_bar_text((100, 60, 80, 120), low, high, zero="0")
+    for name, values in {"equal": equal, "opposite": opposite}.items():
+        text += f"[modes.{name}]\n"
+        text += "".join(f"{pair} = {angle}\n" for pair, angle in values.items())
+    motion = sk.run(loads(text), samples=11, crossings=crossings).frame("motion")
+    at_stated_input = motion[motion["sample"] == 4].set_index("mode_name")
+    assert np.allclose(wrap(at_stated_input["theta_c1"]), np.radians(30.0))
+    c3 = at_stated_input["theta_c3"]
+    assert c3["equal"] == pytest.approx(np.radians(30.0))
+    assert c3["opposite"] == pytest.approx(np.radians(-30.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("turns", [-1, 1])
+def test_a_mode_without_a_closed_form_keeps_its_name_in_every_turn(turns):
+    """The Miura mode has its name if the range is one turn away from the stated input."""
+    low, high = 80 + 360 * turns, 100 + 360 * turns
+    mechanism = sk.load("miura_unit").with_inputs(
+        ranges={"z11": (low, high)}, angle_unit="deg"
+    )
+    summary = sk.run(mechanism, samples=3).summary
+    assert "miura" in [mode["name"] for mode in summary["assembly_modes"] if "name" in mode]
+    assert not summary["warnings"]
+
+
+@pytest.mark.slow
+def test_a_mode_without_a_configuration_at_the_stated_input_has_no_name():
+    names = {"far": {"z11": np.radians(200.0)}}
+    mechanism = replace(sk.load("miura_unit"), modes=names)
+    position_analysis = PositionAnalysis(mechanism, search=False, samples=3)
+    (mode,) = position_analysis.assembly_modes
+    assert np.isnan(position_analysis.at(np.radians([200.0])).values).all()
+    assert mode.name == ""
+    assert "modes.far: no mode has these angles" in position_analysis.unused_mode_names[0]

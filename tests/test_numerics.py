@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
+from spherekit.numerics.angles import wrap
 from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 from spherekit.numerics.chebyshev import PiecewiseChebyshev, find_real_zeros
 from spherekit.numerics.least_squares import minimize_squares
 from spherekit.numerics.local_polynomials import make_local_polynomials
-from spherekit.numerics.minima import minimize_in_brackets
+from spherekit.numerics.minima import find_local_minima, minimize_in_brackets
 from spherekit.numerics.zeros import find_zeros
 
 
@@ -210,3 +211,32 @@ def test_least_squares_keep_to_limits_and_leave_them_for_less():
         values, squares = minimize_squares(residuals, start, high=np.array([high, np.inf]))
         assert values == pytest.approx(np.tile(wanted, (2, 1)), abs=1e-7)
         assert squares == pytest.approx(np.full(2, 2.0 * (2.5 - wanted[0]) ** 2), abs=1e-9)
+
+
+def test_a_minimum_midway_between_two_samples_is_found():
+    """The samples are 1/16 apart, and two of them are equally far from the minimum."""
+    middle = 0.5 + 1.0 / 32.0
+    ends = np.array([0.0, 1.0])
+    for least in (0.0, 0.01):
+        minima = find_local_minima(lambda x, y=least: (x - middle) ** 2 + y, ends)
+        assert minima == (pytest.approx([middle]), pytest.approx([least]))
+
+
+def test_cells_are_halved_up_to_their_greatest_number():
+    """Of 5 cells only that with the kink is halved, so 9 cells allow 4 halvings."""
+    kink = PiecewiseChebyshev.fit(
+        lambda s: np.abs(s - 0.33)[:, None], 0.0, 1.0, first_cells=5, max_cells=9
+    )
+    assert len(kink.coefficients) == 9
+
+
+def test_a_double_zero_that_rounding_lifts_is_real():
+    """The series 1 + T_2 is 2 x^2. The next larger constant lifts it off zero."""
+    lifted = np.array([1.0 + 2.0**-52, 0.0, 1.0])
+    assert find_real_zeros(lifted) == pytest.approx([0.0, 0.0], abs=1e-7)
+
+
+def test_wrapped_angles_are_in_the_interval():
+    """Odd multiples of pi are rounded, on either side of the ends of the interval."""
+    wrapped = wrap(np.arange(-41, 42, 2) * np.pi)
+    assert np.all((wrapped > -np.pi) & (wrapped <= np.pi))

@@ -17,8 +17,9 @@ from spherekit.errors import PlanError
 from spherekit.mechanism.elements import Input, Pair, PoseGeometry, Profile
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import plan_assembly
+from spherekit.planning.mobility import check_mobility
 from spherekit.planning.plan_text import describe
-from spherekit.planning.pole_plan import LinePole, all_poles
+from spherekit.planning.pole_plan import LinePole, PrimaryPole, all_poles
 from spherekit.planning.pole_planner import plan
 
 
@@ -139,6 +140,8 @@ def test_groups_of_every_input_of_the_eight_bars():
         ("1-2 2-3 1-3", ["rigid", "[1, 2, 3]"]),
         ("1-2 2-3 1-3 3-4 4-5 5-6 1-6", ["rigid", "[1, 2, 3]"]),
         ("1-2 2-3 3-4 1-4 1-3 2-4 4-5", ["over-constrained"]),
+        # Without the pair, this four-bar moves: one of two constraints is redundant.
+        ("1-2 2-3 3-4 1-4 1-3", ["[1, 2, 3, 4]", 'even if pair "p1_3" had fewer']),
         ("1-2 2-3 3-4 4-5 1-5", ["= 2", "inputs is 1", "declare 2"]),
     ],
 )
@@ -231,3 +234,52 @@ def test_pruned_plans_do_not_take_one_circle_twice():
         frame = sk.run(train, f"poles:only={text}", samples=3).frame()
         assert (frame["status"] == "OK").all()
         assert frame["conditioning"].min() > 0.1
+
+
+def test_a_pole_of_a_link_with_itself_is_refused_as_such():
+    with pytest.raises(PlanError, match="a pole needs two different links"):
+        sk.plan("four_bar", [(1, 1)])
+
+
+def test_a_plan_for_a_pole_of_a_block_has_no_pole_of_a_sliding_contact():
+    """A block needs only the known axes of its pairs, not the pole of its contact.
+
+    Two links of a double butterfly slide on each other, in place of a link between them.
+    All poles of the block are computed from velocity equations, so that one of them needs
+    no other.
+    """
+    circle = Profile("circle", (0.0, 0.0, 1.0), 0.3)
+    chain = parse_chain(EIGHT_BARS[8])
+    edges = [(a, b) for a, b in chain if 6 not in (a, b)]
+    contact_links = [a + b - 6 for a, b in chain if 6 in (a, b)]
+    pairs = [Pair(f"p{a}_{b}", "R", (str(a), str(b))) for a, b in edges]
+    axes = random_axes(np.random.default_rng(1), len(pairs)).tolist()
+    geometry = PoseGeometry(
+        {pair.name: tuple(axis) for pair, axis in zip(pairs, axes, strict=True)}
+    )
+    contact = Pair("slide", "Cs", tuple(map(str, contact_links)), (circle, circle))
+    mechanism = Mechanism("m", "1", tuple("1234578"), (*pairs, contact), geometry)
+    pole = next(
+        pole
+        for pole in plan(mechanism).blocks[0].poles
+        if {mechanism.links[k] for k in pole} != set(contact.links)
+    )
+    planned = plan(mechanism, [pole])
+    computed_steps = [s for s in planned.steps if not isinstance(s, PrimaryPole)]
+    assert [step.poles for step in computed_steps] == [(pole,)]
+
+
+def test_mobility_of_a_thousand_links_is_counted():
+    """A ladder of 600 four-bars has one freedom, and no part of it has less."""
+    edges = [(1, 2)]
+    for link in range(3, 1203, 2):
+        edges += [(link - 2, link), (link, link + 1), (link - 1, link + 1)]
+    axes = random_axes(np.random.default_rng(0), len(edges))
+    _, pebble_game = check_mobility(mechanism_from_chain(edges, axes), driven=[0])
+    assert pebble_game.find_mobile_part(0, 1201) == set(range(1202))
+
+
+def test_the_pole_table_of_a_notebook_explains_common_axes():
+    text = "or as the common axis of several pairs"
+    assert text in sk.plan("bevel_differential")._repr_html_()
+    assert text not in sk.plan("four_bar")._repr_html_()

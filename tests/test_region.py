@@ -5,8 +5,10 @@ import pytest
 from oracles.sphere_areas import common_area
 
 from spherekit.errors import RegionError
+from spherekit.geometry.border_segment import BorderSegments
 from spherekit.geometry.direction_region import find_region
 from spherekit.geometry.orientation_region import ALL_ORIENTATIONS, find_orientations
+from spherekit.geometry.region_margins import UNDEFINED_MARGIN, MarginEvaluator
 from spherekit.geometry.rotation import from_quaternion
 from spherekit.geometry.sphere_mesh import triangle_areas
 
@@ -377,3 +379,72 @@ def test_limits_of_the_work_are_told_by_the_error():
     assert found.depth > 0.0 and within(found.place[None]).min() == found.depth
     with pytest.raises(RegionError, match="tolerance is -1"):
         find_orientations(within, -1)
+
+
+def test_a_changed_mesh_does_not_change_later_regions():
+    """The mesh of a region without border is not cut. It belongs to this region only."""
+
+    def margins(places):
+        return np.ones((len(places), 1))
+
+    region = find_region(margins)
+    region.points[:, 2] *= 0.5
+    region.triangles[0] = 0
+    assert abs(find_region(margins).area - 4.0 * np.pi) < 1e-12
+
+
+def test_equal_margins_that_are_undefined_on_most_of_the_sphere_have_one_border():
+    """Two margins of a cap differ by rounding errors, which make no corners."""
+    centre = unit([0.3, 0.02, 0.95])
+
+    def margins(places):
+        cosines = np.stack([places @ centre, (3.0 * places) @ centre / 3.0], axis=1)
+        return np.where(places[:, 2:] < 0.3, np.nan, cosines - np.cos(0.5))
+
+    region = find_region(margins, 1e-6, most=30_000)
+    assert abs(region.area - cap_area(0.5)) < 1e-9
+    assert region.unresolved == 0.0
+    assert [len(boundary.arcs) for boundary in region.boundaries] == [1]
+
+
+@pytest.mark.parametrize("units", [(1.0, 1e-6), (1e6, 1e-6), (1e-9, 1e-9)])
+def test_the_units_of_the_margins_do_not_change_the_region(units):
+    """The nearest point is the corner at which both margins are zero."""
+
+    def margins(places):
+        return (places[:, [2, 0]] - [0.3, 0.2]) * units
+
+    region = find_region(margins)
+    same_units = find_region(lambda places: margins(places) / units)
+    assert abs(region.area - same_units.area) < 1e-11
+    assert region.unresolved == same_units.unresolved == 0.0
+    corner = np.array([0.2, np.sqrt(1.0 - 0.2**2 - 0.3**2), 0.3])
+    assert np.abs(region.nearest([-1.0, 0.3, -0.4]) - corner).max() < 1e-12
+
+
+def test_a_border_of_undefined_margins_is_excluded_only_by_negative_margins():
+    """The last margin is the largest one, but not the margin of the border."""
+
+    def margins(places):
+        x = places[:, 0]
+        return np.stack([np.where(x < 0.2, np.nan, 1.0), 2.0 + x, 3.0 + x], axis=1)
+
+    evaluate = MarginEvaluator(margins)
+    evaluate(np.eye(3))
+    azimuth = np.array([0.1, 0.0])
+    y = np.sqrt(0.96) * np.sin(azimuth)
+    z = np.sqrt(0.96) * np.cos(azimuth)
+    start, end = np.stack([np.full(2, 0.2), y, z], axis=1)[:, None]
+    first = np.zeros(1, np.intp)
+    segments = BorderSegments.find(
+        evaluate,
+        ends=(start, end),
+        margin=np.array([UNDEFINED_MARGIN]),
+        triangle=first,
+        crossings=(first, first),
+        is_leading=np.array([True]),
+        is_searched=np.array([True]),
+    )
+    assert segments.is_sound.tolist() == [True]
+    segments.reject_excluded_segments(evaluate, first)
+    assert segments.is_sound.tolist() == [True]

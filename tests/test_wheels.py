@@ -26,7 +26,9 @@ from spherekit.mechanism.elements import Input, Pair, PoseGeometry, Profile
 from spherekit.mechanism.inertia import Mass
 from spherekit.mechanism.load_kinds import PairTorque
 from spherekit.outputs.forward_kinematics import ForwardKinematics
+from spherekit.planning.least_rolling import find_least_rolled_turns
 from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.runs.completeness_text import describe_completeness
 from spherekit.status import Status
 
 DEGREE = np.pi / 180.0
@@ -473,3 +475,79 @@ def test_a_load_acts_although_the_wheels_do_not_follow_the_input():
     loaded = replace(mechanism, loads=(spring,))
     torques = sk.run(loaded, "statics", path=path).frame()["tau"].to_numpy()
     assert torques.reshape(mode_count, 3)[:, 1] == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize("inputs", [1, 2])
+def test_a_report_on_free_wheels_is_a_whole_sentence(inputs):
+    """A roller that turns freely has infinitely many assemblies; only one is computed.
+
+    The second input turns a link that joins nothing else.
+    """
+    text = mechanism_text("posed_roller")
+    reached = "the mode of the reference pose was"
+    if inputs == 1:
+        lines = text.replace(", 5 = {}", "").splitlines()
+        text = "\n".join(line for line in lines if "spin" not in line)
+        reached = (
+            "the mode of the reference pose and the modes that continue it where it ends "
+            "were"
+        )
+    report = describe_completeness(PositionAnalysis(loads(text), samples=3))
+    assert report == (
+        f"Only {reached} computed; other ways to mesh the wheels were not searched."
+    )
+
+
+@pytest.mark.parametrize("turns", [(3, 0), (-10, 0), (7, 7)])
+def test_a_start_whole_turns_along_both_wheels_gives_the_same_teeth(turns):
+    """A `start` that is shifted by whole circumferences is the same point of each wheel.
+
+    Wheels of 17 and 23 teeth turn by their ratio. So other teeth in contact would change
+    the angle of the second wheel, not only by whole turns.
+    """
+    teeth = (17, 23)
+    text = (MECHANISMS / "bevel_pair.toml").read_text()
+    text = text.replace("teeth = [20, 40]", "teeth = [17, 23]")
+    radii = pitch_angles(teeth, 75.0 * DEGREE, "external")
+    angles = []
+    for first_turns, second_turns in ((0, 0), turns):
+        start_deg = (
+            360.0 * first_turns * float(np.sin(radii[0])),
+            360.0 * second_turns * float(np.sin(radii[1])),
+        )
+        shifted_text = text.replace(
+            "phase = { 01 = 0.0, 02 = 0.0 }", f"start = {list(start_deg)}"
+        )
+        assert shifted_text != text
+        angles.append(angle_of(sk.trace(loads(shifted_text), samples=3), "02"))
+    assert np.max(distance_from_whole_turns(angles[1] - angles[0])) < 1e-9
+
+
+def test_least_rolling_is_found_many_turns_away():
+    """A large wheel drives a pinion, and a wheel on its shaft drives another one.
+
+    The pinion turns so often that the next contact has rolled some turns. The expected sum
+    comes from trying up to 30 turns of each wheel. Shafts 1 and 2 follow: angles a = (a1,
+    a2). The rolled lengths are `lengths[0, 0]`, as the driver stands still, and
+    `lengths[1, 0]` minus a1 times the sine of the wheel on the shaft of the pinion.
+    """
+    driver, pinion, wheel, last = np.sin([1.2, 0.12, 1.0, 0.5])
+    circumferences = 2.0 * np.pi * np.array([[driver, pinion], [wheel, last]])
+    lengths = np.array([[0.4, -0.1], [-0.1, 0.3]]) * circumferences
+    first_slopes = np.array([[0.0, 0.0], [wheel, 0.0]])
+    second_slopes = np.array([[pinion, 0.0], [0.0, last]])
+
+    def rolled_sums(turns_of_driver, turns_of_wheel):
+        """Return the sums of both absolute rolled lengths for turns along two circles."""
+        first_length = lengths[0, 0] + turns_of_driver * circumferences[0, 0]
+        shaft_angle = (lengths[0, 1] - first_length) / pinion
+        second_length = lengths[1, 0] + turns_of_wheel * circumferences[1, 0]
+        return np.abs(first_length) + np.abs(second_length - wheel * shaft_angle)
+
+    turns = find_least_rolled_turns(
+        lengths, circumferences, first_slopes, first_slopes - second_slopes
+    )
+    # A turn along the pinion has the effect of a turn back along the wheel on its shaft.
+    turns_of_wheel = turns[1, 0] - turns[0, 1]
+    tried_sums = rolled_sums(*(np.indices((61, 61)) - 30))
+    assert rolled_sums(turns[0, 0], turns_of_wheel) == pytest.approx(np.min(tried_sums))

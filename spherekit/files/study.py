@@ -307,6 +307,11 @@ class Study:
             raise AnalysisError(
                 f"{self.name}: verify must be at least 1, not {self.verify}"
             )
+        # Arrays and numbers of NumPy become tuples and numbers of Python.
+        samples = np.asarray(self.samples).tolist()
+        if isinstance(samples, list):
+            samples = tuple(samples)
+        object.__setattr__(self, "samples", samples)
         if self.path is not None:
             object.__setattr__(self, "path", np.array(self.path, dtype=np.float64))
 

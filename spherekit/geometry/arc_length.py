@@ -31,7 +31,8 @@ MAX_PIECE_HALVINGS = 40
 """Largest number of halvings of a panel. Smaller: speeds with kinks get a larger error."""
 
 SERIES_TOLERANCE = 1e-15
-"""Largest of the last two coefficients of a panel, relative to the whole length.
+"""Largest of the last two coefficients of a panel, divided by `SERIES_ORDER` and the whole
+length.
 
 Larger: fewer panels and a larger error. Smaller: panels are halved for rounding errors.
 """
@@ -85,7 +86,7 @@ class ArcLength:
         return self.starts[panel] + self._evaluate_in_panels(panel, position)
 
     def evaluate_at_edges(self, u: Floats) -> Floats:
-        """Return the exact arc lengths (n,) at parameters u (n,) that are panel edges."""
+        """Return the stored arc lengths (n,) at parameters u (n,) that are panel edges."""
         return self.starts[np.searchsorted(self.edges, u)]
 
     def invert(self, s: Floats) -> Floats:
@@ -225,7 +226,8 @@ def integrate_rate(
     """Return the integral of a function, such as the arc length from a speed.
 
     Each panel is sampled at Gauss-Legendre nodes, which give a Legendre series. Panels are
-    halved until the last coefficients of their series are negligible.
+    halved until the last coefficients of their series are negligible, or
+    `MAX_PIECE_HALVINGS` times.
 
     Parameters
     ----------

@@ -6,6 +6,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.geometry.region_margins import (
+    RELATIVE_ROUNDING,
     MarginEvaluator,
     find_active_margins,
     select_margins,
@@ -25,8 +26,8 @@ STEP_BEYOND_BORDER = 1e-7
 looked up this much farther along the edge, as a part of the edge."""
 
 MAX_CORNER_DISTANCE = 4.0
-"""A corner that is farther from its chord than this times the chord's arc is rejected: the
-corner belongs to another part of the border."""
+"""A corner that is farther from the middle of its chord than this times the chord's arc,
+along or across the chord, is rejected: it belongs to another part of the border."""
 
 BORDER_TOLERANCE_FACTOR = 1e4
 """A point is on the border, or in the region, if no margin is negative by more than this
@@ -186,6 +187,7 @@ def find_corners(
     middle = unit_rows(start + end)
     length = arc(start, end)
     toward = unit_rows(cross(cross(start, end - start), middle))
+    sizes = _margin_sizes(evaluate.rounding_errors)[margins]
     # Rows: the directions along and across each chord, as long as the chord.
     tangents = np.stack([toward, cross(middle, toward)], axis=1) * length[:, None, None]
 
@@ -194,7 +196,7 @@ def find_corners(
         return unit_rows(x @ tangents[chords] + middle[chords, None])
 
     def residuals(x: Floats, chords: Indices) -> tuple[Floats, Floats]:
-        """Return both margins (k, 2) at coordinates (k, 2), and their slopes (k, 2, 2)."""
+        """Return both margins (k, 2), relative to their sizes, and slopes (k, 2, 2)."""
         # Three points for each chord: x itself, and one step from it in each direction.
         stencil = x[:, None] + DIFFERENCE_STEP * np.eye(3, 2, -1)
         values = evaluate(points_at(stencil, chords).reshape(-1, 3))
@@ -204,7 +206,7 @@ def find_corners(
             [select_margins(values, first_numbers), select_margins(values, second_numbers)],
             axis=1,
         )
-        pair = pair.reshape(-1, 3, 2)
+        pair = pair.reshape(-1, 3, 2) / sizes[chords, None]
         slope = (pair[:, 1:] - pair[:, :1]) / DIFFERENCE_STEP
         return pair[:, 0], np.swapaxes(slope, 1, 2)
 
@@ -214,7 +216,24 @@ def find_corners(
         low=-MAX_CORNER_DISTANCE,
         high=MAX_CORNER_DISTANCE,
     )
-    tolerance = BORDER_TOLERANCE_FACTOR * np.max(evaluate.rounding_errors)
-    is_corner = np.sqrt(squares) <= tolerance
+    is_corner = np.sqrt(squares) <= BORDER_TOLERANCE_FACTOR * RELATIVE_ROUNDING
     is_corner &= max_abs(x, axis=1) < MAX_CORNER_DISTANCE
     return points_at(x[:, None], np.arange(len(x)))[:, 0], is_corner
+
+
+def _margin_sizes(rounding_errors: Floats) -> Floats:
+    """Return the size of each margin, by which margins of different units are compared.
+
+    Parameters
+    ----------
+    rounding_errors
+        (k,) rounding error of each margin, proportional to its median size.
+
+    Returns
+    -------
+    (k + 1,) sizes. A margin that is mostly 0 gets the size 1. The last size belongs to
+    `UNDEFINED_MARGIN`, whose index is -1. It is at most 1, because NaN counts as -1.
+    """
+    sizes = rounding_errors / RELATIVE_ROUNDING
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    return np.append(sizes, np.min(sizes, initial=1.0))

@@ -16,9 +16,9 @@ from numpy.polynomial import chebyshev
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.geometry.border_point import BORDER_TOLERANCE_FACTOR
 from spherekit.geometry.region_margins import (
+    UNDEFINED_MARGIN,
     MarginEvaluator,
     select_margins,
-    smallest_margins,
 )
 from spherekit.geometry.triangle import arc
 from spherekit.geometry.vectors import cross, nans
@@ -262,7 +262,7 @@ class BorderSegments(ArrayRows):
     length
         (n,) arcs of the chords (rad).
     margin
-        (n,) index of the margin that is zero on the segment.
+        (n,) index of the margin that is zero on the segment, or `UNDEFINED_MARGIN`.
     triangle
         (n,) index of the triangle of the mesh that contains the chord.
     start, stop
@@ -615,10 +615,11 @@ class BorderSegments(ArrayRows):
         points = self._points_at(selected, u, height)  # (k, samples, 3)
         margins = evaluate(points.reshape(-1, 3))
         margins = margins.reshape(len(selected), len(u), margins.shape[1])
-        # (k, 1, 1) index of the border margin of each segment.
+        # (k, 1, 1) index of the border margin of each segment. No margin is zero where the
+        # region ends because a margin becomes NaN.
         border_number = self.margin[selected, None, None]
         border_margin = np.take_along_axis(margins, border_number, axis=2)
-        return margins - border_margin
+        return margins - np.where(border_number == UNDEFINED_MARGIN, 0.0, border_margin)
 
     def _points_at(self, selected: Indices, u: Floats, height: Floats) -> Floats:
         """Return the points at given heights beside the chords of some segments."""
@@ -655,7 +656,11 @@ class BorderSegments(ArrayRows):
         return BorderNodes(points, segment=index, node=node)
 
     def polyline(self, chain: Indices) -> Floats:
-        """Return the nodes (m, 3) of segments that follow one another, each node once."""
+        """Return the nodes (m, 3) of segments that follow one another.
+
+        The common node of two successive segments appears once. If the chain is closed, its
+        first node appears again at the end.
+        """
         nodes = self.node_points(chain)
         # The start of a segment is the end of the segment before it.
         is_repeated = nodes.is_start & (nodes.segment > 0)
@@ -731,9 +736,10 @@ def find_nearest_point(
         candidates.append(nearby.find_extremal_points(int(number), direction))
     points = np.concatenate(candidates)
     # Segments are approximate polynomials, so their points can be a little outside of the
-    # region. Such candidates are left out if others are inside.
-    tolerance = BORDER_TOLERANCE_FACTOR * np.max(evaluate.rounding_errors)
-    is_inside = smallest_margins(evaluate(points)) >= -tolerance
+    # region. Such candidates are left out if others are inside. With a margin of NaN a
+    # point is outside.
+    tolerances = BORDER_TOLERANCE_FACTOR * evaluate.rounding_errors
+    is_inside = np.all(evaluate(points) >= -tolerances, axis=1)
     points = points[is_inside] if is_inside.any() else points
     return points[np.argmin(arc(points, direction))]
 

@@ -10,15 +10,23 @@ from spherekit.geometry.rotation import rotation_vector, transpose
 from spherekit.numerics.least_squares import minimize_squares
 
 FRAME_STEP_RAD = 0.03
-"""Angle by which the frame of a curve rotates from one sample to the next. Smaller: more
-samples, and contacts of strongly curved profiles are missed less easily."""
+"""Largest mean angle by which the frame of a curve rotates from one sample to the next.
+Smaller: more samples, and contacts of strongly curved profiles are missed less easily."""
 
 MAX_CURVE_SAMPLES = 3000
-"""Largest number of samples of a curve. If it is reached, the frame rotates by more than
-`FRAME_STEP_RAD` between samples."""
+"""Largest number of steps between the samples of a curve. If it is reached, the frame can
+rotate by more than `FRAME_STEP_RAD` between samples."""
 
 COARSE_SAMPLES = 1000
-"""Number of samples from which the rotation of the frame along a curve is integrated."""
+"""Smallest number of samples from which the rotation of the frame along a curve is
+integrated."""
+
+MAX_COARSE_ROTATION_RAD = 0.1
+"""Angle between the frames of two such samples above which another sample is put between
+them. Larger: the rotation at sharp tips is less accurate, and contacts there are missed."""
+
+MAX_COARSE_HALVINGS = 40
+"""Largest number of halvings of the steps between such samples."""
 
 MAX_CONTACT_STEP_RAD = 0.1
 """Largest change of an arc length in a step of the search."""
@@ -28,7 +36,7 @@ EQUAL_CONTACT_RAD = 1e-12
 The choice among them is made by their position."""
 
 START_SLACK_RAD = 1e-9
-"""A contact nearer to the end of the first curve than this counts as being at its start.
+"""A contact nearer to the end of a closed first curve than this counts as at its start.
 
 Its arc length is almost the whole length of the curve, because of rounding.
 """
@@ -36,7 +44,7 @@ Its arc length is almost the whole length of the curve, because of rounding.
 
 @dataclass(frozen=True)
 class CurveSamples:
-    """Samples of a curve between which its frame rotates by equal angles.
+    """Samples of a curve between which its frame rotates by nearly equal angles.
 
     The frame of the curve has the tangent, the normal and the point as columns.
 
@@ -45,7 +53,7 @@ class CurveSamples:
     arc_lengths
         (n,) arc lengths (rad) of the samples.
     frame_step
-        Angle (rad) by which the frame rotates from one sample to the next.
+        Mean angle (rad) by which the frame rotates from one sample to the next.
     """
 
     arc_lengths: Floats
@@ -97,7 +105,9 @@ def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
     # can move a contact from the start of a closed curve to its end. A small amount is
     # therefore added to all arc lengths, which moves such a contact back to the start.
     best = np.flatnonzero(angles <= np.min(angles) + EQUAL_CONTACT_RAD)
-    from_start = np.mod(arc_lengths[best, 0] + START_SLACK_RAD, lengths[0])
+    from_start = arc_lengths[best, 0]
+    if first.closed:
+        from_start = np.mod(from_start + START_SLACK_RAD, lengths[0])
     chosen = best[np.argmin(from_start)]
     return arc_lengths[chosen], float(angles[chosen])
 
@@ -116,9 +126,9 @@ def _find_starts(curves: tuple[Curve, Curve]) -> Floats:
         curves[0].evaluate(first_samples.arc_lengths).frame,
         curves[1].evaluate(second_samples.arc_lengths).frame,
     )
-    # The frame of some sample of each curve differs from the frame at a contact by less
-    # than the angle between samples. So the frames of this pair differ by less than both
-    # angles together.
+    # The frame of the nearest sample of each curve differs from the frame at a contact by
+    # about half the angle between samples. So the frames of this pair differ by less than
+    # both angles together.
     largest_angle = first_samples.frame_step + second_samples.frame_step
     is_maximum = _find_row_maxima(cosine, curves[1].closed)
     is_start = is_maximum & (cosine > np.cos(largest_angle))
@@ -167,19 +177,34 @@ def _find_row_maxima(values: Floats, closed: bool) -> Bools:
 
 
 def _sample_evenly(curve: Curve) -> CurveSamples:
-    """Return samples of a curve between which its frame rotates by equal angles."""
-    coarse = np.linspace(0.0, curve.length, COARSE_SAMPLES)
+    """Return samples of a curve between which its frame rotates by nearly equal angles."""
+    coarse = _sample_coarsely(curve)
     # The frame rotates about two perpendicular axes: by 1 as the point moves, and by the
     # geodesic curvature as the tangent turns.
     rotation_rate = np.hypot(1.0, curve.evaluate(coarse).curvature)
     mean_rates = 0.5 * (rotation_rate[1:] + rotation_rate[:-1])
-    rotation = coarse[1] * np.append(0.0, np.cumsum(mean_rates))
+    rotation = np.append(0.0, np.cumsum(np.diff(coarse) * mean_rates))
     steps = int(min(np.ceil(rotation[-1] / FRAME_STEP_RAD), MAX_CURVE_SAMPLES))
     even_rotation = np.linspace(0.0, rotation[-1], steps + 1)
     arc_lengths = np.interp(even_rotation, rotation, coarse)
     if curve.closed:
         arc_lengths = arc_lengths[:-1]
     return CurveSamples(arc_lengths, frame_step=float(even_rotation[1]))
+
+
+def _sample_coarsely(curve: Curve) -> Floats:
+    """Return rising arc lengths (n,), denser where the frame of a curve rotates fast."""
+    coarse = np.linspace(0.0, curve.length, COARSE_SAMPLES)
+    for _ in range(MAX_COARSE_HALVINGS):
+        frames = curve.evaluate(coarse).frame
+        # The trace of the rotation between two frames is 1 + 2 cos(angle).
+        traces = np.sum(frames[1:] * frames[:-1], axis=(1, 2))
+        is_wide = 0.5 * (traces - 1.0) < np.cos(MAX_COARSE_ROTATION_RAD)
+        if not is_wide.any():
+            break
+        middles = 0.5 * (coarse[1:] + coarse[:-1])
+        coarse = np.sort(np.append(coarse, middles[is_wide]))
+    return coarse
 
 
 def _frame_differences(

@@ -23,9 +23,11 @@ kinks get a larger error. Smaller: such profiles get as many cells as allowed.
 """
 
 MAX_PROFILE_CELLS = 2048
-"""Largest number of cells of a series.
+"""Cells of a series are not halved if there would be more cells than this.
 
-Larger: more memory. Smaller: difficult profiles get an error.
+A curve that consists of more pieces has more cells.
+
+Larger: more memory. Smaller: the series of difficult profiles get a larger error.
 """
 
 PROFILE_SERIES_DEGREE = 11
@@ -123,7 +125,7 @@ class ProfileSeries:
         """Return the derivatives (8, n) of the columns with respect to arc length s (n,).
 
         The rows of the result are the derivatives of the tangent (3), of the point (3), of
-        the geodesic curvature k and of dk/ds.
+        the geodesic curvature k and of dk/ds. Beyond an open end they are those at the end.
         """
         # The arc length of a closed profile is reduced to one turn.
         return self.series.derivative.evaluate(

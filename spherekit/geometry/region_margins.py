@@ -17,8 +17,9 @@ Margins = Callable[[Floats], ArrayLike]
 is the same at every call. Points are unit vectors or unit quaternions."""
 
 RELATIVE_ROUNDING = 1e-13
-"""Rounding error of a margin, relative to its median size. Larger: more points on the
-border count as inside. Smaller: rounding errors count as negative margins."""
+"""Rounding error of a margin, relative to its median size. Larger: larger negative margins
+are accepted on the border. Smaller: rounding errors count as negative margins there, and
+corners are not found."""
 
 UNDEFINED_MARGIN = -1
 """Index that stands for all margins together, where the region ends because a margin
@@ -42,8 +43,8 @@ class MarginEvaluator:
     Attributes
     ----------
     rounding_errors
-        (k,) estimated rounding error of each margin, in its unit. A negative margin of
-        smaller size counts as 0. Empty before the first call.
+        (k,) estimated rounding error of each margin, in its unit. On the border, a negative
+        margin of smaller size counts as 0. Without `sampled`, empty before the first call.
     evaluations, calls
         Number of points at which the margins were evaluated, and of calls.
     """
@@ -100,9 +101,14 @@ class MarginEvaluator:
 
 
 def estimate_rounding(values: Floats) -> Floats:
-    """Return the rounding errors (k,) of margins from sampled values (n, k)."""
-    sizes = np.where(np.isnan(values), 0.0, np.abs(values))
-    return RELATIVE_ROUNDING * np.median(sizes, axis=0)
+    """Return the rounding errors (k,) of margins from sampled values (n, k).
+
+    NaN is ignored. The error of a margin without any number is 0.
+    """
+    median_sizes = np.zeros(values.shape[1])
+    has_number = ~np.isnan(values).all(axis=0)
+    median_sizes[has_number] = np.nanmedian(np.abs(values[:, has_number]), axis=0)
+    return RELATIVE_ROUNDING * median_sizes
 
 
 def smallest_margins(values: Floats) -> Floats:

@@ -168,7 +168,10 @@ class RegionRefinement:
             Longest edge (rad) of the triangles at the beginning.
         """
         self.evaluate = evaluate
-        self.points, self.triangles = icosahedron(spacing)
+        points, triangles = icosahedron(spacing)
+        # The mesh is cached. Users may change the arrays of a region.
+        self.points = points.copy()
+        self.triangles = triangles.copy()
         self.values = evaluate(self.points)  # margins at the vertices
         # Properties of the triangles, which `_classify` determines. The class says whether
         # the border crosses a triangle. A margin is uncertain if it may have either sign
@@ -195,8 +198,9 @@ class RegionRefinement:
         feature
             Smallest size (rad) of parts and holes of the region that are to be found.
         max_evaluations
-            Largest number of points at which margins are evaluated. The refinement ends
-            before a cut that would exceed it.
+            Number of points at which margins are evaluated, after which the refinement
+            ends. The cost of a cut is estimated, and the first mesh and the last search for
+            the border are not limited. They can exceed the number.
         """
         while True:
             self._classify()
@@ -503,7 +507,8 @@ class RegionRefinement:
         A triangle is crossed if one or two of its vertices are inside the region. The
         border in it, a segment, is added to `segments`. The triangle gets the class OPEN if
         no border is found, or if another margin is negative on it. A part of the region may
-        then be hidden in the triangle.
+        then be hidden in the triangle. A triangle also gets this class if its earlier class
+        does not agree with its vertices.
         """
         inside_count = self.is_inside[self.triangles].sum(axis=1)
         is_crossed = inside_count % 3 != 0

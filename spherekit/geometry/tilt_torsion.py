@@ -24,7 +24,8 @@ def azimuth_tilt(directions: Floats) -> Floats:
     The tilt is the angle from the z axis, the azimuth the direction of the tilt, counted
     about z from the x axis.
 
-    The azimuth is in (-pi, pi], the tilt in [0, pi].
+    The azimuth is in [-pi, pi], the tilt in [0, pi]. The azimuth is -pi if x is negative
+    and y is -0.0 or negative and tiny.
     """
     x, y, z = directions.T
     return np.stack([np.arctan2(y, x), np.arctan2(np.hypot(x, y), z)], axis=1)
@@ -64,9 +65,9 @@ def tilt_torsion(rotations: Floats) -> Floats:
     """Return azimuth, tilt and torsion (n, 3), rad, of rotations (n, 3, 3).
 
     The z axis is tilted by the tilt in the direction of the azimuth, and the body is
-    rotated by the torsion about its tilted z axis. Azimuth and torsion are in (-pi, pi],
-    the tilt in [0, pi]. If the tilt is pi, only 2 azimuth - torsion is determined. If the
-    tilt is 0, the azimuth is 0 or pi.
+    rotated by the torsion about its tilted z axis. The azimuth is in [-pi, pi], the torsion
+    in (-pi, pi], the tilt in [0, pi]. If the tilt is pi, only 2 azimuth - torsion is
+    determined. If the tilt is 0, the azimuth is 0, pi or -pi.
     """
     angles = euler_zyz(rotations)
     angles[:, 2] = wrap(angles[:, 0] + angles[:, 2])

@@ -1,5 +1,6 @@
 """The kinds of loads that act on pairs and links, and joint limits."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -24,7 +25,15 @@ from spherekit.mechanism.load import (
     make_component,
 )
 from spherekit.mechanism.sizes import Vector, check_finite
+from spherekit.tolerances import EPS
 from spherekit.wording import listing
+
+JOINT_LIMIT_ROUNDING = 8.0 * EPS
+"""Rounding error of an angle at a joint limit, relative to the limit (or to pi if larger).
+
+A start that exceeds a joint limit by less is at the limit. Larger: such starts may be
+outside. Smaller: starts at a limit are refused because of rounding.
+"""
 
 Expressions = tuple[str, str, str]
 """Expressions of the three components of a vector."""
@@ -386,6 +395,15 @@ class JointLimit:
     pair: str
     low: float
     high: float
+
+
+def joint_limit_roundings(limit: JointLimit) -> tuple[float, float]:
+    """Return the rounding errors (rad) of an angle at the lower and the upper limit.
+
+    The angle is the sum of an angle without whole turns and of these turns.
+    """
+    sizes = (max(abs(limit.low), math.pi), max(abs(limit.high), math.pi))
+    return JOINT_LIMIT_ROUNDING * sizes[0], JOINT_LIMIT_ROUNDING * sizes[1]
 
 
 def check_joint_limit(limit: JointLimit, mechanism: LoadedMechanism) -> None:

@@ -22,7 +22,8 @@ class AngleSwings:
     swing
         (n,) the widest swing (rad); NaN if the angle is known at no sample.
     low_sample, high_sample
-        (n,) indices of the samples at which the angle is smallest and largest.
+        (n,) indices of the samples at which the angle is smallest and largest. If the swing
+        is 0 or NaN, both are the same sample, at which the angle may be unknown.
     """
 
     swing: Floats

@@ -17,7 +17,8 @@ def wrap(angles: ArrayLike) -> Floats:
     """
     angles = np.asarray(angles, dtype=float)
     reduced = angles - TURN * np.round(angles / TURN)
-    return np.where(reduced <= -np.pi, np.pi, reduced)
+    # Rounding may also leave a little more than pi.
+    return np.where(np.abs(reduced) >= np.pi, np.pi, reduced)
 
 
 def return_after_revolutions(first: ArrayLike, last: ArrayLike) -> bool:

@@ -17,8 +17,9 @@ The second argument is the indices (m,) of these functions.
 MAX_ITERATIONS = 80
 """Largest number of function values per bracket.
 
-Halving alone takes about 53 to reach the rounding error of a bracket without 0. Smaller:
-brackets of discontinuous functions may not become narrow.
+Halving alone takes about 53 to reach the rounding error of a bracket whose ends are of
+similar size, and more near 0. Smaller: brackets of discontinuous functions may not become
+narrow.
 """
 
 MIN_BRACKET_WIDTH = 1e-300

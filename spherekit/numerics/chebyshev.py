@@ -128,8 +128,9 @@ class PiecewiseChebyshev:
             errors = np.max(fits.deviations / scales, axis=(1, 2))
             is_rounding = (errors < rounding_tolerance) & (errors > 0.5 * last_errors)
             is_final = (errors <= tolerance) | is_rounding
-            # All cells are final if their halves would exceed the limit.
-            is_final |= len(series_by_start) + 2 * len(bounds) > max_cells
+            # All cells are final if halving the others would exceed the limit.
+            cell_count = len(series_by_start) + len(bounds) + np.sum(~is_final)
+            is_final |= cell_count > max_cells
             starts = bounds[is_final, 0].tolist()
             series_by_start.update(zip(starts, fits.coefficients[is_final], strict=True))
             largest_error = float(np.max(errors[is_final], initial=largest_error))
@@ -209,7 +210,7 @@ class CellFits:
         (cells, checks, F) absolute differences between the series and the functions at
         check positions.
     largest_values
-        (cells,) largest absolute sample of each cell, NaN if no sample is finite.
+        (cells,) largest absolute sample of each cell, NaN if all samples are NaN.
     """
 
     coefficients: Floats
@@ -243,8 +244,8 @@ def fit_cells(
     Returns
     -------
     Coefficients (cells, degree + 1, ..., F) with one axis of orders per variable, absolute
-    deviations (cells, k, F), and the largest absolute sample of each cell. NaN samples are
-    ignored.
+    deviations (cells, k, F), and the largest absolute sample of each cell. Only the largest
+    sample ignores NaN.
     """
     variables = bounds.shape[2]
     grid = grid_points([chebyshev_nodes(degree)] * variables)
@@ -464,6 +465,8 @@ def trim_series(series: Floats, threshold: float) -> Floats:
 def find_real_zeros(series: Floats, limit: float = 1.0) -> Floats:
     """Return the real zeros of a Chebyshev series in [-limit, limit], rising.
 
+    A double zero is returned twice.
+
     `series` has the coefficients of the Chebyshev polynomials T_0, T_1, ... The zeros are
     eigenvalues of its companion matrix. Rounding turns a double zero into two complex ones,
     so zeros with imaginary parts below `MAX_IMAGINARY_PART` count as real. `limit` is 1, or
@@ -473,10 +476,11 @@ def find_real_zeros(series: Floats, limit: float = 1.0) -> Floats:
     # eigenvalues, so they are removed.
     largest_coefficient = float(np.max(np.abs(series), initial=0.0))
     series = trim_series(series, 1e-15 * largest_coefficient)
-    # Up to the limit, T_k does not exceed cosh(k acosh(limit)). If the constant term is
-    # larger than all other terms together can be, there is no zero.
+    # Up to a limit r, T_k does not exceed cosh(k acosh(r)). If the constant term is larger
+    # than all other terms together can be, there is no zero. The limit is increased by the
+    # imaginary part that a zero may have.
     orders = np.arange(1, len(series))
-    largest_values = np.cosh(orders * np.arccosh(limit))
+    largest_values = np.cosh(orders * np.arccosh(limit + MAX_IMAGINARY_PART))
     if len(series) < 2 or abs(series[0]) > np.abs(series[1:]) @ largest_values:
         return np.zeros(0)
     roots = chebyshev.chebroots(series)

@@ -53,7 +53,7 @@ def minimize_squares(
     residuals
         The residuals and their derivatives.
     start
-        (n, variables) values from which the n descents start.
+        (n, variables) values, within the limits, from which the n descents start.
     low, high
         (variables,) limits of the variables.
     sufficient_root

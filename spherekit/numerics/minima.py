@@ -32,7 +32,7 @@ between its ends, so that it is not narrowed further and the search does not end
 """
 
 MIN_DEPTH_RATIO = 1e-9
-"""A minimum must be lower than both neighbouring samples by this part of its value.
+"""A minimum must be lower, by this part of its value, than a sample among two on each side.
 
 Smaller: rounding errors of a constant function become minima.
 """
@@ -77,8 +77,12 @@ def find_local_minima(
     # Three successive samples with the smallest in the middle are a bracket of a minimum.
     # Comparisons with NaN are false.
     is_minimum = (center < before) & (center <= after) & (center <= limit)
-    # A minimum has to be deeper than the rounding errors of a constant function.
-    is_minimum &= np.minimum(before, after) - center > MIN_DEPTH_RATIO * center
+    # A minimum has to be deeper than the rounding errors of a constant function. If it is
+    # midway between two samples, these are equal, and the next sample shows the depth.
+    higher_before = np.fmax(before, np.append(y[0], y[:-3]))
+    higher_after = np.fmax(after, np.append(y[3:], y[-1]))
+    depth = np.minimum(higher_before, higher_after) - center
+    is_minimum &= depth > MIN_DEPTH_RATIO * center
     (index,) = np.nonzero(is_minimum)
     # `index` counts `before`, so the two neighbours of a minimum are the samples at `index`
     # and `index + 2`. These samples are the ends of the bracket of the minimum.

@@ -163,7 +163,7 @@ class Group(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """The kind of the group: dyad, triad, or its numbers of bodies and loops."""
+        """The kind of the group: dyad, triad, or a text with its number of bodies."""
         if self.is_dyad:
             return "dyad"
         if self.redundant:
@@ -260,7 +260,8 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     ------
     PlanError
         If there is not one degree of freedom for each input, if an input is a contact pair
-        or depends on the other inputs, or if several links always form a rigid part.
+        or depends on the other inputs, if several links always form a rigid part, or if
+        pairs do not join all links.
     """
     inputs = driven_pairs(mechanism)
     # Check that there is one degree of freedom for each input, and that the inputs are
@@ -401,8 +402,8 @@ def _make_group(
     """Return the group of all bodies that some pairs join.
 
     A group is a set of bodies that become one rigid body when all its pairs are closed. A
-    body is a set of links that are rigid already. The number of a body is the smallest of
-    the indices of its links.
+    body is a set of links that are rigid already. The number of a body is the index of one
+    of its links.
 
     Parameters
     ----------
@@ -447,11 +448,12 @@ def _find_smallest_part(
     open_pairs: dict[int, tuple[int, int]],
     body_of_link: Sequence[int],
 ) -> set[int]:
-    """Return the smallest rigid part that contains both bodies of an open pair.
+    """Return a smallest rigid part that contains both bodies of an open pair.
 
     A part is a set of bodies, which are placed together next. A pair is open if it has not
     been placed yet. Of parts of equal size the first one is returned, in the order of the
-    indices of the two bodies.
+    indices of the two bodies. The search ends at the first part of three bodies. With
+    contacts, later parts of two bodies can exist, which are then not searched.
 
     Parameters
     ----------
@@ -460,15 +462,15 @@ def _find_smallest_part(
     open_pairs
         The two links of each open pair, by index of the pair.
     body_of_link
-        For each link the number of its body, a set of rigidly joined links: the smallest
-        index of a link in it.
+        For each link the number of its body, a set of rigidly joined links: the index of
+        one link in it.
     """
     parts = []
     for body_a, body_b in _list_couples(open_pairs, body_of_link):
         part = _find_smallest_part_with(pebble_game, body_a, body_b)
         parts.append(part)
-        # The smallest possible part is a dyad: two links and the body to which they are
-        # joined. So the search can end here.
+        # Without contacts, the smallest possible part is a dyad: two links and the body to
+        # which they are joined. So the search ends here.
         if len(part) == DYAD_BODIES:
             break
     # Of parts of equal size `min` returns the first one.
@@ -480,8 +482,8 @@ def _list_couples(
 ) -> list[tuple[int, int]]:
     """Return the two bodies that each open pair (joint) joins, in sorted order.
 
-    A body is a set of links that are already rigid with each other, named by its smallest
-    link. Open pairs are not closed yet. Parameters are those of `_find_smallest_part`.
+    A body is a set of links that are already rigid with each other, named by one of these
+    links. Open pairs are not closed yet. Parameters are those of `_find_smallest_part`.
     """
     couples = []
     for link_a, link_b in open_pairs.values():

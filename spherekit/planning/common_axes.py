@@ -17,7 +17,7 @@ from spherekit.mechanism.pair_frames import SAME_AXIS_SINE, link_axes
 
 
 class CommonAxis(NamedTuple):
-    """An axis about which three or more links turn relative to each other.
+    """The common axis of several R pairs, about which their links turn.
 
     Attributes
     ----------

@@ -121,8 +121,10 @@ def find_gear_train(
 
     Returns
     -------
-    The train. None if the mechanism has no rolling contacts, or if the contacts do not
-    determine the angles that they relate.
+    The train. None if no rolling contact has wheels on a carrier, or if the contacts do not
+    determine the angles that they relate, contradict each other or have too many wheels
+    (`find_least_rolled_turns`). With `whole`, also None if a contact has no carrier or its
+    relation follows from others.
     """
     # Contacts of two wheels that rotate on a common link, the carrier.
     joints = make_joints(mechanism)
@@ -272,7 +274,8 @@ def _solve_train(
 
     Returns
     -------
-    The train; None if the contacts contradict each other or cannot be assembled.
+    The train; None if the contacts contradict each other, cannot be assembled, or have too
+    many wheels to try their turns.
     """
     joints, reference = make_joints_in_pose(mechanism)
     followers = relations.followers

@@ -17,13 +17,13 @@ assemblies.
 """
 
 MAX_TRIED_TURNS = 2
-"""Largest number of whole turns of a wheel that are tried in each direction.
+"""Largest number of whole turns of a wheel that one step tries in each direction.
 
 Larger: more assemblies are compared.
 """
 
 MAX_TURN_COMBINATIONS = 400_000
-"""Largest number of combinations of whole turns of all wheels that are tried.
+"""Largest number of combinations of whole turns of all wheels that one step tries.
 
 Larger: more time and memory. Smaller: fewer turns are tried if there are many wheels.
 """
@@ -35,9 +35,10 @@ def find_least_rolled_turns(
     """Return the whole turns of wheels in the assembly in which they have rolled least.
 
     Wheels can be put together with different teeth in contact. So the arc lengths to a
-    point of contact are known only up to whole turns of both wheels. Of all assemblies, the
-    one with the smallest sum of absolute rolled lengths at inputs of zero is chosen. Among
-    equal sums, `index_of_least_rolled` chooses.
+    point of contact are known only up to whole turns of both wheels. Of the assemblies that
+    are tried, the one with the smallest sum of absolute rolled lengths at inputs of zero is
+    chosen. Among equal sums, `index_of_least_rolled` chooses. If a wheel of the best
+    assembly has the largest number of turns that is tried, the search goes on from there.
 
     The rolled length of a contact is the arc length from the points that touch first to the
     point that touches now. It is equal along both circles. The inputs are zero, and the
@@ -70,23 +71,38 @@ def find_least_rolled_turns(
     try all combinations.
     """
     inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
+    # Lengths of a turn or more are reduced first, since only few turns are tried.
+    whole_turns = np.fix(lengths / circumferences).astype(np.int64)
+    lengths = lengths - whole_turns * circumferences
     differences = lengths[:, 0] - lengths[:, 1]
     # The angles a are inverse @ differences.
     rolled_without_turns = lengths[:, 0] - first_slopes @ inverse @ differences
     # The circles whose turns are tried, with the change of all rolled lengths by one turn.
-    # All other circles keep 0 turns.
+    # All other circles get no further turns.
     changes_by_circle = _find_changes_by_turns(circumferences, first_slopes, inverse)
-    # (combinations, circles) the numbers of turns that are tried.
+    # (combinations, circles) the numbers of turns that are tried around a centre.
     turn_counts = _list_turn_counts(len(changes_by_circle))
     if turn_counts is None:
         return None
-    # (combinations, contacts) changes of the rolled lengths.
-    changes = turn_counts @ np.array(list(changes_by_circle.values()))
-    best = index_of_least_rolled(rolled_without_turns + changes)
+    changes = np.array(list(changes_by_circle.values()))  # (circles, contacts)
+    centre = np.zeros(len(changes), dtype=np.int64)
+    max_turns = np.max(turn_counts)
+    while True:
+        combinations = centre + turn_counts
+        best = combinations[
+            index_of_least_rolled(rolled_without_turns + combinations @ changes)
+        ]
+        is_at_border = np.max(np.abs(best - centre)) == max_turns
+        # The search goes on around the best assembly if this is better than the centre.
+        centre_and_best = rolled_without_turns + np.array([centre, best]) @ changes
+        is_better = index_of_least_rolled(centre_and_best) == 1
+        centre = best
+        if not (is_at_border and is_better):
+            break
     # A circle is the index of its contact, and 0 or 1 for the first or second wheel.
-    turns = np.zeros(circumferences.shape, dtype=np.int64)
-    for circle, turn_count in zip(changes_by_circle, turn_counts[best], strict=True):
-        turns[circle] = turn_count
+    turns = -whole_turns
+    for circle, turn_count in zip(changes_by_circle, best, strict=True):
+        turns[circle] += turn_count
     return turns
 
 

@@ -100,13 +100,20 @@ class PebbleGame:
             Bodies that have been tried and are not tried again. The set is changed in
             place.
         """
-        for target in self.constraint_targets[body]:
-            if target in visited:
+        # The constraints that lead from the body to the body that is examined: a path of
+        # bodies. A recursive function would be too deep for mechanisms of many links.
+        path = [body]
+        while path:
+            targets = self.constraint_targets[path[-1]]
+            target = next((target for target in targets if target not in visited), None)
+            if target is None:
+                path.pop()
                 continue
             visited.add(target)
-            if self.free_pebbles[target] or self._fetch_pebble(target, visited):
-                # This changes the list of the loop, which therefore ends here.
-                self._exchange_pebble(body, target)
+            path.append(target)
+            if self.free_pebbles[target]:
+                for giver_index in range(len(path) - 1, 0, -1):
+                    self._exchange_pebble(path[giver_index - 1], path[giver_index])
                 return True
         return False
 
@@ -257,7 +264,7 @@ def check_mobility(
         Indices of all driven pairs.
     locked
         Indices of the driven pairs that are locked. Each part of the mechanism that only
-        the locked inputs could move becomes one body.
+        the locked inputs could move becomes one body, if the count decides about it.
     by_rank
         Whether the rank of the velocity equations at a configuration is known to leave
         enough degrees of freedom, although the count does not.
@@ -266,10 +273,11 @@ def check_mobility(
     -------
     body_of_link
         For each link the smallest link of its rigid body while the locked inputs stand
-        still.
+        still. If the count does not decide about the mobility, only the links that locked
+        pairs join are one body.
     pebble_game
         The pebble game on these bodies, for questions about parts of the chain. None if the
-        count does not decide about the mobility.
+        count does not decide.
 
     Raises
     ------
@@ -338,7 +346,7 @@ def _play_on_links(mechanism: Mechanism) -> PebbleGame:
     Raises
     ------
     CountError
-        If a part is over-constrained, or two links joined by a pair cannot move relative to
+        If a constraint is redundant, or two links joined by a pair cannot move relative to
         each other.
     """
     names = mechanism.links
@@ -349,8 +357,8 @@ def _play_on_links(mechanism: Mechanism) -> PebbleGame:
             raise CountError(
                 f"{mechanism.name}: over-constrained: links "
                 f"[{', '.join(names[k] for k in rigid_links)}] cannot move relative to "
-                f'each other already without pair "{pair.name}"; remove a pair or '
-                "add a link"
+                f'each other, even if pair "{pair.name}" had fewer constraints; remove a '
+                "pair or add a link"
             )
     # The links of every pair must be able to move relative to each other.
     for pair, (link_a, link_b) in zip(mechanism.pairs, mechanism.ends, strict=True):

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 
+import numpy as np
+
 from spherekit.errors import PlanError
 from spherekit.markup import html_table
 from spherekit.mechanism.mechanism import Mechanism
@@ -244,9 +246,12 @@ class Plan:
             passes = roman_numeral(1)
             if last_pass > 1:
                 passes += f" to {roman_numeral(last_pass)}"
-            meanings.append(
-                f"{passes}: pass that finds the pole as the intersection of great circles"
-            )
+            meaning = "pass that finds the pole as the intersection of great circles"
+            # After pass 0, a pole that comes from pairs is an axis of several pairs.
+            pair_steps = [step for step in self.steps if isinstance(step, PrimaryPole)]
+            if any(step.pass_number > 0 for step in pair_steps):
+                meaning += " or as the common axis of several pairs"
+            meanings.append(f"{passes}: {meaning}")
         if self.blocks:
             meanings.append("*: solved together with others from the velocity equations")
         return html_table(
@@ -277,7 +282,7 @@ class Plan:
 
     @cached_property
     def rounded_axes(self) -> frozenset[int]:
-        """The pairs on common axes (`coaxial`) whose axes coincide only up to rounding."""
+        """The pairs of `coaxial` for common axes that coincide only up to rounding."""
         return frozenset(
             common_axis.pair
             for common_axis in find_common_axes(self.mechanism)
@@ -344,7 +349,7 @@ def parse_pole(mechanism: Mechanism, text: str) -> Pole:
 
     A pole is the axis of the relative rotation of two links, and is represented by their
     numbers, the smaller one first. A text without a slash is accepted if it can be divided
-    into the names of two links in one way only.
+    into the names of two links, and all such divisions name the same two links.
 
     Raises
     ------
@@ -397,30 +402,40 @@ def ordered_pole(
     mechanism
         The mechanism.
     pole
-        Text such as ``3/1``, or the numbers or names of two links, in this order. The slash
-        of a text may be left out if only one pole can be meant: ``31``.
+        Text such as ``3/1``, or the indices or names of two links, in this order. The slash
+        of a text may be left out if only one order of two links can be meant: ``31``.
 
     Raises
     ------
     PlanError
-        If a link is unknown, or both are the same.
+        If a link is unknown, both are the same, or the text could mean either order.
     """
     names = mechanism.links
     if not isinstance(pole, str):
-        # Two numbers or names become a text with both names. A wrong number stays in the
-        # text, so that `parse_pole` reports it.
+        # Two indices or names become a text with both names.
         words = []
         for link in pole:
-            if isinstance(link, int) and 0 <= link < len(names):
+            if not isinstance(link, int | np.integer):
+                words.append(str(link))
+            elif 0 <= link < len(names):
                 words.append(names[link])
             else:
-                words.append(str(link))
+                raise PlanError(
+                    f"{mechanism.name}: pole ({', '.join(map(str, pole))}): links are "
+                    f"numbered from 0 to {len(names) - 1}; give two of these numbers, or "
+                    "two names"
+                )
         pole = "/".join(words)
     # `parse_pole` returns the smaller number first. Whether the smaller one comes first in
     # the text, too, is seen by forming the text in this order.
     smaller, larger = parse_pole(mechanism, pole)
     smaller_name = names[smaller]
     larger_name = names[larger]
+    if pole == smaller_name + larger_name == larger_name + smaller_name:
+        raise PlanError(
+            f'{mechanism.name}: "{pole}" could mean {smaller_name}/{larger_name} or '
+            f"{larger_name}/{smaller_name}; write the slash"
+        )
     is_rising = pole in (f"{smaller_name}/{larger_name}", smaller_name + larger_name)
     return (smaller, larger) if is_rising else (larger, smaller)
 
@@ -446,7 +461,8 @@ def table_cells(plan: Plan) -> list[list[str]]:
 
     - x: a primary pole, the axis of a pair (or its contact line if wheels roll),
     - a Roman number: the pass (round) of the search that finds the pole at the intersection
-      of great circles through poles of earlier passes,
+      of great circles through poles of earlier passes or in contact planes, or as the
+      common axis of several pairs,
     - a Roman number with a star: a pole that is computed together with others, from
       velocity equations,
     - a square: the diagonal, where both bodies are the same,

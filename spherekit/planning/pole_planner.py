@@ -53,7 +53,9 @@ def plan(
     ------
     PlanError
         If the number of inputs is not the mobility, a part is rigid or loose, a pole is
-        unknown, or its links are joined by a locked input.
+        unknown, or its links do not move relative to each other.
+    ModelError
+        If no pair has the name `input_pair`.
     """
     driven = driven_pairs(mechanism)
     moving_pair = driven[0]
@@ -118,6 +120,10 @@ def _pole_of_bodies(whole_plan: Plan, pole: Pole | str) -> Pole:
             f"{mechanism.name}: pole ({i}, {j}): links are numbered from 0 to "
             f"{len(names) - 1}; give two of these numbers, or a string with two names, "
             f'such as "{names[-1]}/{names[0]}"'
+        )
+    if i == j:
+        raise PlanError(
+            f"{mechanism.name}: pole ({i}, {j}): a pole needs two different links"
         )
     # The pole of the bodies to which these links belong.
     pole_of_bodies = whole_plan.pole(i, j)
@@ -214,8 +220,13 @@ def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
     sources_by_pole: dict[Pole, Iterable[Pole]] = {}
     for step in whole_plan.steps:
         if isinstance(step, BlockPoles):
-            # A pole of a block needs only primary poles, so only itself is computed.
-            primary_poles = [pole_of(*whole_plan.ends[pair]) for pair in step.pairs]
+            # A pole of a block needs only primary poles, so only itself is computed. The
+            # block may have sliding contacts, whose poles are not primary.
+            primary_poles = [
+                pole_of(*whole_plan.ends[pair])
+                for pair in step.pairs
+                if whole_plan.mechanism.pairs[pair].kind.pole_line is not None
+            ]
             for pole in step.poles:
                 computed_poles[pole] = frozenset([pole])
                 sources_by_pole[pole] = primary_poles
@@ -319,7 +330,8 @@ def _prune_block(block: BlockPoles, requested: tuple[Pole, ...]) -> BlockPoles:
     A pole is the axis of the relative rotation of two bodies. A block is a part of the
     mechanism whose poles can only be computed together. For display only, the block also
     has steps: if one pole, the opening pole, were known, each step would give another pole.
-    Steps that lead to no requested pole are removed.
+    Steps that lead to no requested pole are removed. The remaining steps may use poles of
+    earlier passes that the plan no longer contains.
     """
     # The steps are examined backwards, so that a step comes after all steps that need it.
     needed_poles = set(requested)

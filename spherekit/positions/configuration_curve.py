@@ -253,8 +253,8 @@ class ArcCurve(Chords):
     periods
         (variables,) growth of each variable (rad) that changes nothing: one revolution, the
         length of a closed profile on which a contact slides, or the least common multiple
-        of the lengths of two wheels. Infinite for open profiles and for wheels whose
-        lengths have no rational ratio.
+        of the lengths of two wheels. Infinite for open profiles, for wheels whose lengths
+        have no rational ratio, and for variables with limits of the caller.
     closed
         Whether the curve closes.
     ends

@@ -34,7 +34,7 @@ from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.curve_continuation import follow_arc
 from spherekit.positions.curve_crossing import find_outgoing_points
 from spherekit.positions.driving_pair import choose_driving_pair
-from spherekit.positions.input_revolutions import in_range, turns_in_range
+from spherekit.positions.input_revolutions import in_range, turns_in_range, whole_laps
 from spherekit.positions.input_turning_points import (
     InputTurningPoints,
     find_input_turning_points,
@@ -77,6 +77,12 @@ CHECKED_INPUTS = 12
 """Number of inputs over the range at which modes are counted, only to check the curves."""
 MAX_CURVES = 64
 """A random search ends at this number of curves. A chain of many dyads can have more."""
+MAX_START_INPUT_RAD = 1e3
+"""A larger input of a start is reduced by whole periods.
+
+Larger: rounding errors of the input open the loops by about `CLOSURE_TOLERANCE`, so that
+curves cannot be followed. Smaller: the arc length 0 is at another point of some curves.
+"""
 NEAR_TURN_RAD = 1e-6
 """Inputs nearer to the end of a piece than this are not checked, because of rounding."""
 SAME_CROSSING_END_RAD = 1e-3
@@ -143,17 +149,21 @@ def monotone_pieces(
     period
         Growth of the input (rad) after which all configurations of the mechanism return.
         The period is infinite if wheels follow the input by gear ratios and are not known
-        to return. The period is NaN if no wheel follows the input. If the period is not
-        finite, the period of this curve is used (`ArcCurve.returns_after`).
+        to return. The period is NaN if there are wheels, but none follows the input. If the
+        period is not finite, the period of this curve is used (`ArcCurve.returns_after`).
 
     Returns
     -------
     The pieces within the range in order of arc length, without their assembly modes. A part
-    of the curve gives a piece for each period in the range.
+    of the curve gives a piece for each period in the range. If the range is a single input,
+    or narrower than `SAME_CUT_RAD`, the pieces have no length: each is a point of the curve
+    with this input.
     """
     period = curve.returns_after(driven, period)
     if not _may_reach_range(curve, driven, low, high, period):
         return []
+    if high - low <= SAME_CUT_RAD and not curve.rests(driven):
+        return _find_points_at_input(curve, driven, 0.5 * (low + high), period)
     cuts = _find_cuts(curve, driven, low, high, period)
     # A part is inside the range if the input at its middle is, shifted by whole periods.
     # `turns_in_range` returns all such inputs, and for each the index of its part.
@@ -185,6 +195,40 @@ def monotone_pieces(
             highest=float(highest[k]),
         )
         for k in range(len(parts))
+    ]
+
+
+def _find_points_at_input(
+    curve: ArcCurve, driven: int, q: float, period: float
+) -> list[Piece]:
+    """Return the points of a curve at an input as pieces without length.
+
+    Parameters
+    ----------
+    curve
+        The configuration curve.
+    driven
+        Index of the variable of the input.
+    q
+        The input (rad).
+    period
+        Growth of the input (rad) after which the curve repeats, or infinite.
+    """
+    places = curve.find_value(driven, q, period).places
+    points = curve.at(places).values
+    shifts = whole_laps(q - points[:, [driven]], np.array([period]))[:, 0]
+    points[:, driven] += shifts
+    return [
+        Piece(
+            assembly_mode=None,
+            middle=point,
+            start=s,
+            stop=s,
+            shift=shift,
+            lowest=float(point[driven]),
+            highest=float(point[driven]),
+        )
+        for point, s, shift in zip(points, places.tolist(), shifts.tolist(), strict=True)
     ]
 
 
@@ -284,9 +328,9 @@ class Configurations(NamedTuple):
         What is guaranteed, with its reason. There are three cases:
 
         - No curve is missing.
-        - Short curves may be missing. All configurations were computed at values of the
-          pair `drive` that are `claim.box` (rad) apart, so a curve between two of these
-          values may not have been noticed.
+        - Short curves may be missing. In parts of the range of the pair `drive`, all
+          configurations were computed only at values up to `claim.box` (rad) apart, so a
+          curve between two of these values may not have been noticed.
         - Any curve may be missing.
     drive
         Name of the pair whose values were prescribed when the configurations were computed.
@@ -336,7 +380,20 @@ def configuration_curves(
     The curves, and how complete they are. Each curve is divided into pieces, on which the
     input only rises or only falls. At some inputs the modes are counted independently of
     the curves, as a check. If a check fails, less is claimed about completeness.
+
+    Raises
+    ------
+    PlanError
+        If there are several inputs.
+    SolveError
+        If the range is not finite, or `low` is above `high`.
     """
+    input_variable = solver.input_variable
+    if not (np.isfinite(low) and np.isfinite(high) and low <= high):
+        raise SolveError(
+            f"{solver.mechanism.name}: the range of the input is from {low:g} to {high:g} "
+            "rad; give finite ends, the lower one first"
+        )
     (period,) = solver.periods
     longest = LONGEST_CURVE_RAD
     if period <= 2.0 * LONGEST_CURVE_RAD:
@@ -348,7 +405,7 @@ def configuration_curves(
         samples = solver.evaluate(assembly_mode, inputs[:, None])
         search.add_curves(samples.values[samples.status == Status.OK])
     reference = solver.reference
-    if reference is not None and low <= reference[solver.input_variable] <= high:
+    if reference is not None and low <= reference[input_variable] <= high:
         # No mode passes through the reference pose if the input is stationary on its curve.
         search.add_curves(reference[None])
     # The curves are divided at values of the pair with which this takes the least work. If
@@ -363,8 +420,7 @@ def configuration_curves(
     search.follow_curves_from_crossings()
     # Divide the curves where the input turns back, and count modes as a check.
     pieces_by_curve = [
-        monotone_pieces(curve, solver.input_variable, low, high, period)
-        for curve in search.curves
+        monotone_pieces(curve, input_variable, low, high, period) for curve in search.curves
     ]
     all_pieces = [piece for pieces in pieces_by_curve for piece in pieces]
     search.check_mode_counts(all_pieces, is_complete)
@@ -524,7 +580,7 @@ class _CurveSearch:
             # Start in the middle of the list. Following is difficult from configurations
             # near the ends of a mode.
             middle = len(values) // 2
-            start = values[middle]
+            start = self._reduce_input(values[middle])
             values = np.delete(values, middle, axis=0)
             try:
                 curve = follow_arc(self.solver.closure, start, longest=self.longest)
@@ -535,6 +591,16 @@ class _CurveSearch:
             # Leave out the other configurations on this curve.
             values = values[~curve.passes(values)]
         return failures
+
+    def _reduce_input(self, values: Floats) -> Floats:
+        """Return a configuration (variables,), rad, with a large input made small.
+
+        The input is reduced by whole periods if it exceeds `MAX_START_INPUT_RAD`.
+        """
+        q = values[None, [self.solver.input_variable]]
+        if np.isfinite(self.solver.periods[0]) and np.abs(q) > MAX_START_INPUT_RAD:
+            (values,) = self.solver.shift_inputs(values[None], self.solver.reduce_inputs(q))
+        return values
 
     def _is_near_crossing_end(self, values: Floats) -> bool:
         """Return whether a known curve ends at a crossing near a configuration.
@@ -698,7 +764,8 @@ class _CurveSearch:
         # The middles of `CHECKED_INPUTS` equal parts of the range. The ends and the middles
         # of the parts alternate.
         ends_and_middles = np.linspace(self.low, self.high, 2 * CHECKED_INPUTS + 1)
-        for q in ends_and_middles[1::2]:
+        # In a range that is a single input, all middles are equal.
+        for q in np.unique(ends_and_middles[1::2]):
             configurations = enumerate_assemblies(self.solver, np.array([q]))
             if configurations.is_complete:
                 self.mode_counts.append((q, len(configurations.values)))

@@ -1,8 +1,9 @@
 """Base class for following curves by verified steps, many curves side by side.
 
 The steps are tested as `spherekit.positions.verified_steps` describes. After a step that
-failed, half the step is tried; after a good one the next may be longer. A curve ends when
-it closes, when a subclass ends it (at a limit, for example), or when no step is accepted.
+failed, half the step is tried; after a good one the next may be longer or shorter. A curve
+ends when it closes, when a subclass ends it (at a limit, for example), when no step is
+accepted, or when it has its greatest length or number of nodes.
 """
 
 from abc import ABC, abstractmethod
@@ -71,7 +72,7 @@ class StepOutcome(NamedTuple):
     has_failed
         (k,) whether the step was not taken, although the curve has not ended.
     growth
-        (k,) factors by which the next steps are longer; 1 if the step was not taken.
+        (k,) factors for the lengths of the next steps; 1 if the step was not taken.
     """
 
     has_failed: Bools
@@ -95,7 +96,8 @@ class CurveContinuation(ABC, Generic[Node]):
     same_point_rad
         A curve is closed if it returns to its start up to this distance.
     max_nodes
-        Largest number of nodes of a curve.
+        Largest number of nodes of a curve after its first one. A curve that reaches it
+        ends with `MODE_LOST`.
     start_nodes
         (n) first node of each curve.
     periods
@@ -255,8 +257,8 @@ class CurveContinuation(ABC, Generic[Node]):
 
         Returns
         -------
-        Which steps have failed, and the factors (`growth`) by which the next steps are
-        longer.
+        Which steps have failed, and the factors (`growth`) for the lengths of the next
+        steps.
         """
         # A step starts from the last node of each of the k curves.
         nodes = self.last_nodes.rows(rows)

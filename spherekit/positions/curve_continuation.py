@@ -174,7 +174,7 @@ def follow_arc(
         (variables,) a configuration (rad) that closes, to 1e-6 rad or better.
     stops
         Lowest and highest value (rad) of variables, by the index of the variable, at which
-        the curve is ended.
+        the curve is ended. A curve on which such a variable makes whole turns is open.
     longest
         The curve is followed from the configuration in both senses. If it does not close,
         it is ended after this length (rad) in each sense.
@@ -182,12 +182,17 @@ def follow_arc(
     Raises
     ------
     SolveError
-        If the configuration does not close, does not move, is beyond a limit, or is
-        singular.
+        If the configuration is not finite, does not close, does not move, is beyond a
+        limit, or is singular. Also if no step is possible, because limits are close.
     """
     limits = CurveLimits.of_mechanism(closure, stops or {})
     start = _make_start_node(closure, np.asarray(values, dtype=float), limits)
     (curve,) = _follow_both_senses(closure, [start], limits, longest)
+    if curve is None:
+        raise SolveError(
+            "no step is possible from the start configuration in either direction, for "
+            "example because joint limits are close on both sides; widen the joint limits"
+        )
     return curve
 
 
@@ -210,8 +215,8 @@ def follow_arcs(closure: Closure, starts: Floats, longest: float) -> list[ArcCur
 
     Returns
     -------
-    n curves. None for a configuration that does not close, does not move, is beyond a limit
-    or is singular.
+    n curves. None for a configuration that does not close, does not move, is beyond a
+    limit, is singular, or from which no step is possible.
     """
     # No further limits (`stops`) are chosen.
     limits = CurveLimits.of_mechanism(closure, stops={})
@@ -239,7 +244,7 @@ def _follow_both_senses(
     starts: Sequence[_ArcNodes],
     limits: CurveLimits,
     longest: float,
-) -> list[ArcCurve]:
+) -> list[ArcCurve | None]:
     """Follow the configuration curves through nodes, until they close or end.
 
     All curves are first followed along their tangents. Curves that do not close are
@@ -260,12 +265,19 @@ def _follow_both_senses(
 
     Returns
     -------
-    n curves, in the order of the start nodes.
+    n curves, in the order of the start nodes. None for a node from which no step is
+    possible.
     """
     if not starts:
         return []
     start = _ArcNodes.concatenate(starts)
     periods = variable_periods(closure)
+    # A lap in which a variable with bounds grows would lead beyond a bound at last, so it
+    # does not close the curve.
+    bounded_variables = [
+        bound.variable for bound in limits.bounds if np.isfinite(bound.value)
+    ]
+    periods[bounded_variables] = np.inf
     # The same nodes with reversed tangents. Their equations are computed anew.
     reversed_start = replace(start.plain, tangents=-start.tangents)
     backward_start = _ArcNodes.from_points(
@@ -303,10 +315,12 @@ def _join_senses(
     backward: "_ArcContinuation",
     row: int,
     backward_row: int | None,
-) -> ArcCurve:
+) -> ArcCurve | None:
     """Return one curve from the parts that were followed in both senses.
 
-    A curve that did not close in the forward sense may close in the backward sense.
+    A curve that did not close in the forward sense may close in the backward sense. The
+    result is None if no step was possible in either sense, so that the start is the only
+    node.
 
     Parameters
     ----------
@@ -317,11 +331,6 @@ def _join_senses(
     backward_row
         Index of the same curve in `backward`. None if the curve closed in the forward
         sense, so that it was not followed backward.
-
-    Raises
-    ------
-    SolveError
-        If no step was possible in either sense, so that the start is the only node.
     """
     # The nodes of a closed curve are those of one sense. A `plain` node is a point of the
     # curve, without the equations and the distances from limits that following needed.
@@ -342,10 +351,7 @@ def _join_senses(
                 Status(forward.end_status[row]),
             )
     if len(nodes.values) == 1:
-        raise SolveError(
-            "no step is possible from the start configuration in either direction, for "
-            "example because joint limits are close on both sides; widen the joint limits"
-        )
+        return None
     # The loops of several curves can differ by the values of locked variables. Keep those
     # of this curve.
     curve_closure = forward.closure.select_rows(np.array([row]))
@@ -376,8 +382,8 @@ def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _
     Raises
     ------
     SolveError
-        If the configuration does not close, does not move, is beyond a limit, or is
-        singular.
+        If the configuration is not finite, does not close, does not move, is beyond a
+        limit, or is singular.
     """
     if not all_finite(values):
         raise SolveError(
@@ -402,7 +408,10 @@ def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _
     points, linearisation = curve_points(closure, closed_values, borders=motion)
     node = _ArcNodes.from_points(linearisation, points, limits)
     # The loop equations with the border are singular if several motions are possible.
-    if not node.reciprocal_condition[0] > SINGULAR_CURVE_CONDITION:
+    # Newton's method can then lead away from the start.
+    is_regular = node.reciprocal_condition[0] > SINGULAR_CURVE_CONDITION
+    is_closed = node.residual[0] < SAME_POINT_RAD
+    if not (is_regular and is_closed):
         raise SolveError(SINGULAR_START)
     # A margin is the distance from a limit, negative beyond it.
     for number, margin in enumerate(node.margins[0]):

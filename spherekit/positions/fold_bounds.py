@@ -22,6 +22,7 @@ from spherekit.arrays import Bools, Floats, Indices
 from spherekit.geometry.vectors import all_finite, cross, max_abs
 from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_closure import Closure
+from spherekit.positions.pair_states import list_rolling_variables
 from spherekit.tolerances import EPS
 
 INPUT_ROUNDING = 2.0 * EPS
@@ -43,7 +44,7 @@ LARGEST_REACH_RAD = 1e-4
 LARGEST_STEP_RAD = 1e-3
 """A step to the root of the quadratic model is not taken if it is larger."""
 MAX_FOLD_NEWTON_STEPS = 4
-"""Largest number of steps to the root of the quadratic model. Each doubles the digits."""
+"""Number of steps to the root of the quadratic model. Each doubles the digits."""
 
 
 def bound_by_kantorovich(
@@ -93,16 +94,42 @@ def bound_by_kantorovich(
 def curvature_bound(linearisation: Linearisation) -> Floats:
     """Return bounds (n,) of the change of the closure Jacobian J per radian of motion.
 
-    J has the axes of the variables as columns. If variable j moves, the axis of variable i
-    changes by the vector product of both axes. Let the m variables of a loop move by x. By
-    Cauchy's inequality, J y then changes by at most m p |x| |y|, where p is the largest
-    length of these products. The result is m p for the longest loop.
+    J has the velocity vectors of the variables as columns, for R pairs the axes. If
+    variable j moves, the vector of variable i changes by the vector product of both
+    vectors. Let the m variables of a loop move by x. By Cauchy's inequality, J y then
+    changes by at most m p |x| |y|, where p is the largest length of these products. The
+    vector of a contact also changes with its own variable, by at most c per radian. The
+    result is m p + c for the longest loop.
     """
     vectors = linearisation.vectors
-    apart = np.max(np.linalg.norm(cross(vectors[:, :1], vectors), axis=2), axis=1)
-    # Nearly parallel axes hardly turn each other.
-    turn = np.minimum(2.0 * apart, np.max(np.sum(vectors**2, axis=2), axis=1))
-    return linearisation.tree.longest_loop * turn
+    loop_length = linearisation.tree.longest_loop
+    if all(joint.has_axis for joint in linearisation.joints):
+        apart = np.max(np.linalg.norm(cross(vectors[:, :1], vectors), axis=2), axis=1)
+        # Nearly parallel axes hardly turn each other.
+        turn = np.minimum(2.0 * apart, np.max(np.sum(vectors**2, axis=2), axis=1))
+        return loop_length * turn
+    # The vectors of contacts can be very long, so all products are computed.
+    turn = np.zeros(len(vectors))
+    for variable in range(vectors.shape[1]):
+        products = cross(vectors[:, variable : variable + 1], vectors)
+        turn = np.maximum(turn, np.max(np.linalg.norm(products, axis=2), axis=1))
+    return loop_length * turn + _contact_change_bound(linearisation)
+
+
+def _contact_change_bound(linearisation: Linearisation) -> Floats:
+    """Return bounds (n,) of the change of contact vectors with their own variables (1/rad).
+
+    The curvatures of both profiles change along the contact point, which changes the
+    velocity vectors of the contact. The vector of a rolling contact also turns with the
+    contact point, as fast as it is long.
+    """
+    curvature_rates = np.sum(np.abs(linearisation.states.curvature_rates), axis=2)
+    change = np.max(curvature_rates, axis=1)
+    rolling = [variable for variable, _ in list_rolling_variables(linearisation.joints)]
+    if rolling:
+        rolling_lengths = np.linalg.norm(linearisation.vectors[:, rolling], axis=2)
+        change = change + np.max(rolling_lengths, axis=1)
+    return change
 
 
 def rounding_of_loops(linearisation: Linearisation) -> float:

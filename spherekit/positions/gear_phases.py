@@ -46,10 +46,10 @@ MAX_TRIED_ASSEMBLIES = 64
 Larger: more time. Smaller: the assembly that is looked for may not be among them.
 """
 MAX_INPUT_REVOLUTIONS = 12
-"""Largest number of whole revolutions between an input and a given configuration.
+"""Largest number of whole revolutions in the combinations of inputs that are all tried.
 
-Larger: more combinations of inputs are tried. Smaller: wheels that have rolled far are not
-recognised.
+Larger: more combinations of inputs are tried. Smaller: if several inputs must make many
+revolutions and the rolled lengths do not determine them, wheels are not recognised.
 """
 
 
@@ -74,8 +74,9 @@ class GearPhases(NamedTuple):
         configurations return. This follows from the gear ratios.
 
         - Finite: after this growth, all wheels are in their first positions again.
-        - Infinite: the wheels are never all in their first positions again. The period is
-          set to infinite if only some rolled lengths follow from the inputs.
+        - Infinite: the wheels are never all in their first positions again, or some contact
+          only after more than `MAX_TEETH` revolutions. The period is set to infinite if
+          only some rolled lengths follow from the inputs.
         - NaN for all inputs: no rolled length follows from the inputs.
     all_known
         Whether the rolled lengths of all contacts follow from the inputs.
@@ -166,11 +167,11 @@ def make_gear_phases(
 
 
 def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
-    """Return rolled lengths of one contact that belong to the same position of the wheels.
+    """Return rolled lengths of one contact at which one of its wheels is as before.
 
     A rolled length is how far both wheels have rolled on each other, as an arc length. If a
     wheel is turned by a whole revolution, it looks the same, but the rolled length differs
-    by its circumference.
+    by its circumference. The other wheel then generally touches at another point.
 
     Parameters
     ----------
@@ -182,22 +183,26 @@ def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
     Returns
     -------
     The length itself, and lengths that differ from it by revolutions of the first wheel or
-    of the second wheel. The lengths cover the range from minus to plus half of the longer
-    circumference, with a few beyond. The smallest absolute values come first, at most
-    `MAX_LENGTHS_PER_CONTACT`.
+    of the second wheel, the smallest absolute values first. Each wheel alone covers the
+    range from minus to plus half of the longer circumference, with a few lengths beyond.
+    There are at most `MAX_LENGTHS_PER_CONTACT`, so that the largest lengths by revolutions
+    of a much smaller wheel are missing.
     """
     # Keys are rounded lengths, so that equal lengths occur once.
     lengths = {round(length / SAME_ROLLED_LENGTH_RAD): length}
-    circumferences = joint.closed_lengths
+    # The wheel with the longer circumference comes first, because it has few lengths, none
+    # of which may be missing.
+    circumferences = sorted(joint.closed_lengths, reverse=True)
     for circumference in circumferences:
         # The length of smallest absolute value that differs by revolutions of this wheel.
         smallest = length - circumference * round(length / circumference)
         # So many revolutions cover half of the longer circumference.
         max_revolutions = int(np.ceil(0.5 * max(circumferences) / circumference))
-        for revolutions in range(-max_revolutions, max_revolutions + 1):
-            candidate = smallest + revolutions * circumference
-            lengths[round(candidate / SAME_ROLLED_LENGTH_RAD)] = candidate
-    return sorted(lengths.values(), key=abs)[:MAX_LENGTHS_PER_CONTACT]
+        revolutions = range(-max_revolutions, max_revolutions + 1)
+        candidates = [smallest + number * circumference for number in revolutions]
+        for candidate in sorted(candidates, key=abs):
+            lengths.setdefault(round(candidate / SAME_ROLLED_LENGTH_RAD), candidate)
+    return sorted(list(lengths.values())[:MAX_LENGTHS_PER_CONTACT], key=abs)
 
 
 def _find_input_period(lap_lengths: Floats, ratios: Floats) -> float:

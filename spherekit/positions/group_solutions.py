@@ -54,7 +54,8 @@ class SolutionMethod(NamedTuple):
         A number from 0 to 1, by which methods are compared: 0 if no real mode can be
         missing at the inputs that were examined, and larger if one may be. A random search
         from many starts can miss a mode to which few starts lead. Its doubt is the largest
-        share of all starts that may lead to such a mode.
+        share of all starts that may lead to such a mode. It is 1 if modes were left out, or
+        may have been.
     """
 
     description: str
@@ -120,13 +121,15 @@ def find_group_configurations(
     # if any.
     statistics = search_group(closure, distinct, start_values)
     description = f"{description}: {statistics.describe('modes')}"
+    # The doubt is a share of all starts. A configuration to which a larger share of starts
+    # leads was almost certainly found.
+    doubt = statistics.missed_share
     # The search ends when `MAX_MODES` configurations are stored, even if none was left out.
     if distinct.is_truncated or len(distinct.values) >= MAX_MODES:
         description += f"; the first {len(distinct.values)} are kept, and there may be more"
+        doubt = 1.0
     configurations = sorted(distinct.values, key=mode_sort_key)
-    # The doubt is a share of all starts. A configuration to which a larger share of starts
-    # leads was almost certainly found.
-    return configurations, SolutionMethod(description, statistics.missed_share)
+    return configurations, SolutionMethod(description, doubt)
 
 
 def find_distinct_by_elimination(

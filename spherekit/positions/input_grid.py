@@ -14,7 +14,7 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.wording import counted, numbered
 
 MAX_SAMPLES = 2**40
-"""Largest number of samples. NumPy has no arrays of many more."""
+"""Largest number of samples. Each input then takes 8 TiB of memory."""
 
 
 @dataclass(frozen=True)
@@ -113,11 +113,13 @@ def make_input_grid(
                 f"{mechanism.name}: inputs.{item.pair}: the range from `from` to `to` is "
                 f"empty, both are {item.start:.6g} rad; give a greater or smaller `to`"
             )
+    # Arrays and numbers of NumPy become lists and numbers of Python.
+    samples = np.asarray(samples).tolist()
+    if wants_grid and not isinstance(samples, Sequence):
+        samples = [samples] * len(inputs)
     check_sample_counts(mechanism, samples)
     if isinstance(samples, Sequence):
         return make_grid(inputs, samples)
-    if wants_grid:
-        return make_grid(inputs, [samples] * len(inputs))
     # All inputs move together from the start to the stop of their ranges.
     columns = [_space_evenly(item.start, item.stop, samples) for item in inputs]
     return InputGrid(np.stack(columns, axis=1), (samples,))
@@ -136,8 +138,8 @@ def check_sample_counts(mechanism: Mechanism, samples: int | Sequence[int]) -> N
     Raises
     ------
     SolveError
-        If a grid has another number of axes than there are inputs, or there are more than
-        `MAX_SAMPLES` samples.
+        If a grid has another number of axes than there are inputs, if a number is less than
+        1, or if there are more than `MAX_SAMPLES` samples.
     """
     inputs = mechanism.inputs
     counts = samples if isinstance(samples, Sequence) else (samples,)
@@ -149,6 +151,8 @@ def check_sample_counts(mechanism: Mechanism, samples: int | Sequence[int]) -> N
             f"({numbered('pair', mechanism.input_pairs)}); give one number for each input, "
             "such as 361 or 41x21"
         )
+    if min(counts, default=1) < 1:
+        raise SolveError(f"samples must be at least 1, not {min(counts)}")
     if math.prod(counts) > MAX_SAMPLES:
         raise SolveError(
             f"{mechanism.name}: samples: found {text}; at most {MAX_SAMPLES} samples are "
@@ -159,8 +163,8 @@ def check_sample_counts(mechanism: Mechanism, samples: int | Sequence[int]) -> N
 def make_grid(inputs: Sequence[Input], samples: Sequence[int]) -> InputGrid:
     """Return the grid of all combinations of evenly spaced values of the inputs.
 
-    The values include both ends of the range of each input. `samples` has the number of
-    values of each input. The last input varies fastest.
+    The values include both ends of the range of each input; a single value is the start.
+    `samples` has the number of values of each input. The last input varies fastest.
     """
     axes = [
         _space_evenly(item.start, item.stop, count)
@@ -185,7 +189,8 @@ def make_path(q: Floats, input_count: int) -> InputGrid:
     SolveError
         If the shape does not fit the number of inputs, or a value is not finite.
     """
-    path = np.atleast_1d(np.asarray(q, dtype=float))
+    # A copy, so that later changes of the caller's array do not change the samples.
+    path = np.atleast_1d(np.array(q, dtype=float))
     if path.ndim == 1:
         path = path[:, None]
     if path.shape[1:] != (input_count,) or not len(path):
@@ -202,7 +207,5 @@ def make_path(q: Floats, input_count: int) -> InputGrid:
 
 
 def _space_evenly(low: float, high: float, count: int) -> Floats:
-    """Return `count` evenly spaced numbers from low to high, both included."""
-    if count < 1:
-        raise SolveError(f"samples must be at least 1, not {count}")
+    """Return `count` evenly spaced numbers from low to high, both included; one: low."""
     return np.linspace(low, high, count)

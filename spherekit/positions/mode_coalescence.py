@@ -4,8 +4,8 @@ With R pairs only, the modes of a group are the roots of an algebraic system, an
 can appear or vanish only where two roots meet. There the determinant of the group's
 equations is zero for both. The product of this determinant over all complex modes of the
 group, and of the groups before it, does not depend on the order of the modes. This product
-is a real analytic function of the input, and changes its sign exactly where two real modes
-meet.
+is a real analytic function of the input. It is zero where two real modes meet, and changes
+its sign if both end there. Where curves cross and both modes continue, it keeps its sign.
 """
 
 from collections.abc import Iterable, Sequence

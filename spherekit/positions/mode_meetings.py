@@ -4,9 +4,9 @@ The configurations of a mechanism with one input form curves in the space of its
 Two curves cross at a change point of a four-bar, for example, or in the flat state of a
 fold. An assembly mode of dyads is defined by the sign of each dyad. This is the sign of the
 triple product of the dyad's three pair axes. Along each smooth curve through a crossing,
-the triple product passes through zero, so the sign changes. The same signs therefore belong
-to one smooth curve below the crossing and to another one above it. This module finds the
-mode in which each smooth curve continues.
+the triple product of a dyad that is singular there passes through zero, so its sign
+changes. The same signs therefore belong to one smooth curve below the crossing and to
+another one above it. This module finds the mode in which each smooth curve continues.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,8 +36,9 @@ MIN_START_DISTANCE_RAD = 1e-5
 The distance is that to the nearer end of the interval."""
 MAX_MISS_RAD = 64.0 * EPS
 """Largest closure residual, and largest singular value that should be zero, of a crossing.
-Larger: modes that only come close to each other count as crossing, as in a kite whose arcs
-differ by 1e-12. Smaller: rounding errors hide crossings."""
+The rounding of a large input is added. Larger: modes that only come close to each other
+count as crossing, as in a kite whose arcs differ by 1e-12. Smaller: rounding errors hide
+crossings."""
 SAME_CROSSING_INPUT_RAD = 1e-7
 """Crossings whose inputs differ by less are at the same input. The input of an isolated
 double zero is accurate only to about the square root of the rounding error."""
@@ -112,9 +113,12 @@ def find_crossings(
                 continue
             # `miss` is how far the result is from an exact crossing.
             crossing = find_crossing(solver.closure, values)
-            if crossing is None or crossing.miss > MAX_MISS_RAD:
+            if crossing is None:
                 continue
             q = crossing.values[solver.input_variable]
+            # After many turns the rounding of the input alone opens the loops by more.
+            if crossing.miss > MAX_MISS_RAD + EPS * abs(q):
+                continue
             is_inside = (
                 start - SAME_CROSSING_INPUT_RAD <= q <= stop + SAME_CROSSING_INPUT_RAD
             )
@@ -140,7 +144,7 @@ class ModeMeeting:
     input
         Value of the only input (rad).
     modes
-        One tuple for each configuration at which curves cross. The tuple has the indices of
+        One tuple for each configuration at which curves cross. The tuple has the numbers of
         the modes that meet there.
     successors
         Maps the number of a mode below the input to the number of the mode above it that
@@ -187,7 +191,7 @@ class ModeMeeting:
             Whether modes follow their smooth curves through crossings (option "pass"). With
             the option "end", a mode keeps the signs of its dyads (groups of two links).
         """
-        # `modes` has one tuple for each configuration at which curves cross: the indices of
+        # `modes` has one tuple for each configuration at which curves cross: the numbers of
         # the modes that meet there. A tuple of two or more numbers becomes a text such as
         # "0 and 1". `dict.fromkeys` drops repeated tuples and keeps the order.
         meeting_modes = []

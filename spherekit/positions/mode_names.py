@@ -5,13 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.conventions import Names
 from spherekit.geometry.vectors import all_finite
 from spherekit.numerics.angles import wrap
 from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.mode_predictor import ModeOverGrid
 from spherekit.positions.position_solver import PositionSolver
-from spherekit.wording import listing
+from spherekit.wording import listing, numbered
 
 MAX_NAME_DEVIATION_RAD = np.radians(10.0)
 """Largest deviation of the angles of a mode from the stated angles of its name.
@@ -43,7 +44,9 @@ class NamedModes(NamedTuple):
 
 
 def assign_mode_names(
-    solver: PositionSolver, assembly_modes: Sequence[AssemblyMode]
+    solver: PositionSolver,
+    assembly_modes: Sequence[AssemblyMode],
+    sampled_inputs: Floats,
 ) -> NamedModes:
     """Return the assembly modes of a mechanism with the names that its file gives them.
 
@@ -57,6 +60,8 @@ def assign_mode_names(
         The mechanism. `mechanism.modes` has the values (rad) of pairs for each name.
     assembly_modes
         All its modes.
+    sampled_inputs
+        (n, inputs) the samples of the inputs (rad) over which the modes are known.
     """
     # Names by the index of their mode, and sentences about names that no mode has.
     names: dict[int, str] = {}
@@ -65,11 +70,14 @@ def assign_mode_names(
         return NamedModes((), ())
     inputs = solver.mechanism.input_pairs
     for name, angles_by_pair in solver.mechanism.modes.items():
-        # The user can choose inputs for which the file states no values.
-        if not set(inputs) <= angles_by_pair.keys():
-            continue
         # `reason` says why the name fits no mode; it is empty if it fits mode `index`.
-        index, reason = _find_named_mode(solver, assembly_modes, angles_by_pair)
+        missing_inputs = [pair for pair in inputs if pair not in angles_by_pair]
+        if missing_inputs:
+            index, reason = -1, f"it has no value of {numbered('input', missing_inputs)}"
+        else:
+            index, reason = _find_named_mode(
+                solver, assembly_modes, angles_by_pair, sampled_inputs
+            )
         if not reason and index in names:
             reason = (
                 f"it is mode {assembly_modes[index].number}, which already has the name "
@@ -92,6 +100,7 @@ def _find_named_mode(
     solver: PositionSolver,
     assembly_modes: Sequence[AssemblyMode],
     angles_by_pair: Mapping[str, float],
+    sampled_inputs: Floats,
 ) -> tuple[int, str]:
     """Find the mode that a name in the mechanism file means.
 
@@ -106,6 +115,8 @@ def _find_named_mode(
         Its modes.
     angles_by_pair
         Angles (rad) of all inputs and of some other pairs, by their names.
+    sampled_inputs
+        (n, inputs) the samples of the inputs (rad) over which the modes are known.
 
     Returns
     -------
@@ -121,16 +132,23 @@ def _find_named_mode(
     inputs = solver.mechanism.input_pairs
     # The solver has the inputs in the order of the assembly plan.
     input_order = solver.mechanism.names_of(solver.assembly.inputs)
-    q = np.array([[angles_by_pair[pair] for pair in input_order]])
+    values = np.zeros(len(solver.mechanism.variable_owners))
+    driven = list(solver.driven)
+    values[driven] = [angles_by_pair[pair] for pair in input_order]
+    # The configurations repeat after a period of an input. A mode is known near the samples
+    # only, and can pass to other signs at each crossing of curves.
+    q = solver.shift_near_samples(values, sampled_inputs)[:, driven]
     passive_pairs = [pair for pair in angles_by_pair if pair not in inputs]
     variables = [solver.mechanism.angles[pair] for pair in passive_pairs]
-    angles_of_modes = [
-        solver.evaluate(mode, q).values[0, variables] for mode in assembly_modes
-    ]
+    configurations = np.array(
+        [solver.evaluate(mode, q).values[0] for mode in assembly_modes]
+    )
+    angles_of_modes = configurations[:, variables]
     stated_angles = [angles_by_pair[pair] for pair in passive_pairs]
-    differences = np.abs(wrap(np.array(angles_of_modes) - stated_angles))
+    differences = np.abs(wrap(angles_of_modes - stated_angles))
     # A mode that has no configuration at these inputs is infinitely far away.
-    deviations = np.nan_to_num(np.max(differences, axis=1, initial=0.0), nan=np.inf)
+    exists = all_finite(configurations, 1)
+    deviations = np.where(exists, np.max(differences, axis=1, initial=0.0), np.inf)
     # The best mode must be near, and much nearer than all others.
     best = int(np.argmin(deviations))
     other_deviations = np.delete(deviations, best)
@@ -141,13 +159,15 @@ def _find_named_mode(
         return best, ""
     existing_modes = [
         f"mode {mode.number}: {', '.join(_format_angles(passive_pairs, wrap(angles)))}"
-        for mode, angles in zip(assembly_modes, angles_of_modes, strict=True)
-        if all_finite(angles)
+        for mode, angles, has_angles in zip(
+            assembly_modes, angles_of_modes, exists, strict=True
+        )
+        if has_angles
     ]
     stated_inputs = _format_angles(inputs, (angles_by_pair[pair] for pair in inputs))
     return -1, (
         f"no mode has these angles at {listing(stated_inputs)}, where there are "
-        f"{listing(existing_modes) or 'no modes'}"
+        f"{listing(existing_modes) or 'no known modes'}"
     )
 
 

@@ -5,8 +5,8 @@ right assembly mode. With one input, a mode is a curve of verified nodes, and an
 interpolated from it (`ModeCurve`). With several inputs, a mode is known at the samples of
 an input grid (`ModeOverGrid`): from a known configuration it spreads from sample to
 neighbouring sample by verified steps on straight lines. In this way it reaches samples
-behind a region that is out of reach, but it never passes a configuration at which the
-inputs do not determine the motion.
+behind a region that is out of reach. Unless constraints are redundant, it never passes a
+configuration at which the inputs do not determine the motion.
 """
 
 from collections.abc import Sequence
@@ -69,8 +69,8 @@ class ModePrediction(NamedTuple):
         (n, variables) predicted pair variables (rad).
     spread
         (n,) largest change of a variable between the two nodes around the sample (rad). The
-        permitted error of the prediction grows with it. Zero if the values are
-        exact.
+        permitted error of the prediction grows with it. Zero if the values are exact, or if
+        there is only one node.
     status
         (n,) OK, or a code that says why the mode has no configuration at the sample.
     """
@@ -94,7 +94,8 @@ class ModeCurve:
     values
         (k, variables) pair variables at the nodes (rad).
     slopes
-        (k, variables) exact derivatives of the variables with respect to the input.
+        (k, variables) derivatives of the variables with respect to the input. They are
+        exact except at a dead centre, which has the slope of the line to the next node.
     ends
         Why the curve ends at the first and at the last node: OK if the range ends,
         otherwise the status of the samples beyond.

@@ -69,8 +69,9 @@ class ModeSearch:
     """The assembly modes that have a configuration at some of the sampled inputs.
 
     For a single input, modes count in the whole range between the smallest and the largest
-    sample. The mode of a given reference pose comes first. The constructor runs the whole
-    search.
+    sample. The mode of a given reference pose comes first. If all groups have a closed
+    form, it is included even if it has no configuration there. The constructor runs the
+    whole search.
 
     Parameters
     ----------
@@ -79,7 +80,8 @@ class ModeSearch:
     input_grid
         The samples of its inputs.
     search
-        Whether to search for modes other than that of the reference pose.
+        Whether to search for modes other than that of the reference pose. They are also
+        searched if this pose gives no mode.
     independent
         Whether the samples of a path are unrelated to each other, as in
         `spherekit.positions.position_analysis.PositionAnalysis`.
@@ -89,7 +91,8 @@ class ModeSearch:
     assembly_modes
         The modes.
     probes
-        Number of inputs at which modes were searched, 0 if a reference pose was enough.
+        Number of inputs at which modes were searched, plus the number of random starts. 0
+        if a reference pose was enough.
     methods
         For each group the least complete method by which its modes were found at any input.
         None if they were searched at no input.
@@ -101,7 +104,7 @@ class ModeSearch:
     Raises
     ------
     SolveError
-        If the mechanism cannot be assembled anywhere.
+        If no mode was found, unless the samples are independent.
     PlanError
         If constraints are redundant, and the mobility by rank is not the number of inputs.
     """
@@ -134,8 +137,8 @@ class ModeSearch:
         self.input_grid = input_grid
         # Results. `claim` says how complete the modes are (without a search, only the mode
         # of the reference pose is known). `methods` says how those of each group were
-        # found, and `probes` at how many values of the inputs they were searched. Curves of
-        # modes cross at the configurations `crossings`.
+        # found, and `probes` from how many inputs and random starts. Curves of modes cross
+        # at the configurations `crossings`.
         self.claim = REFERENCE_ONLY
         self.groups = solver.assembly.groups
         self.assembly_modes: list[AssemblyMode] = []
@@ -170,8 +173,8 @@ class ModeSearch:
         """Find the assembly modes of a mechanism with several inputs at the samples.
 
         An assembly mode is one way to assemble the mechanism. The modes are stored in
-        `assembly_modes`. `claim` states how complete they are, `probes` at how many samples
-        they were searched, and `methods` how.
+        `assembly_modes`. `claim` states how complete they are, `probes` from how many
+        samples and random starts they were searched, and `methods` how.
 
         Parameters
         ----------
@@ -196,7 +199,7 @@ class ModeSearch:
         self.assembly_modes = sampled_modes.assembly_modes
         self.methods = sampled_modes.methods
         self.claim = sampled_modes.claim
-        # Number of samples at which modes were searched.
+        # Number of samples at which modes were searched, plus that of random starts.
         self.probes = sampled_modes.probes
         # `mobilities` are degrees of freedom at the starts of the search.
         self._check_mobilities(sampled_modes.mobilities)
@@ -243,7 +246,8 @@ class ModeSearch:
         An assembly mode is one way to assemble the mechanism. The links are placed in
         groups. A dyad (group of two links) closes in two ways. Its sign, 1 or -1, says in
         which. A train of wheels has one way only, and the sign 0. A mode is a combination
-        of the signs of all groups with which the mechanism closes at some input.
+        of the signs of all groups with which the mechanism closes at some input, or in the
+        reference pose.
 
         The results are stored in attributes:
 
@@ -407,6 +411,8 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
         f"{pair} in [{low:.6g}, {high:.6g}] deg"
         for pair, low, high in zip(inputs, lows, highs, strict=True)
     )
+    # The cure is what the user can change. A file with a reference pose has no arcs.
+    has_pose = isinstance(solver.mechanism.geometry, PoseGeometry)
     # Place the first groups as long as they are dyads, at up to `PROBED_RANGE_INPUTS`
     # samples. A dyad can close in two ways. All ways in which the dyads close at some
     # sample are kept, because later dyads may close after one of them only.
@@ -428,10 +434,11 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
                         closed_states.append(next_state)
             states = closed_states
             if not states:
+                cure = "the axes of its pose" if has_pose else "the arcs of its links"
                 return (
                     f"{name}: the arcs cannot close: the {group.kind} of pairs {pairs} "
-                    f"cannot be assembled anywhere in the range {degrees}; change the arcs "
-                    "of its links, or the range"
+                    f"cannot be assembled anywhere in the range {degrees}; change {cure}, "
+                    "or the range"
                 )
     # `group` is the group at which the loop ended: the first one that is not a dyad, or the
     # last group. Groups after it are tried where it closes.
@@ -447,12 +454,15 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
         position = max(position, *tried)
     group = solver.assembly.groups[position]
     pairs = ", ".join(solver.mechanism.names_of(group.pairs))
-    # The cure is what the user can change. A file with a reference pose has no arcs.
-    cure = "its arcs, profiles or the range, or give a reference pose"
-    if isinstance(solver.mechanism.geometry, PoseGeometry):
-        cure = "the axes of its pose, profiles or the range"
+    failure = "did not close"
+    cure = "the axes of its pose" if has_pose else "its arcs"
+    if solver.mechanism.has_contacts:
+        failure += " from any start, or closed only with profiles that enter each other"
+        cure += ", profiles"
+    cure += " or the range"
+    if not has_pose:
+        cure += ", or give a reference pose"
     return (
         f"{name}: no configuration was found for inputs {degrees}: the {group.kind} of "
-        f"pairs {pairs} did not close from any start, or closed only with profiles that "
-        f"enter each other; change {cure}"
+        f"pairs {pairs} {failure}; change {cure}"
     )

@@ -63,7 +63,7 @@ A mode takes some tens of steps, and thousands near configurations that are sing
 higher order. Larger: more modes of such mechanisms are found, in more time.
 """
 PROBED_FRACTIONS = np.array([0.5, 0.3, 0.7, 0.1, 0.9])
-"""Positions in the range at which the first mode of a mechanism with wheels is searched.
+"""Positions among the samples at which the first mode with free wheels is searched.
 
 The positions are examined in this order, until a mode is found.
 """
@@ -91,6 +91,8 @@ AS_ASSEMBLED = Completeness(
     Guarantee.COMPONENT,
     "the mode of the reference pose and the modes that continue it where it ends; other "
     "ways to mesh the wheels were not searched",
+    sentence="Only the mode of the reference pose and the modes that continue it where it "
+    "ends were computed; other ways to mesh the wheels were not searched.",
 )
 
 
@@ -124,7 +126,7 @@ class ModesOverRange:
     Attributes
     ----------
     assembly_modes
-        The modes. The mode of the reference pose comes first.
+        The modes. The mode of the reference pose comes first if it reaches the range.
     methods
         For each group of links the least complete method by which its configurations were
         computed at any input. None for a group whose configurations were computed at no
@@ -165,9 +167,10 @@ class ModesOverRange:
         # A component is a connected curve of configurations. Where the input turns back on
         # it, one mode ends and another begins. `_components` has the index of the component
         # of each mode. `_curves` has the components that were followed along their arc
-        # length.
+        # length, and `_curve_components` their indices.
         self._components: list[int] = []
         self._curves: list[ArcCurve] = []
+        self._curve_components: list[int] = []
         # Degrees of freedom at each start, from the rank of the velocity equations. Only
         # filled with redundant constraints, where counting links and pairs is wrong.
         self._mobilities: list[int] = []
@@ -656,7 +659,10 @@ class ModesOverRange:
         piece on which the input rises or falls becomes a mode. Modes that were treated by
         an earlier call are skipped.
         """
-        for assembly_mode in self.assembly_modes[self._extended_modes :]:
+        # This method calls itself indirectly for the modes that it adds. Each mode is
+        # therefore counted as treated before its curve is followed.
+        while self._extended_modes < len(self.assembly_modes):
+            assembly_mode = self.assembly_modes[self._extended_modes]
             self._extended_modes += 1
             # `guide` is the curve of known configurations of the mode. If both its ends are
             # OK, the mode covers the whole range.
@@ -666,11 +672,15 @@ class ModesOverRange:
                 continue
             # The curve is followed from the middle, because the ends may be singular.
             middle_values = guide.values[len(guide.values) // 2]
-            was_followed = any(
-                followed_curve.passes(middle_values[None]).all()
-                for followed_curve in self._curves
-            )
-            if not was_followed:
+            for followed_curve, component in zip(
+                self._curves, self._curve_components, strict=True
+            ):
+                if followed_curve.passes(middle_values[None]).all():
+                    # The mode may have been added before its curve was followed, with the
+                    # index of a new component.
+                    self._components[assembly_mode.number] = component
+                    break
+            else:
                 # All modes on the curve belong to the component of this mode. `_components`
                 # has the index of the component of each mode.
                 component = self._components[assembly_mode.number]
@@ -698,7 +708,10 @@ class ModesOverRange:
             curve = follow_arc(self.solver.closure, values, longest=longest)
         except SolveError:  # a curve cannot be followed from a singular configuration
             return
+        if component is None:
+            component = max(self._components, default=-1) + 1
         self._curves.append(curve)
+        self._curve_components.append(component)
         # Each piece on which the input rises or falls is one mode. The configuration in its
         # middle is followed to add it.
         low, high = self.input_grid.range
@@ -714,8 +727,8 @@ class ModesOverRange:
         """Add the assembly modes to which random starts over the range lead.
 
         A component is a connected curve of configurations, with one or more modes. The
-        search ends when each known component was reached from many starts. A missing
-        component is then unlikely.
+        search ends when each known component was reached from many starts, so that a
+        missing component is unlikely, or at a limit of starts or modes.
 
         Returns
         -------

@@ -1,8 +1,9 @@
 """Finds the assembly modes of a mechanism over samples of several inputs.
 
 If each group is a dyad, a train of wheels, or has an elimination, all configurations at
-every sample are computed. Otherwise some configurations are found from random starts. A
-sheet is followed from each of them: the set of configurations that verified steps reach
+every sample are computed. Exceptions are redundant equations, free wheels, and an
+elimination that fails. Otherwise some configurations are found, mostly from random starts.
+A sheet is followed from each of them: the set of configurations that verified steps reach
 from a start, at most one at each sample. In both cases a `ConfigurationGraph` divides the
 configurations into assembly modes. Each configuration belongs to one mode.
 """
@@ -144,7 +145,7 @@ class SampledModes:
         starts.
     mobilities
         Number of degrees of freedom, by the rank of the velocity equations, of each
-        configuration from which other samples were reached by verified steps. The number is
+        configuration from which verified steps were to lead to the samples. The number is
         computed only if a group has redundant equations.
     """
 
@@ -499,14 +500,14 @@ class SampledModes:
             # Random starts leave out configurations near a dead centre. Solving all groups
             # at the middle sample can find these.
             self._search_sample(len(self.input_grid) // 2)
-        reason = statistics.describe("modes")
+        # The statistics count sheets. A mode can consist of several sheets.
+        reason = statistics.describe("mode parts")
+        sentence = statistics.sentence(len(self._graph.modes()))
         if self._is_sheet_limit_reached:
-            reason += f"; stopped at {self._solutions.count} modes, and there may be more"
-        return Completeness(
-            Guarantee.SAMPLED,
-            reason,
-            sentence=statistics.sentence(self._solutions.count),
-        )
+            count = self._solutions.count
+            reason += f"; stopped at {count} mode parts, and there may be more"
+            sentence = ""  # the probability in this sentence needs a complete search
+        return Completeness(Guarantee.SAMPLED, reason, sentence=sentence)
 
     def _search_free_wheels(self) -> Completeness:
         """Find some assembly modes, if the inputs leave free how far wheels have rolled.
@@ -523,14 +524,18 @@ class SampledModes:
         has_reference_mode = self._solutions.count > 0
         if has_reference_mode:
             as_assembled = "other ways to mesh the wheels were not searched"
-            reason = f"{REFERENCE_ONLY.reason}; {as_assembled}"
-            return replace(REFERENCE_ONLY, reason=reason)
+            reason = REFERENCE_ONLY.reason
+            return replace(
+                REFERENCE_ONLY,
+                reason=f"{reason}; {as_assembled}",
+                sentence=f"Only {reason} was computed; {as_assembled}.",
+            )
         for sample in spread_rows(len(self.input_grid), MAX_SEARCHED_SAMPLES).tolist():
             self._search_sample(sample)
             if self._solutions.count:
                 break
         # `probes` is the number of samples of the inputs that were searched.
-        reason = f"modes found at {counted(self.probes, 'input')}"
+        reason = f"modes searched at {counted(self.probes, 'sample')}"
         return Completeness(Guarantee.SAMPLED, reason)
 
     def _search_sample(self, sample: int) -> None:
@@ -588,8 +593,9 @@ class SampledModes:
         """Return the assembly modes, numbered and sorted, from the modes of the graph.
 
         A mode of the graph is an array with the number of its configuration (node) at each
-        sample, -1 where it has none. At most `_mode_limit` modes stay, those with most
-        samples. `claim` (how complete the modes are) mentions modes that were left out.
+        sample, -1 where it has none. At most `_mode_limit` modes stay: the mode of the
+        reference pose, and those with most samples. `claim` (how complete the modes are)
+        mentions modes that were left out.
 
         Parameters
         ----------
@@ -607,12 +613,22 @@ class SampledModes:
         modes = graph.modes()
         if shares_numbers:
             modes = self._unite_separate_modes(modes)
+
+        def is_reference(mode: Indices) -> bool:
+            """Return whether a mode contains the node of the reference pose."""
+            return reference_node is not None and bool(np.any(mode == reference_node))
+
         max_modes = self._mode_limit
         if len(modes) > max_modes:
-            reason = (
-                f"{self.claim.reason}; of {len(modes)} assembly modes, the {max_modes} "
-                "with most samples are kept"
-            )
+            # The mode of the reference pose stays, however few samples it has.
+            modes = sorted(modes, key=is_reference, reverse=True)
+            kept = f"the {max_modes} with most samples are kept"
+            if is_reference(modes[0]):
+                kept = (
+                    f"that of the reference pose and the {max_modes - 1} others with most "
+                    "samples are kept"
+                )
+            reason = f"{self.claim.reason}; of {len(modes)} assembly modes, {kept}"
             self.claim = Completeness(Guarantee.SAMPLED, reason)
 
         def sort_key(mode: Indices) -> tuple[bool, tuple[int, int]]:
@@ -621,11 +637,7 @@ class SampledModes:
             The other modes are sorted by their first sample, then by their node (number of
             the configuration in the graph) there. `mode` (n,) has the node at each sample.
             """
-            is_reference = reference_node is not None and bool(
-                np.any(mode == reference_node)
-            )
-            first_sample, first_node = graph.first_node(mode)
-            return not is_reference, (first_sample, first_node)
+            return not is_reference(mode), graph.first_node(mode)
 
         sorted_modes = sorted(modes[:max_modes], key=sort_key)
         signs = self._signs_of_modes(sorted_modes)

@@ -37,18 +37,18 @@ from spherekit.wording import counted, listing
 class Motion(ArrayRows):
     """Configurations in rows: mode after mode, and in each mode the samples in order.
 
-    Row r belongs to the assembly mode `assembly_modes[r // samples]`. A row has a
-    configuration if its status is OK or AT_SINGULARITY. Other rows are NaN except for their
-    sample, assembly mode, inputs and status.
+    Row r belongs to the assembly mode `assembly_modes[r // samples]`, unless `rows` has
+    selected some rows. A row has a configuration unless it is `failed`. In failed rows,
+    `values`, `placed` and `residual` are NaN.
 
     Attributes
     ----------
     mechanism, joints, assembly
         The mechanism, the joints of its pairs, and its groups in solving order.
     assembly_modes
-        The modes whose rows follow each other.
+        The modes whose rows follow each other. Empty if they were not determined.
     samples
-        Number of samples of each mode.
+        Number of samples of each mode. After `rows`, the number of selected rows.
     sample
         (n,) index of the sample of each row.
     assembly_mode
@@ -56,7 +56,8 @@ class Motion(ArrayRows):
     inputs
         (n, inputs) values of the inputs (rad).
     values
-        (n, variables) pair variables (rad), passive angles in (-pi, pi].
+        (n, variables) pair variables (rad). Passive angles are in (-pi, pi] if they were
+        computed by a position analysis.
     status
         (n,) `Status` of each row: whether its position was solved, or why not.
     residual
@@ -73,8 +74,8 @@ class Motion(ArrayRows):
     search
         How the assembly modes were searched, and whether some can be missing.
     singular_error
-        (n,) bounds (rad) of the errors of the variables in rows near dead centres, NaN in
-        other rows.
+        (n,) bounds (rad) of the errors of the variables in rows near dead centres, infinite
+        if unknown. NaN in other rows.
     """
 
     mechanism: Mechanism
@@ -100,13 +101,19 @@ class Motion(ArrayRows):
         rows_by_status = (
             listing(f"{count} {name}" for name, count in counts.items()) or "no rows"
         )
-        return (
-            f"<Motion of {self.mechanism.name}: {counted(self.samples, 'sample')} in "
-            f"{counted(len(self.assembly_modes), 'assembly mode')}; {rows_by_status}>"
+        mode_count = len(self.assembly_modes)
+        size = (
+            f"{counted(self.samples, 'sample')} in {counted(mode_count, 'assembly mode')}"
         )
+        if self.samples * mode_count != len(self):  # some rows of a motion
+            size = counted(len(self), "row")
+        return f"<Motion of {self.mechanism.name}: {size}; {rows_by_status}>"
 
     def rows(self, chosen: slice | Array) -> Self:
-        """Return some rows as a motion of a single assembly mode without a name."""
+        """Return some rows as a motion. `assembly_modes` still has all modes.
+
+        `samples` becomes the number of these rows, as if they were of one mode.
+        """
         part = super().rows(chosen)
         return replace(part, samples=len(part))
 
@@ -213,7 +220,8 @@ class Motion(ArrayRows):
         """(n,) bound (rad) of every component of the exact closure residuals.
 
         A residual is by how much a loop is open. The bound is the sum of the computed
-        residual, its rounding error, and the rounding errors of the sizes of the links.
+        residual, its rounding error, and the rounding errors of the sizes of the links. In
+        failed rows it has no meaning, but is not NaN.
         """
         return np.nan_to_num(self.residual) + rounding_of_loops(self.linearisation)
 
@@ -261,8 +269,8 @@ class Motion(ArrayRows):
         """(n,) bounds (rad) of the errors of the variables.
 
         This is the `kantorovich_error` (from the theorem on Newton's method) if it is
-        finite. Near dead centres the bound is the `singular_error`. The bound is NaN in
-        failed rows and in rows that were not solved.
+        finite, and else the `singular_error`. The bound is infinite if neither is finite,
+        and NaN in failed rows.
         """
         if self.singular_error is None:
             return self.kantorovich_error
@@ -273,13 +281,30 @@ class Motion(ArrayRows):
     def orientation_error(self) -> Floats:
         """(n,) bounds (rad) of the errors of link orientations.
 
-        The errors of all variables between the ground and a link add up.
+        The errors of all variables between the ground and a link add up. An arc length of a
+        contact can turn a link by more than itself, by the length of its velocity vector.
         """
-        return self.configuration_error * self.linearisation.tree.longest_path
+        error = self.configuration_error * self.linearisation.tree.longest_path
+        if self.mechanism.has_contacts:
+            lengths = np.linalg.norm(self.vectors, axis=2)
+            error = error * np.maximum(np.max(lengths, axis=1), 1.0)
+        return error
 
     @checked(SolveError)
     def quaternions(self, link: int) -> Floats:
-        """Return (n, 4) quaternions xyzw, from the axes of a link to ground axes."""
+        """Return (n, 4) quaternions xyzw, from the axes of a link to ground axes.
+
+        Raises
+        ------
+        SolveError
+            If no link has this index.
+        """
+        link_count = len(self.mechanism.links)
+        if not 0 <= link < link_count:
+            raise SolveError(
+                f"{self.mechanism.name}: quaternions: there is no link {link}; give an "
+                f"index from 0 to {link_count - 1}"
+            )
         return quaternion(self.rotations[:, link])
 
     @cached_property

@@ -8,6 +8,7 @@ import numpy as np
 
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, Indices
+from spherekit.completeness import Completeness, Guarantee
 from spherekit.conventions import DEFAULT_SAMPLES, Names
 from spherekit.errors import CountError, SolveError, SpherekitError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
@@ -18,6 +19,7 @@ from spherekit.planning.assembly_plan import driven_at, plan_assembly
 from spherekit.positions.angle_unwrapping import AngleUnwrapping
 from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.configuration_space import Configurations, configuration_curves
+from spherekit.positions.group_solutions import SolutionMethod
 from spherekit.positions.input_grid import make_input_grid, make_path, spread_rows
 from spherekit.positions.mode_meetings import (
     ModeMeeting,
@@ -33,9 +35,11 @@ from spherekit.quantity import AngleUnit
 from spherekit.wording import counted, listing, numbered
 
 MIN_CROSSING_DISTANCE_RAD = 1e-6
-"""Smooth curves are not numbered at an input nearer than this to a crossing of curves.
+"""Smooth curves are numbered this far from a crossing of curves.
 
-At a crossing itself the modes coincide and cannot be distinguished.
+At a crossing itself the modes coincide and cannot be distinguished. The input of a
+reference pose that is nearer to a crossing does not number curves. The input just above the
+low end of the range is at this distance from the low end.
 """
 BLOCK_ROWS = 16384
 """Number of rows in a block of `PositionAnalysis.blocks`.
@@ -63,8 +67,8 @@ class PositionAnalysis:
         Whether to search for modes other than the mode of a given reference pose.
     samples
         Number of samples on the straight path through the ranges of all inputs. If `grid`
-        is true, it is the number for each input, or a sequence with one number for each
-        input.
+        is true, it is the number for each input. A sequence has one number for each input,
+        and always gives a grid.
     grid
         Whether to sample all combinations of the inputs.
     path
@@ -169,7 +173,7 @@ class PositionAnalysis:
         self._modes_with_constant_signs = self.assembly_modes
         if crossings == "pass" and follow:
             self._pass_crossings()
-        named_modes = assign_mode_names(self.solver, self.assembly_modes)
+        named_modes = assign_mode_names(self.solver, self.assembly_modes, self.input_grid.q)
         self.assembly_modes = named_modes.assembly_modes
         self.unused_mode_names = named_modes.unused_names
         self.other_modes: tuple[AssemblyMode, ...] = ()
@@ -201,7 +205,7 @@ class PositionAnalysis:
         # error.
         raise SolveError(
             f"{self.mechanism.name}: there is no assembly mode {assembly_mode}; the "
-            f"assembly modes found are {titles}"
+            f"assembly modes found are {titles or 'none'}"
             f"{''.join(f'; {sentence}' for sentence in self.unused_mode_names)}"
         )
 
@@ -227,6 +231,9 @@ class PositionAnalysis:
         self.assembly = plan_assembly(self.mechanism, self.by_rank)
         self.solver = PositionSolver(self.mechanism, self.assembly)
         if not self._follow:
+            self.methods: list[SolutionMethod | None] = [None] * len(self.assembly.groups)
+            self.claim = Completeness(Guarantee.SAMPLED, "no motion was traced")
+            self._probe_count = 0
             return ()
         # `independent`: the samples are unrelated to each other, and do not form a motion.
         mode_search = ModeSearch(
@@ -273,9 +280,12 @@ class PositionAnalysis:
                 f"({numbered('pair', self.inputs)}); lock all but one, or leave crossings "
                 'at "end"'
             )
-        # At a resolved meeting it is known which modes continue each other.
+        # At a resolved meeting it is known which modes continue each other. At an end of
+        # the range it need not be known.
+        low, high = self.input_grid.range
         for meeting in self.mode_meetings:
-            if not meeting.resolved:
+            end_distance = min(meeting.input - low, high - meeting.input)
+            if not meeting.resolved and end_distance > MIN_CROSSING_DISTANCE_RAD:
                 sentence = meeting.describe(self.inputs[0], passed=True)
                 raise SolveError(
                     f"{name}: {sentence}; narrow the range "
@@ -285,7 +295,6 @@ class PositionAnalysis:
         # in the range and not at a meeting. At a meeting modes coincide, so their numbers
         # would be ambiguous. The default is an input just above the low end of the range,
         # since there can be a meeting at the low end.
-        low, high = self.input_grid.range
         self.numbering_input = low + MIN_CROSSING_DISTANCE_RAD
         anchor = float(self.solver.anchor_inputs[0])
         distances = [abs(meeting.input - anchor) for meeting in self.mode_meetings]
@@ -374,17 +383,20 @@ class PositionAnalysis:
         """The object that counts the whole revolutions of passive pairs."""
         return AngleUnwrapping(self.solver)
 
+    @checked(SolveError)
     def at(self, q: Floats) -> Motion:
         """Return all assembly modes at inputs q (k,) or (k, inputs) rad in any order.
 
         An assembly mode is one way to assemble the mechanism. The result has a row for each
-        mode and each input.
+        mode and each input. Modes with groups of links without a closed form are known in
+        the range of the samples. Far outside it, also a whole turn away, their rows fail.
 
         Raises
         ------
         SolveError
-            If there are several inputs, and groups of links without a closed form. Their
-            configurations are known at the samples of the analysis only.
+            If q does not fit the number of inputs, or is not finite. Also if there are
+            several inputs, and groups of links without a closed form. Their configurations
+            are known at the samples of the analysis only.
         """
         # Groups without a closed form are solved by Newton's method, from a start that the
         # `guide` of the mode predicts. A `ModeOverGrid`, the guide for several inputs, has
@@ -398,7 +410,7 @@ class PositionAnalysis:
         return self._evaluate(make_path(q, len(self.inputs)).q, rows=None)
 
     def given(self, values: Floats) -> Motion:
-        """Return closed configurations (n, variables), rad, as a motion of one mode."""
+        """Return closed configurations (n, variables), rad, as a motion without modes."""
         return make_motion(self.solver, values)
 
     def _evaluate(self, q: Floats, rows: Indices | None) -> Motion:
@@ -498,8 +510,8 @@ def trace(
         The mechanism, its name, or its file.
     samples
         Number of samples. They are on a straight path: all inputs go through their ranges
-        together. If `grid` is true, each input has this number of values. A sequence then
-        gives the number of values for each input.
+        together. If `grid` is true, each input has this number of values. A sequence has
+        one number for each input, and always gives a grid.
     input_pair
         Names of the driven pairs, by default those that the mechanism declares.
     assembly_mode

@@ -75,13 +75,13 @@ class ModeConfigurations(ArrayRows):
     rotations
         (n, links, 3, 3) rotations from link axes to ground axes.
     status
-        (n,) `Status` of each sample: OK, or why there is no configuration. The other arrays
-        are NaN then.
+        (n,) `Status` of each sample. At OK there is a configuration, and at AT_SINGULARITY
+        there may be one. Without a configuration, values, rotations and residual are NaN.
     residual
         (n,) largest component of the closure errors of the loops (rad).
     singular_error
-        (n,) bounds (rad) of the errors of `values` near dead centres, where they are large.
-        NaN at other samples.
+        (n,) bounds (rad) of the errors of `values` near dead centres, where they can be
+        large, infinite if there is no bound. NaN at other samples.
     """
 
     values: Floats
@@ -114,7 +114,8 @@ class PositionSolver:
         angles are counted from these inputs.
     exact_configurations
         Configurations (variables,) that are known up to rounding: the reference pose, and
-        those at which curves cross. A closed form would give only half the digits at them.
+        those at which curves cross. If they are singular, a closed form would give only
+        half their digits.
     """
 
     def __init__(self, mechanism: Mechanism, assembly: Assembly) -> None:
@@ -695,7 +696,8 @@ class PositionSolver:
             )
             values[in_float64] = fold.values
             error[in_float64] = fold.error
-            is_regular = (status[float64_rows] == Status.OK) & np.isfinite(fold.error)
+            is_regular = status[float64_rows] == Status.OK
+            is_regular &= fold.error <= MAX_SINGULAR_ANGLE_ERROR_RAD
             new_status[in_float64] = np.select(
                 [is_regular, fold.is_out_of_reach],
                 [Status.OK, Status.OUT_OF_REACH],

@@ -49,7 +49,7 @@ from spherekit.status import Status
 from spherekit.tolerances import EPS, MAX_SINGULAR_ANGLE_ERROR_RAD
 
 ROUNDING_RAD = 1e3 * QUAD_EPS
-"""Error bound of a body that only inputs place: some hundred rounding errors in quad."""
+"""Error bound of a body that only inputs place: a thousand rounding errors in quad."""
 
 FOLD_SAFETY = 2.0
 """Error bounds at a fold are enlarged by this factor, for terms of third order."""
@@ -114,8 +114,9 @@ class _Bodies:
         (n,) bound of the error (rad) of the rotations. Inputs count as exact, except at a
         dead centre, where their rounding has a large effect.
     rounding
-        (n,) bound (rad) of the rounding errors of the inputs. A user may mean decimal
-        numbers, and the inputs are these numbers rounded to float64.
+        (n,) bound (rad), to first order, of the effect that the rounding errors of the
+        inputs have on the rotations. A user may mean decimal numbers, and the inputs are
+        these numbers rounded to float64. At a dead centre, `error` includes this effect.
     is_out_of_reach
         (n,) whether a group cannot be closed, even if the inputs are changed by their
         rounding errors.
@@ -431,6 +432,12 @@ class QuadAssembly:
         bodies.error = _dyad_error(
             error, np.sqrt(np.where(is_at_dead_centre, 0.0, size)), sines
         )
+        # A carrier that moves by r turns the free bodies by up to r max(sin A, sin C) / t.
+        # Later groups then have other outer axes.
+        amplification = 1.0 + np.maximum(sines[0], sines[1]) / np.sqrt(np.abs(size))
+        bodies.rounding = np.where(
+            is_at_dead_centre, bodies.rounding, amplification * bodies.rounding
+        )
         bodies.merge(group, body_rotations)
         # The variable of a pair is the angle about its axis from one frame to the other.
         for pair in group.pairs:
@@ -497,8 +504,11 @@ class QuadAssembly:
         is_regular = (step_size <= CONVERGED_QUAD_STEP_RAD) & is_near_start & ~is_other_mode
         is_regular &= ~is_flat & ~is_out_of_reach & ~is_doubtful
 
-        sensitivity = np.linalg.norm(left_inverse(jacobian), axis=(1, 2))
-        error = np.where(is_regular, 4.0 * bodies.error * sensitivity, np.inf)
+        amplification = 4.0 * np.linalg.norm(left_inverse(jacobian), axis=(1, 2))
+        error = np.where(is_regular, amplification * bodies.error, np.inf)
+        bodies.rounding = np.where(
+            is_regular, amplification * bodies.rounding, bodies.rounding
+        )
         # Both roots are within this distance of the fold.
         fold_error = FOLD_SAFETY * np.sqrt(2.0 * tolerance / np.abs(fold.curvature))
         bodies.error = np.where(is_flat, fold_error, error)

@@ -164,16 +164,18 @@ class SearchStatistics:
             each of which can have several modes.
         """
         starts = counted(self.starts, "random start")
-        # No start has led to a closed configuration.
+        # No start has led to a closed configuration. Modes can be known in another way, for
+        # example from the reference pose.
         if not self.closed_starts:
-            return f"A search from {starts} found no assembly mode."
+            further = "further " if mode_count else ""
+            return f"A search from {starts} found no {further}assembly mode."
         modes = counted(mode_count, "mode")
         # A mode to which this share of all starts leads is missed with the probability
         # `MISS_PROBABILITY`. The sentence writes the share as 1 in so many starts.
         share_of_starts = self.missed_share
         one_in = round(1.0 / share_of_starts)
         return (
-            f"{starts} of Newton's method found {modes}. A mode that at least 1 in "
+            f"{starts} found {modes}. A mode that at least 1 in "
             f"{one_in} such starts reach has been found with a probability of "
             f"{1.0 - MISS_PROBABILITY:.0%}. A mode that fewer starts reach could be missed."
         )
@@ -678,8 +680,8 @@ def search_group(
     """Search the closed configurations of a group at fixed inputs from random starts.
 
     A group is a set of bodies that are placed together by closing their loops. The search
-    ends when `SearchStatistics` says that each configuration was reached often enough, or
-    when there are `MAX_MODES`.
+    ends when each configuration was reached often enough, at the limits of
+    `SearchStatistics`, or when there are `MAX_MODES`.
 
     Parameters
     ----------

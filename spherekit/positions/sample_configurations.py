@@ -60,15 +60,17 @@ MAX_CONDITION_NUMBER = 1e5
 """Samples with a configuration at which the Jacobian of the group has a larger condition
 number are examined one by one. Two configurations may coincide there up to rounding."""
 LARGEST_POLISHING_STEP_RAD = 1e-12
-"""Largest length of the last Newton step of a configuration. A longer step is not made.
+"""Largest change of a variable in the last Newton step of a configuration.
 
-The residual of a closed group causes a longer step only next to a singular configuration.
+A larger step is not made.
+
+The residual of a closed group causes a larger step only near a singular configuration.
 """
 SAME_FRAME_TOLERANCE = 1e-13
 """Pair frames whose components all differ by less have the same solutions."""
 MAX_EXAMINED_ROWS = 200
-"""Largest number of rows of one group that are examined one by one, at about 6 ms each.
-Further rows are reported as incomplete."""
+"""Largest number of rows of one group that are examined one by one, at about 6 ms each, in
+each batch of `SAMPLES_AT_ONCE` samples. Further rows are reported as incomplete."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,10 @@ class SampleConfigurations:
     At a sample the mechanism can be assembled in several ways, so it can have several
     configurations. The configurations are sorted by sample.
 
+    If the sine of a dyad is below `SINGULAR_DYAD_SINE`, its two configurations nearly
+    coincide and count as one. A dyad that turns freely, because its outer axes lie on one
+    line, has infinitely many configurations, of which one is in the table.
+
     Attributes
     ----------
     sample
@@ -85,7 +91,8 @@ class SampleConfigurations:
     values
         (k, variables) variables (rad) of the mechanism.
     is_complete
-        (n,) whether all real configurations of the sample are certainly in the table.
+        (n,) whether all real configurations of the sample are certainly in the table,
+        except those of singular dyads, as stated above.
     problem
         Why configurations may be missing at samples that are not complete. Empty if no
         reason is known.
@@ -198,8 +205,9 @@ def enumerate_configurations(solver: PositionSolver, q: Floats) -> SampleConfigu
 def _polish(solver: PositionSolver, values: Floats) -> Floats:
     """Return closed configurations after one more Newton step of all their loops.
 
-    Before, the loops are closed to 1e-15 rad, which leaves errors of about 1e-14 rad in the
-    variables. Nine tenths of this error are removed by the step; the rest is rounding.
+    Before, the loops are closed to about 1e-15 rad. This leaves errors of about 1e-15 rad
+    in most variables, and larger ones near singular configurations. The step removes most
+    of the larger errors; the rest is rounding.
 
     Parameters
     ----------
@@ -284,8 +292,8 @@ def _place_both_modes(state: AssemblyState, group: Group) -> GroupPlacement:
         sine = place_dyad(placed, group, sign)
         # `is_open` marks the rows at which the dyad does not close.
         closes = ~placed.is_open
-        # In a flat dyad both signs give the same configuration, which is counted for sign 1
-        # only.
+        # In a flat dyad both signs give nearly the same configuration, which is counted for
+        # sign 1 only. A dyad that turns freely also counts as flat.
         is_flat = sine < SINGULAR_DYAD_SINE
         if sign < 0:
             closes &= ~is_flat
@@ -296,7 +304,7 @@ def _place_both_modes(state: AssemblyState, group: Group) -> GroupPlacement:
     return GroupPlacement(
         state=AssemblyState.concatenate(states).rows(order),
         parent=parent[order],
-        # A formula misses no way to place the dyad at any old row.
+        # A formula misses no way to place a dyad, unless the dyad turns freely.
         is_complete=np.ones(len(state.values), dtype=bool),
     )
 
@@ -467,8 +475,9 @@ def _repeat_configurations(
 
 
 def _eliminate_rows(group: Group, closure: Closure) -> GroupConfigurations:
-    """Return the configurations of one group at n rows (samples of the inputs).
+    """Return the configurations of one group at n rows.
 
+    A row is one configuration of the groups placed before, at one sample of the inputs.
     Elimination turns the equations of the group into a polynomial in exp(i angle) of one
     angle. Real angles are its roots on the unit circle. Three methods are applied in turn,
     each to the rows that the methods before left open:
@@ -489,7 +498,7 @@ def _eliminate_rows(group: Group, closure: Closure) -> GroupConfigurations:
     Returns
     -------
     The configurations, sorted by row and then by angles. The result also states for each
-    row whether no configuration can be missing, and otherwise the first reason why.
+    row whether no configuration can be missing, and the first reason why at the others.
     """
     assert closure.body_from_links is not None
     count = len(closure.body_from_links[0])
@@ -539,9 +548,9 @@ def _solve_batch(
 ) -> GroupConfigurations:
     """Return the configurations of a group at the rows where a method has found all.
 
-    A row is one sample of the inputs. Newton's method closes the loops from each real
-    solution. A row passes if each solution converges nearby, is well conditioned, and
-    differs from the others.
+    A row is one configuration of the groups placed before, at one sample of the inputs.
+    Newton's method closes the loops from each real solution. A row passes if each solution
+    converges nearby, is well conditioned, and differs from the others.
 
     Parameters
     ----------

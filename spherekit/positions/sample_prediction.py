@@ -22,8 +22,9 @@ PREDICTION_SPLINE_DEGREE = 7
 NODE_DISTANCE_RAD = 0.01
 """Largest change of an input between two nodes.
 
-Splines are then as accurate as rounding, except near inputs where modes meet. Larger: fewer
-nodes are solved, and more predictions fail. Smaller: more nodes are solved.
+Splines are then as accurate as rounding, except near inputs where modes meet and near
+corners of the path. Larger: fewer nodes are solved, and more predictions fail. Smaller:
+more nodes are solved.
 """
 MIN_SAMPLES_PER_NODE = 4
 """Smallest number of samples per node. With fewer, solving all samples is faster."""
@@ -63,7 +64,8 @@ def make_sample_predictor(
 
     If samples are close together, the position analysis solves only some of them (nodes).
     Splines through the nodes predict the configurations at the samples between. The result
-    is None if samples are too far apart to save time.
+    is None if samples are too few or too far apart to save time, if they are a grid, or if
+    there is no assembly mode.
 
     The function has the arguments start, stop and out. The variables of the samples from
     start up to, but without, stop are written into out (variables, modes, samples), in rad.

@@ -1,8 +1,8 @@
-"""Tests that a step along a path of configurations must pass to be accepted.
+"""Tests of a step along a path of configurations.
 
 A step is predicted from a node by its derivatives and corrected by Newton's method. A small
 closure residual does not prove that the result is on the same path, because Newton's method
-may close the loops on a neighbouring one. A step is therefore accepted only if
+may close the loops on a neighbouring one. The tests are therefore that
 
 - the prediction was nearly right,
 - Newton's method contracted at once,
@@ -10,9 +10,10 @@ may close the loops on a neighbouring one. A step is therefore accepted only if
 - the tangent turned little,
 - the Hermite polynomial through both ends predicts the middle.
 
-Otherwise the step is tried again with half its length. All paths use these tests, whatever
-their parameter: inputs on a straight line, the arc length of a curve, or the angle of a
-rotation.
+If a test fails, the step is tried again with half its length. Paths whose parameter is the
+arc length of a curve use all tests. If the inputs move on a straight line, the sign of a
+determinant is tested instead of the change of the equations, and the middle is not tested.
+If the parameter is the angle of a rotation, the tangent is not tested.
 """
 
 from dataclasses import dataclass
