@@ -362,3 +362,18 @@ def test_singular_configurations_alone_share_one_order():
     assert len(assigned) <= 1
     for _, rows in assigned:
         assert np.array_equal(rows, np.arange(len(flat_jacobians)))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_coefficients_that_are_rounding_errors_are_no_pivot(seed):
+    """The second loop determines variable 3. Its coefficients of variable 2 are rounding.
+
+    The first loop then determines variables 0 to 2.
+    """
+    random = np.random.default_rng(seed)
+    jacobians = np.zeros((5, 6, 4))
+    jacobians[:, :3] = random.normal(size=(5, 3, 4))
+    jacobians[:, 3:, 2] = 1e-17 * random.normal(size=(5, 3))
+    jacobians[:, 3:, 3] = random.normal(size=(5, 1)) * [1.0, 2.0, 3.0]
+    order = choose_elimination_order(jacobians, [0, 1, 2, 3])
+    assert order == [(1, [3]), (0, [0, 1, 2])]

@@ -13,8 +13,13 @@ from mechanism_examples.special_mechanisms import special_mechanism, straight_me
 
 import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.files.library import find
 from spherekit.files.mechanism_reader import loads
+from spherekit.planning.pole_plan import all_poles
 from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.tolerances import EPS
+from spherekit.velocities.pole_request import request
+from spherekit.velocities.row_kernel import row_kernel
 
 BOUNDS = (
     "error_bound",
@@ -134,3 +139,94 @@ def test_derivatives_of_directions_are_within_bounds_beside_folds(seed):
     comparison = judge_bounds(mechanism, path)
     errors, _ = comparison.errors_and_bounds("direction derivatives")
     assert len(errors) > 20
+
+
+def test_errors_of_orientations_include_how_far_a_rolled_length_turns_a_small_wheel():
+    """An error of a variable, at its bound, turns no link by more than the bound of links.
+
+    A small wheel rolls on a large one. Each variable is changed alone, by 1e-6 rad, and the
+    angles by which links turn are compared with the ratio of the two bounds.
+    """
+    position_analysis = PositionAnalysis(loads(mechanism_text("small_planet")), samples=3)
+    motion = position_analysis.motion()
+    ratio = motion.orientation_error / motion.configuration_error
+    largest_turn = np.zeros(len(motion))
+    for variable in range(motion.values.shape[1]):
+        values = motion.values.copy()
+        values[:, variable] += 1e-6
+        change = position_analysis.given(values).rotations - motion.rotations
+        turns = np.linalg.norm(change, axis=(2, 3)) / np.sqrt(2.0) / 1e-6
+        largest_turn = np.maximum(largest_turn, np.max(turns, axis=1))
+    # By the cotangents of the half angles of both cones.
+    expected = 1.0 / np.tan(np.radians(2.0)) + 1.0 / np.tan(np.radians(60.0))
+    assert np.allclose(largest_turn, expected, rtol=1e-4)
+    assert np.all(largest_turn <= ratio * (1.0 + 1e-4))
+
+
+@pytest.mark.slow
+def test_bounds_of_configurations_in_large_runs_count_every_axis_of_a_loop():
+    """The largest bound in the summary includes the rounding of a loop about three axes.
+
+    A loop with m variables can be open by (2 + m) EPS about each axis. In runs with many
+    rows, the bounds are computed by other code than in short ones.
+    """
+    mechanism = sk.load("four_bar")
+    motion = PositionAnalysis(mechanism, samples=9).motion()
+    passive_jacobians = motion.linearisation.jacobian[:, :, list(motion.passive_variables)]
+    inverse_norms = np.linalg.norm(np.linalg.inv(passive_jacobians), axis=(1, 2))
+    opening = np.sqrt(3.0) * (2.0 + 4.0) * EPS  # m = 4
+    summary = sk.run(mechanism, "poles", samples=8193).summary
+    assert summary["errors_reached"]["fraction_by_kernel"] == 1.0
+    largest_bound = summary["errors_reached"]["largest_configuration_error_rad"]
+    assert largest_bound >= 2.0 * EPS + np.max(inverse_norms) * opening
+
+
+def rippled_cam():
+    """Return a cam whose curvature changes fast along its profile, with a large roller."""
+    text = find("shaped_cam").read_text(encoding="utf-8")
+    ripples = [25.0, *[0.0] * 11, 0.3]
+    for old, new in (
+        ("cosines = [25.0, 4.0, 3.0]", f"cosines = {ripples}"),
+        ("sines = [0.0, 0.0, 1.0]", "sines = [0.0]"),
+        ("roller = 12.0", "roller = 20.0"),
+        ("to = 360.0", "to = 20.0"),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    return loads(text)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["twelve_bar", "rippled cam"])
+def test_kantorovich_numbers_include_all_second_derivatives_of_the_loops(name):
+    """h is at least |F''| |J^+|^2 |F|, with F'' by finite differences of the Jacobian J.
+
+    F is the opening of all loops by rounding: (2 + m) EPS about each of three axes of each
+    loop, of up to m variables. |F''| is at least its norm along any single variable.
+    """
+    mechanism = rippled_cam() if name == "rippled cam" else sk.load(name)
+    position_analysis = PositionAnalysis(mechanism, samples=13)
+    motion = position_analysis.motion()
+    motion = motion.rows(np.flatnonzero(~motion.failed))
+    (driven,) = mechanism.inputs
+    poles = all_poles(len(mechanism.links))
+    kernel = row_kernel(motion, [request(mechanism, driven.pair, poles)], "numpy")
+    bounds = kernel.row_bounds(motion.values.T)
+    (numbers,) = bounds[kernel.row_bounds.slices["kantorovich_number"]]
+
+    passive = list(kernel.passive_variables)
+    closure = position_analysis.solver.closure
+    step = 1e-6
+    second_derivative = np.zeros(len(motion))
+    for variable in passive:
+        shift = step * np.eye(motion.values.shape[1])[variable]
+        after = closure.linearise(motion.values + shift).jacobian
+        before = closure.linearise(motion.values - shift).jacobian
+        change = (after - before)[:, :, passive] / (2.0 * step)
+        norms = np.linalg.norm(change, ord=2, axis=(1, 2))
+        second_derivative = np.maximum(second_derivative, norms)
+    tree = motion.linearisation.tree
+    opening = np.sqrt(3.0 * tree.loop_count) * (2.0 + tree.longest_loop) * EPS
+    inverses = np.linalg.pinv(motion.linearisation.jacobian[:, :, passive])
+    inverse_norms = np.linalg.norm(inverses, axis=(1, 2))
+    assert np.all(numbers >= second_derivative * inverse_norms**2 * opening)

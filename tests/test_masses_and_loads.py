@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.engines import needs_heyoka
 from helpers.refusals import TABLES, check_call, mechanism_text
 
 import spherekit as sk
@@ -145,3 +146,33 @@ def test_mechanisms_made_in_python_are_checked_too(call):
 def test_gravity_needs_no_mass_of_links_that_rest_or_have_no_inertia():
     for masses in ((WHOLE,), (WHOLE, RESTING)):
         replace(BARE, masses=masses, loads=(WEIGHT,))
+
+
+def with_tensor(mechanism, link, size):
+    """Return a mechanism in which the tensor of one link is a number times the identity."""
+    tensor = tuple(map(tuple, (size * np.eye(3)).tolist()))
+    others = [mass for mass in mechanism.masses if mass.link != link]
+    return replace(mechanism, masses=(*others, Mass(link, tensor)))
+
+
+@pytest.mark.slow
+@needs_heyoka
+def test_a_heavy_ground_does_not_change_a_simulation():
+    """The inertia of the ground has no effect, even if it is huge."""
+    four_bar = replace(sk.load("four_bar"), loads=())
+    start = {"q": 0.3, "dq": 1.0}
+    bare = sk.simulate(four_bar, start, 5.0, engine="numpy")
+    heavy = sk.simulate(with_tensor(four_bar, "1", 1e14), start, 5.0, engine="compiled")
+    assert heavy.at([5.0]).q == pytest.approx(bare.at([5.0]).q, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_heavy_crank_does_not_change_the_inertia_at_another_input():
+    """Crank 2 rests while only input 51 moves, so B_51_by_51 does not depend on it."""
+    light = sk.load("five_bar")
+    vary = {"links.1.arc": [90.0]}
+    inertias = [
+        sk.sweep(mechanism, vary, ["b=max(B_51_by_51)"], samples=3).frame()["b"].tolist()
+        for mechanism in (light, with_tensor(light, "2", 1e13))
+    ]
+    assert inertias[1] == pytest.approx(inertias[0], rel=1e-9)

@@ -13,6 +13,11 @@ import spherekit as sk
 from spherekit.files.mechanism_reader import loads
 from spherekit.planning.pole_plan import all_poles
 from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.velocities.direction_signs import (
+    ComparedRows,
+    SignContinuation,
+    continue_signs,
+)
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
 
@@ -157,3 +162,28 @@ def test_links_that_rest_for_a_moment_are_known_as_well_as_others():
     assert bounds.to_numpy().max() < 1e-9
     # A direction of links that rest follows from the plan, and has no derivative.
     assert np.array_equal(np.isnan(turned), np.isnan(rows["dux_dq"]))
+
+
+def test_a_first_direction_has_the_side_of_the_axes_whichever_poles_come_before_it():
+    """The sum of all axes at the first sample decides, if another pole begins later, too.
+
+    The second direction is constant. It is on the side of the sum of the axes at the first
+    sample, but not at the second one. The first pole is not known at the first sample.
+    """
+    motion = sk.trace("watt", samples=4).rows(slice(2))
+    axis_sums = [np.sum(motion.rows([k]).frames[0, :, :, 2], axis=0) for k in range(2)]
+    first_sum, second_sum = (x / np.linalg.norm(x) for x in axis_sums)
+    difference = first_sum - second_sum
+    directions = np.empty((3, 2, 2))  # components, poles, rows
+    directions[...] = (difference / np.linalg.norm(difference))[:, None, None]
+    directions[:, 0, 0] = np.nan
+    rows = ComparedRows(np.arange(2), may_reverse=np.ones(1, dtype=bool))
+    find_signs = continue_signs(
+        motion,
+        [(0, 4), (3, 5)],
+        {0: rows},
+        lambda _: (directions, directions, np.zeros_like(directions)),
+        SignContinuation(),
+    )
+    signs = find_signs(directions, np.arange(2), 0)
+    assert np.array_equal(signs[1], [1, 1])

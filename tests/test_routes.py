@@ -1,8 +1,8 @@
 """Every route to poles and coefficients against the others.
 
 A route is a way to compute the poles of a mechanism: by the first two great circles of its
-plan, by the two best conditioned ones, by the velocity equations of all loops, or (route
-"best", the default) by these equations in more digits where double precision is doubtful.
+plan, by the two best conditioned ones, or by the velocity equations of all loops, in more
+digits where double precision is doubtful (routes "best", the default, and "equations").
 """
 
 from dataclasses import replace
@@ -19,6 +19,7 @@ from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import ROUTES, request
+from spherekit.velocities.pole_sequence import PlannedPoles
 
 SHARP = 5e-10
 """Bound of directions (rad) below which a row counts as well conditioned."""
@@ -174,3 +175,45 @@ def test_a_wrong_name_of_a_route_is_refused_with_the_nearest_one():
     motion = position_analysis.motion()
     with pytest.raises(SolveError, match='"frist" is not a route; did you mean "first"'):
         evaluate(motion, pole_request, route="frist")
+
+
+def test_the_routes_best_and_equations_differ_only_in_the_rows_they_count():
+    """Both solve the velocity equations, and repeat doubtful rows in quad precision.
+
+    Nearly parallel axes make all rows of the first four-bar doubtful, and none of the other
+    one. The route "equations" counts all rows as computed by the equations.
+    """
+    cases = (nearly_parallel_four_bar(), True), (sk.load("four_bar"), False)
+    for mechanism, is_doubtful in cases:
+        position_analysis = PositionAnalysis(mechanism, search=False, samples=2)
+        pole_request = request_of_all_poles(position_analysis, position_analysis.inputs[0])
+        motion = position_analysis.motion()
+        best = evaluate(motion, pole_request)
+        by_equations = evaluate(motion, pole_request, route="equations")
+        assert np.all(best.is_quad_precision == is_doubtful)
+        assert np.all(by_equations.is_quad_precision)
+        for link, w in best.w.items():
+            np.testing.assert_array_equal(by_equations.w[link], w)
+        for pole, direction in best.direction.items():
+            np.testing.assert_array_equal(by_equations.direction[pole], direction)
+
+
+def test_great_circles_of_a_pole_avoid_a_pole_that_is_unknown_in_a_row():
+    """Of three great circles through a pole, the two that are known are returned.
+
+    A great circle goes through the poles that two links have with a third link. Where it is
+    unknown, its pole has the direction NaN.
+    """
+    position_analysis = PositionAnalysis(sk.load("stephenson"), samples=5)
+    motion = position_analysis.motion()
+    (driven,) = position_analysis.mechanism.inputs
+    plan = request_of_all_poles(position_analysis, driven.pair).plan
+    planned_poles = PlannedPoles(plan, motion)
+    unknown_pole = 0, 2
+    planned_poles.directions[unknown_pole][:, 0] = np.nan
+    planned_poles.errors[unknown_pole][0] = np.nan
+    circles = planned_poles.great_circles((0, 1))
+    along_pole = circles @ planned_poles.directions[0, 1].T[:, :, None]
+    assert np.max(np.abs(along_pole)) < 1e-9
+    # They are two different circles.
+    assert np.all(np.linalg.norm(np.cross(circles[:, 0], circles[:, 1]), axis=1) > 1e-6)

@@ -14,6 +14,7 @@ from mechanism_examples.shipped_mechanisms import with_file_numbers
 
 import spherekit as sk
 from spherekit.designs.design_variables import design_variable
+from spherekit.errors import EngineError
 from spherekit.files.library import find
 from spherekit.files.number_change import document_of
 from spherekit.files.study import Study
@@ -548,3 +549,58 @@ def test_the_derivative_of_a_direction_by_its_longitude_is_a_horizontal_vector(
     x, y, _ = mechanism.outputs[0].direction
     expected_y = rotation[:, 1] @ [-y, x, 0.0]
     assert np.allclose(derivatives[0, 0], expected_y, rtol=0.0, atol=1e-12, equal_nan=True)
+
+
+def write_four_bar(path, links):
+    """Write the file of a four-bar whose links have given names; pair a is its input."""
+    pairs = ("a", "b", "c", "d")
+    lines = ["format = 1", 'name = "bar"', 'angle_unit = "deg"', f'ground = "{links[0]}"']
+    for k, (link, arc) in enumerate(zip(links, (60, 20, 70, 40), strict=True)):
+        axes = f'axes = ["{pairs[k - 1]}", "{pairs[k]}"]'
+        lines += [f"[links.{link}]", axes, f"arcs = [{arc}.0]"]
+    for k, pair in enumerate(pairs):
+        ends = f'links = ["{links[k]}", "{links[(k + 1) % 4]}"]'
+        lines += [f"[pairs.{pair}]", 'type = "R"', ends]
+    lines += [f"[inputs.{pairs[0]}]", "from = 0.0", "to = 360.0"]
+    path.write_text("\n".join(lines))
+    return path
+
+
+@pytest.mark.parametrize(
+    "links, quantity, meanings",
+    [
+        (("1", "1_2", "2_3", "3"), "pole_1_2_3_x", ("pole (1, 2_3)", "pole (1_2, 3)")),
+        # Four meanings: (x, x_x_x_x), (x_x, x_x_x), and both in the opposite order.
+        (
+            ("x", "x_x", "x_x_x", "x_x_x_x"),
+            "pole_x_x_x_x_x_x",
+            ("pole (x, x_x_x_x)", "pole (x_x, x_x_x)"),
+        ),
+        (
+            ("1", "2", "dq_2", "4"),
+            "angular_velocity_dq_2_x",
+            ("angular velocity (_dq, 2)", "angular velocity (dq_2)"),
+        ),
+    ],
+)
+def test_an_ambiguous_name_is_refused_with_two_of_its_meanings(
+    tmp_path, links, quantity, meanings
+):
+    """Names of links contain underscores, so that a name has two to four meanings."""
+    path = write_four_bar(tmp_path / "bar.toml", links)
+    first, second = meanings
+    message = f'"{quantity}" can mean {first} or {second}; give'
+    with pytest.raises(EngineError, match=re.escape(message)):
+        sk.sweep(path, {f"links.{links[1]}.arc": [20.0]}, [f"F=max({quantity})"])
+
+
+def test_the_angle_of_an_input_is_the_input_beyond_a_turn_too():
+    """A sweep gives the angle that the table motion has: 9 rad stay 9 rad."""
+    mechanism = sk.load("four_bar")
+    (crank,) = mechanism.inputs
+    mechanism = replace(mechanism, inputs=(replace(crank, start=-4.0, stop=9.0),))
+    figures = ["least=min(theta_21)", "largest=max(theta_21)"]
+    study = Study("", mechanism, samples=9)
+    frame = sk.sweep(study, {"links.2.arc": [20.0]}, figures).frame()
+    np.testing.assert_allclose(frame["least"], np.rad2deg(-4.0), rtol=1e-12)
+    np.testing.assert_allclose(frame["largest"], np.rad2deg(9.0), rtol=1e-12)

@@ -177,7 +177,7 @@ class ProfileSide:
 
     @property
     def max_curvature_second(self) -> float:
-        """The largest size of d2k/ds2 along the profile; 0 for a circle."""
+        """Bound of ``|d2k/ds2|``, from samples; 0 for a circle written as a rotation."""
         return self.series.max_curvature_second if self.contact_symbols else 0.0
 
     @property
@@ -297,7 +297,7 @@ def pair_rotations(
     mechanism
         The mechanism.
     design
-        Expressions for some of its sizes: arcs and angles between R pairs. By default all
+        Expressions for some of the sizes that place the axes of R pairs. By default all
         sizes are numbers.
     any_profile
         Whether profiles other than circles are allowed. The tangent, point and curvature of

@@ -34,7 +34,7 @@ class SlideChangeBound:
     link. The bound applies to the second derivative with respect to this variable, for
     error bounds. It is a sum of terms. Some terms have the length ``|k''|``, the second
     derivative of the curvature k of a profile with respect to arc length. There is no
-    expression of k'', so its largest value along the profile is used.
+    expression of k'', so a bound for the whole profile is used.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class SlideChangeBound:
 
     @property
     def total(self) -> Expr:
-        """The bound: the bound of the terms without k'', plus the largest ``|k''|``."""
+        """The bound: that of the terms without k'', plus those of ``|k''|``."""
         return self.other_terms + sum(
             profile.max_curvature_second for profile in self.profiles
         )
@@ -141,7 +141,7 @@ def carried_vectors(
         The vectors in the order of the variables.
     contact_lines
         By the number of each rolling pair, the direction p from the centre of the sphere to
-        the contact point. Empty for pairs that are computed about centres.
+        the contact point. Pairs that are computed about centres are left out.
     """
     vectors: dict[int, CarriedVector] = {}
     contact_lines: dict[int, CarriedVector] = {}
@@ -297,7 +297,7 @@ def _rolling_vector(
 
     `slide_change_bound` of the result bounds the length of the second derivative by the sum
     of the lengths of its terms. The length of the last term is at most ``|k1''| + |k2''|``,
-    of which each profile knows the largest value.
+    of which each profile knows a bound.
 
     Parameters
     ----------
@@ -391,10 +391,11 @@ def _vector_along_circle(
     link, placed
         Number and orientation of the link that carries the profile.
     """
-    # The angle per length is negative if the arc length grows clockwise about the axis.
+    # The angle per length is positive: the arc length grows counter-clockwise about the
+    # axis.
     angle_per_length = circle.angle_per_length
     vector = placed.direction(circle.axis) * (sign * angle_per_length)
-    return CarriedVector(vector, link, length=abs(angle_per_length))
+    return CarriedVector(vector, link, length=angle_per_length)
 
 
 def _vector_along_curve(
@@ -419,7 +420,7 @@ def _vector_along_curve(
         second derivative:           k' t + k'' p
 
     `slide_change_bound` of the result bounds the length of the second derivative by
-    ``|k'| + |k''|``. The profile knows the largest value of ``|k''|``.
+    ``|k'| + |k''|``. The profile knows a bound of ``|k''|``.
 
     Parameters
     ----------

@@ -6,9 +6,10 @@ which the inputs do not determine the rates of all variables.
 
 With one input, the numbers tau are the minors of the velocity equations
 (`spherekit.velocities.group_equations`). They are rates with respect to a parameter p.
-They contain no division, so they stay finite at dead centres of any pair, where rates
-per unit rate of the input do not. These are tau / D. Rates per unit of arc length of
-the curve of all variables are ``tau / |tau|``.
+They contain no division by D, so they stay finite at dead centres of any pair, where
+rates per unit rate of the input do not. These are tau / D. (In groups other than dyads,
+the rates of two variables that are eliminated from a loop are not finite if their axes
+coincide.) Rates per unit of arc length of the curve of all variables are ``tau / |tau|``.
 """
 
 from collections.abc import Mapping, Sequence

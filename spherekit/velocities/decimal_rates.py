@@ -361,9 +361,11 @@ def _solve_rates(motion: Motion, driven: int, is_known: Bools, axes: Array) -> D
     largest_change = np.max(np.abs(changes.astype(float)), axis=1)
     axis_error = 2.0 * count**2 * sensitivity * PLACEMENT_ERROR_RAD + PLACEMENT_ERROR_RAD
     rate_error = 2.0 * count * sensitivity * largest_rate * axis_error
-    direction_change_error = count * (rate_error + largest_rate * axis_error)
+    w_error = count * (rate_error + largest_rate * axis_error)
+    # Errors of r w x a, summed over all pairs, with the rate r and the axis a of a pair.
+    largest_speed = count * largest_rate  # a bound of |w|
     bias_error = count * (
-        count * largest_rate * rate_error + largest_rate * direction_change_error
+        largest_speed * rate_error + largest_rate * (w_error + largest_speed * axis_error)
     )
     change_error = 2.0 * sensitivity * (count * largest_change * axis_error + bias_error)
     return DecimalRates(
@@ -374,7 +376,7 @@ def _solve_rates(motion: Motion, driven: int, is_known: Bools, axes: Array) -> D
         w=w,
         dw=dw,
         axis_error=axis_error,
-        w_error=count * (rate_error + largest_rate * axis_error),
+        w_error=w_error,
         dw_error=count * (change_error + largest_change * axis_error) + bias_error,
         ends=tree.ends,
     )

@@ -7,7 +7,6 @@ symbols. `spherekit.velocities.row_quantities` lists the names of the quantities
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from itertools import count
-from typing import Any
 
 import numpy as np
 
@@ -334,9 +333,9 @@ class DesignExpressions:
     ) -> list[Expr]:
         """Return the derivatives of expressions with respect to a pair variable.
 
-        If the variable moves a contact along a profile (curve on a link), the tangent,
-        point and curvature of the profile at the contact change with the variable. Each of
-        these quantities is a symbol with a rate.
+        If the variable moves a contact along a profile (curve on a link), the tangent, the
+        point, the curvature and its derivative at the contact change with the variable.
+        Each of these quantities is a symbol with a rate.
         """
         rates: dict[ExpressionNode, Expr] = {self.configuration_symbols[variable]: 1.0}
         for side in self.structure.pairs.sides_with_symbols:
@@ -382,7 +381,7 @@ class DesignExpressions:
         """Table of all quantities that can be computed for a row, by their names."""
         return make_quantity_table(self.mechanism, self.inputs, self.structure.assembly)
 
-    def refuse_ambiguous_name(self, name: str, *arguments: Sequence[Any]) -> Expr:
+    def refuse_ambiguous_name(self, name: str, first: str, second: str) -> Expr:
         """Raise `EngineError` because two quantities have the same name.
 
         Names of quantities are names of links or pairs joined by underscores, which may
@@ -394,13 +393,9 @@ class DesignExpressions:
         ----------
         name
             The name of both quantities.
-        arguments
-            For each of the two quantities the arguments of the method that would compute
-            it. The texts among them are names of links and pairs.
+        first, second
+            What the name can mean, such as ``pole (1, 2_3)``.
         """
-        first_arguments, second_arguments = arguments
-        first = listing([x for x in first_arguments if isinstance(x, str)])
-        second = listing([x for x in second_arguments if isinstance(x, str)])
         raise EngineError(
             f'{self.mechanism.name}: "{name}" can mean {first} or {second}; give links or '
             "pairs other names"
@@ -606,8 +601,8 @@ class DesignExpressions:
         """Return a velocity or acceleration coefficient of two links.
 
         The velocity coefficient is the size of the relative angular velocity per unit rate
-        of the moving input. If a pair (joint) joins the links, the velocity coefficient is
-        the rate of the pair's variable, with a sign. The acceleration coefficient is the
+        of the moving input. If an R pair joins the links, the velocity coefficient is the
+        rate of the pair's variable, with a sign. The acceleration coefficient is the
         derivative of the velocity coefficient with respect to the moving input.
 
         Parameters
@@ -652,8 +647,8 @@ class DesignExpressions:
         The pole axis is the axis of the relative rotation of the links. The unit vector
         times the velocity coefficient is the angular velocity of the first link relative to
         the second, per unit rate of the moving input. The result is NaN if the links never
-        move relative to each other while the other inputs are locked. For links that no
-        pair (joint) joins, the result is NaN in all configurations in which the links rest.
+        move relative to each other while the other inputs are locked. For links that no R
+        pair joins, the result is NaN in all configurations in which the links rest.
 
         Parameters
         ----------
@@ -701,7 +696,7 @@ class DesignExpressions:
         return function("sqrt", sign_of(square - square_limit))
 
     def _relative_direction(self, link_name: str, other_name: str, moving: int) -> Exprs:
-        """Return the axis (3,) of the pair of two links, or the direction of their motion.
+        """Return the axis (3,) of the R pair of two links, or the direction of motion.
 
         The direction of the motion is the direction of the relative angular velocity
         while one input (`moving`) has the rate 1 and the others rest.
@@ -793,8 +788,8 @@ class DesignExpressions:
 
         - the angle of the input;
         - the pair (joint) variables, if there are no formulas for them (closed form);
-        - the profile columns: tangent, point and curvature of each profile at the contact.
-          They are functions of the arc length.
+        - the profile columns: tangent, point, curvature and its derivative, of each profile
+          at the contact. They are functions of the arc length.
 
         Parameters
         ----------
@@ -907,10 +902,7 @@ class DesignExpressions:
         angles: list[Expr] = [0.0] * len(self.mechanism.variable_owners)
         # `Mechanism.angles` has the index of the variable of each R pair.
         for pair, variable in self.mechanism.angles.items():
-            if pair in self.inputs:
-                angles[variable] = self.sample_symbols[self.inputs.index(pair)]
-            else:
-                angles[variable] = self.angle(pair)
+            angles[variable] = self.angle(pair)
         return angles
 
     def _variable(self, pair: str) -> int:
@@ -918,7 +910,12 @@ class DesignExpressions:
         return self.mechanism.variables_of(self.mechanism.pair_number[pair])[0]
 
     def angle(self, pair: str) -> Expr:
-        """Return the variable (rad) of an R pair, in closed form in (-pi, pi]."""
+        """Return the variable (rad) of an R pair.
+
+        In closed form the angles of pairs that are no inputs are in [-pi, pi].
+        """
+        if pair in self.inputs:
+            return self.sample_symbols[self.inputs.index(pair)]
         if not self.has_closed_form:
             return self.variables[self._variable(pair)]
         pair_number = self.mechanism.pair_number[pair]

@@ -76,7 +76,7 @@ class VelocityPath:
         (k,) coordinate along the path: the input (rad) or, if there are several inputs, the
         index of the sample.
     sense
-        (k,) 1 where the moving input increases along the path, -1 where it decreases.
+        (k,) `Motion.sense`: -1 where the input moves back after a dead centre, otherwise 1.
     v
         (3, k) relative angular velocity while one input moves at the rate `sense`.
     dv
@@ -120,9 +120,8 @@ class LastSample:
     ----------
     path
         The relative angular velocity v at this sample, as a path of one sample. Its fields
-        are the `coordinate` along the path of the inputs, the `sense` in which the input
-        moves (1 or -1), `v`, and the derivative `dv` of v with respect to the
-        coordinate.
+        are the `coordinate` along the path of the inputs, the `sense` (1 or -1), `v`, and
+        the derivative `dv` of v with respect to the coordinate.
     sign
         The factor of the direction at this sample, +1.0 or -1.0.
     """
@@ -420,6 +419,7 @@ def continue_signs(
         first = columns.stop
         end_row = (mode_index + 1) * motion.samples
         sense = np.ones(len(rows)) if motion.sense is None else motion.sense[rows]
+        axis_sum = _first_axis_sum(motion, mode_number, int(rows[0]), sign_continuation)
         # Number of gaps up to each row in which directions may reverse.
         open_gaps = np.append(0, np.cumsum(compared_rows.may_reverse))
         for pole_index, pole in enumerate(poles):
@@ -431,12 +431,9 @@ def continue_signs(
                 continue
             # At the start of a mode, the direction points to the side of the axis sum.
             start_sign = 1.0
-            if key not in sign_continuation.last:
-                axis_sum = _first_axis_sum(
-                    motion, mode_number, int(rows[moving[0]]), sign_continuation
-                )
-                if axis_sum @ pole_directions[:, moving[0]] < 0.0:
-                    start_sign = -1.0
+            is_new = key not in sign_continuation.last
+            if is_new and axis_sum @ pole_directions[:, moving[0]] < 0.0:
+                start_sign = -1.0
             path = VelocityPath(
                 coordinate[rows],
                 sense,

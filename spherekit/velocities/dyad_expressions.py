@@ -278,7 +278,8 @@ def _arc_between(first: BodyAxis, second: BodyAxis) -> HalfAngle:
     cosine are |a - b| / 2 and |a + b| / 2. The formulas are accurate for small arcs, too.
     """
     if first.orientation is second.orientation:
-        # Both axes are in one link. In link axes they are numbers, and so is the arc.
+        # Both axes are in one link. In link axes they are numbers (or expressions of sizes
+        # that are symbols), and so is the arc.
         a = constants(first.axis)
         b = constants(second.axis)
     else:
@@ -304,7 +305,7 @@ class ClosedForm:
         them.
     variables
         Expressions (rad) of all pair variables. Variables of pairs that are not inputs are
-        in (-pi, pi].
+        in [-pi, pi].
     triple_squares
         For each dyad the square of the triple product of its three axes, computed from its
         arcs. The square is negative if the dyad cannot be closed.
@@ -403,7 +404,7 @@ def find_out_of_reach(triple_squares: Floats) -> Bools:
 def pair_angle(
     structure: KinematicStructure, pair: int, orientations: Sequence[LinkOrientation]
 ) -> Expr:
-    """Return the angle of an R pair (revolute joint), rad in (-pi, pi].
+    """Return the angle of an R pair (revolute joint), rad in [-pi, pi].
 
     The angle is counted about the axis, from the zero direction of the pair in its first
     link to the zero direction in its second link.

@@ -99,7 +99,8 @@ def assign_elimination_orders(
     -------
     Pairs of an order and the indices (k,) of its configurations. The first order also gets
     the configurations with singular velocity equations, and those at which none of the
-    orders is well conditioned. The list is empty if no order gives all passive variables.
+    orders is well conditioned. The list is empty if no order was found that is well
+    conditioned at any configuration.
     """
     least_sizes = inverse_sizes(jacobians[:, :, list(passive)])
 
@@ -241,6 +242,12 @@ def _judge_candidates(
     The possible pivots (a loop with such a set). The list is empty if the loop has no
     independent equation.
     """
+    # Coefficients that are only rounding errors at all configurations determine no
+    # variable. They remain where a variable cancels in the elimination.
+    coefficient_sizes = np.max(np.linalg.norm(rows, axis=1), axis=0)
+    loop_variables = [
+        c for c in loop_variables if not coefficient_sizes[c] <= REDUNDANT_SINGULAR_VALUE
+    ]
     if not loop_variables:
         return []
     # The number of independent equations: the singular values that exceed rounding errors

@@ -7,13 +7,14 @@ turn their pairs at a constant ratio. Positions and assembly modes are therefore
 mechanism of R pairs. Its constant rotations are given by three Euler angles each.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from spherekit.arrays import Floats
+from spherekit.conventions import MAX_NAME_LENGTH
 from spherekit.errors import EngineError
 from spherekit.geometry.tilt_torsion import euler_zyz
 from spherekit.mechanism.coaxial_links import SAME_AXIS_RAD
@@ -236,7 +237,7 @@ def find_equivalent_linkage(
     Raises
     ------
     EngineError
-        If the profiles of a contact curve into each other.
+        If the profiles of a sliding contact cut into each other, or have equal curvature.
     """
     joints = make_joints(mechanism)
     contacts = [n for n, joint in enumerate(joints) if joint.contact_profiles]
@@ -324,6 +325,8 @@ def _replace_contacts(
         for a contact.
     """
     links = list(mechanism.links)
+    # Names that a new pair must not have.
+    pair_names = [pair.name for pair in mechanism.pairs]
     pairs: list[Pair] = []
     # Frames (3, 3) of the pairs in their first and in their second links.
     first_frames: dict[str, Floats] = {}
@@ -345,13 +348,14 @@ def _replace_contacts(
             add_pair(pair, rotations[0], rotations[1].T)
             continue
         first_link, second_link = pair.links
-        centre_link = f"centres_{pair.name}"
-        # Underscores are appended until no other link has this name.
-        while centre_link in links:
-            centre_link += "_"
+        centre_link = _free_name(f"centres_{pair.name}", links)
         links.append(centre_link)
-        first_pair = Pair(f"{centre_link}_{first_link}", "R", (first_link, centre_link))
-        second_pair = Pair(f"{centre_link}_{second_link}", "R", (centre_link, second_link))
+        first_name = _free_name(f"{centre_link}_{first_link}", pair_names)
+        pair_names.append(first_name)
+        second_name = _free_name(f"{centre_link}_{second_link}", pair_names)
+        pair_names.append(second_name)
+        first_pair = Pair(first_name, "R", (first_link, centre_link))
+        second_pair = Pair(second_name, "R", (centre_link, second_link))
         add_pair(first_pair, rotations[0], np.eye(3))
         add_pair(second_pair, rotations[1], rotations[2].T)
     return replace(
@@ -362,6 +366,17 @@ def _replace_contacts(
         joint_limits=(),
         modes={},
     )
+
+
+def _free_name(name: str, used_names: Collection[str]) -> str:
+    """Return a name that is not used: the given name, shortened or numbered if needed."""
+    free_name = name[:MAX_NAME_LENGTH]
+    number = 1
+    while free_name in used_names:
+        number += 1
+        ending = f"_{number}"
+        free_name = name[: MAX_NAME_LENGTH - len(ending)] + ending
+    return free_name
 
 
 def _rotation_from_euler(first: Expr, second: Expr, third: Expr) -> Exprs:

@@ -2,13 +2,15 @@
 
 Each loop gives three scalar equations: sum of a_v x_v + c = 0 over its variables v, with
 their vectors a_v, the unknown rates x_v and a known vector c. The rates times a determinant
-D are polynomials in the vectors (Cramer's rule). They are regular at the dead centres of
-every pair and vanish only if the rank of the equations drops.
+D follow by Cramer's rule, without a division by D. They are regular at the dead centres of
+every pair and vanish only if the rank of the equations drops. If equations are redundant,
+this is the rank of the equations that were chosen as independent.
 
 If two variables occur in one loop only (*private* variables, with the vectors a and b), the
 component of the loop's equations along a x b is free of them. With such a pair of variables
 in each loop, a group of k loops leads to k equations. A dyad, which has one loop, leads to
-one equation. The private rates follow from the other rates.
+one equation. The private rates follow from the other rates. In groups other than dyads,
+they are divided by |a x b|^2.
 """
 
 from collections import Counter
@@ -36,7 +38,7 @@ from spherekit.velocities.group_loops import find_group_loops
 MAX_DETERMINANT_SIZE = 6
 """Largest number of equations that are solved together by determinants.
 
-Larger: larger groups have expressions, whose length grows with the factorial of the size.
+Larger: larger groups have expressions, whose length grows exponentially with the size.
 """
 
 GROUND_DIRECTIONS = constants(np.eye(3))
@@ -94,7 +96,7 @@ class LoopVectorEquation:
         links of its pair at unit rate. If the loop passes the pair from its second link to
         its first, the vector has the opposite sign.
     known_part
-        (3,) the vector c, the sum over all pairs with known rates.
+        (3,) the vector c, the sum of the known angular velocities of the loop's pairs.
     private
         Two variables that occur in no other loop and can be eliminated, or none.
     """
@@ -378,7 +380,9 @@ class GroupEquations:
         The equation of each loop is sum of a_v x_v + c = 0. a_v are the vectors and x_v the
         rates of its unknown variables, and c is a known vector. Components of these vector
         equations form a square system for the unknown rates. Cramer's rule gives D x_v with
-        the determinant D, without a division, so the result is finite where D is zero.
+        the determinant D, without a division by D, so the result is finite where D is zero.
+        (In groups other than dyads, the rates of two private variables are not finite if
+        their axes coincide.)
 
         Parameters
         ----------

@@ -1,10 +1,10 @@
 """Finds independent loops of a group whose velocity equations are short.
 
 A *leaf* of a group is a body that two pairs join to two different other bodies, neither of
-which is a leaf too. A dyad has one leaf. For each leaf a loop is chosen that passes through
-it. The variables of its two pairs occur in this loop only, so they can be eliminated from
-its equations beforehand. The remaining loops are closed by pairs outside a spanning tree of
-the other bodies.
+which is a leaf too. Without its leaves, the group stays connected. A dyad has one leaf. For
+each leaf a loop is chosen that passes through it. The variables of its two pairs occur in
+this loop only, so they can be eliminated from its equations beforehand. The remaining loops
+are closed by pairs outside a spanning tree of the other bodies.
 """
 
 from collections.abc import Sequence
@@ -24,9 +24,10 @@ def find_group_loops(
 
     A group is a set of bodies that are closed together, such as a dyad. A leaf is a body
     that two pairs join to two different other bodies. These two bodies must not be
-    leaves. A dyad therefore has one leaf. Only one loop passes through a leaf, so the
-    variables of its two pairs occur in this loop only. The other loops are closed by
-    pairs outside a spanning tree of the bodies that are no leaves.
+    leaves, and the group must stay connected without its leaves. A dyad has one leaf. Only
+    one loop passes through a leaf, so the variables of its two pairs occur in this loop
+    only. The other loops are closed by pairs outside a spanning tree of the bodies that
+    are no leaves.
 
     Parameters
     ----------
@@ -39,8 +40,8 @@ def find_group_loops(
 
     Returns
     -------
-    The closed path of each loop, as indices of pairs. The last pair closes the loop. If
-    possible the closing pairs are sliding contacts.
+    The closed path of each loop: its pairs with their senses. The last pair closes the
+    loop. If possible, sliding contacts close the loops without a leaf.
     """
     # Until the loops are listed, `k` is the position of a pair in the group; its index
     # in the mechanism is `group.pairs[k]`. `ends[k]` are the positions of its two

@@ -35,6 +35,8 @@ from spherekit.velocities.row_expressions import RowExpressions
 MAX_CERTIFIED_ERROR_RAD = 1e-9
 """Largest error bound of a direction in a row that a kernel certifies.
 
+It does not apply to poles that are the axis of a pair.
+
 Larger: more rows are taken from float64, with looser bounds. Smaller: more rows are
 recomputed in quad precision, where bounds are measured instead of estimated by norms.
 """
@@ -93,7 +95,7 @@ class RelativeMotion:
     dv
         (3,) derivative of v with respect to the input.
     v_error, dv_error
-        Bounds of the rounding errors of the components of v and dv along any axis.
+        Bounds of the errors of the components of v and dv along any axis.
     dv_bound
         Bound of the length of dv.
     """
@@ -537,10 +539,11 @@ class InputColumns:
 
     @property
     def has_uncertain_poles(self) -> bool:
-        """Whether poles are undefined for every configuration, or axes nearly coincide.
+        """Whether v is constant for a pole, or axes nearly coincide.
 
-        A pole is the axis about which one link rotates relative to another. A pole is
-        undefined if links that no pair joins rest relative to each other. Axes nearly
+        A pole is the axis about which one link rotates relative to another, and v their
+        relative angular velocity. A constant v usually is zero or a rounding error, so the
+        pole is undefined. Poles that are the axis of a pair are left out. Axes nearly
         coincide if they differ by rounding only.
         """
         for i, j in self.reversible_poles:
@@ -631,7 +634,7 @@ class InputColumns:
         )
 
     def _relative_pole_parts(self, i: int, j: int) -> dict[str, Iterable[Expr]]:
-        """Return the quantities of the pole of links i and j, which no pair joins.
+        """Return the quantities of the pole of links i and j if it is no axis of a pair.
 
         The pole has the direction u of v, the angular velocity of link j relative to link i
         per unit rate of the moving input. dv is the derivative of v with respect to this

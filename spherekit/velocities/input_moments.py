@@ -4,11 +4,13 @@ The torque at input i follows from Newton's and Euler's equations of all links, 
 onto the velocities w_ji of the links j that a unit rate of this input causes while the
 other inputs rest:
 
-    torque_i = sum over j of w_ji . (I_j a_j + w_j x I_j w_j) - power of the loads.
+    torque_i = sum over j of w_ji . (I_j a_j + w_j x I_j w_j) - Q_i.
 
-I_j are the inertia tensors, w_j and a_j the angular velocities and accelerations.
+Q_i is the power of the loads at the velocities w_ji; it is not computed here. I_j are the
+inertia tensors, w_j and a_j the angular velocities and accelerations.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -16,7 +18,7 @@ from itertools import combinations
 import numpy as np
 
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot
-from spherekit.symbolic.vector_algebra import Exprs, constants, cross
+from spherekit.symbolic.vector_algebra import Exprs, cross
 from spherekit.velocities.axis_rotations import Entries
 from spherekit.velocities.coordinate_rates import CoordinateRates
 from spherekit.velocities.pose_expressions import LinkOrientation
@@ -107,20 +109,17 @@ class InputMoments:
             (3, 3) by index of the link, the inertia tensor in link axes, kg m2.
         unit
             The unit of inertia, kg m2, if the caller uses one for other quantities, too.
-            With 0 it is the largest number in the tensors.
+            With 0 it is the largest number in the tensors of moving links.
         """
         self._coordinate_rates = coordinate_rates
-        # `constants` replaces numbers that are nearly zero by exact zeros. Tensors are
-        # divided by a unit first, so that small masses do not vanish.
-        entries = (x for tensor in tensors.values() for x in tensor.flat)
-        sizes = (abs(float(x)) for x in entries if not isinstance(x, ExpressionNode))
+        # Link 0 is the ground, which does not move.
+        sizes = (_largest_number(tensor) for link, tensor in tensors.items() if link)
         largest_size = max(sizes, default=0.0)
         self.unit = unit or largest_size or 1.0
         # `tau` has an entry for each input: the rates of all variables.
         input_count = len(coordinate_rates.tau)
         self._links: list[MovingLink] = []
         for link, tensor in tensors.items():
-            # Link 0 is the ground, which does not move.
             if not link or not np.any(tensor):
                 continue
             orientation = coordinate_rates.placed[link]
@@ -128,7 +127,7 @@ class InputMoments:
                 coordinate_rates.link_velocity(i, link) for i in range(input_count)
             ]
             # The inertia tensor in the axes of the basis, in the unit of inertia.
-            inertia = constants(orientation.basis_tensor(tensor / self.unit))
+            inertia = _tensor_along_basis(orientation, tensor / self.unit)
             momenta = [inertia @ velocity for velocity in velocities]
             self._links.append(MovingLink(link, orientation, velocities, momenta))
 
@@ -249,3 +248,25 @@ class InputMoments:
             motion_rates.variable_rates, motion_rates.w
         )
         return self.velocity_moments(bias_accelerations, motion_rates.scaled_speeds)
+
+
+def _largest_number(tensor: Entries) -> float:
+    """Return the largest absolute value of the numbers in a tensor, without expressions."""
+    numbers = [abs(float(x)) for x in tensor.flat if not isinstance(x, ExpressionNode)]
+    return max(numbers, default=0.0)
+
+
+def _tensor_along_basis(orientation: LinkOrientation, tensor: Entries) -> Exprs:
+    """Return an inertia tensor (3, 3), given in link axes, in the axes of the link's basis.
+
+    `LinkOrientation.basis_tensor` replaces numbers that are nearly zero by exact zeros. The
+    tensor of a light link beside a heavy one would vanish. It is therefore scaled first, so
+    that its largest number is between 1 and 2. The scale is a power of 2, which causes no
+    rounding errors. A tensor with expressions is not scaled.
+    """
+    has_expressions = any(isinstance(x, ExpressionNode) for x in tensor.flat)
+    if has_expressions:
+        return orientation.basis_tensor(tensor)
+    _, exponent = math.frexp(_largest_number(tensor))
+    scale = math.ldexp(1.0, exponent - 1)
+    return orientation.basis_tensor(tensor / scale) * scale

@@ -10,6 +10,7 @@ of a motion changes such signs exactly where the condition passes through zero.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import hypot
 from operator import add
 
 import numpy as np
@@ -209,8 +210,8 @@ def _ground_moment(
         return cross(orientation.direction(vector(list(arm))), components)
     # `direction` replaces components that are 0 or 1 up to rounding by exact values, which
     # shortens products. Only a unit vector can be passed, so the length is applied
-    # afterwards.
-    length = float(np.linalg.norm(arm))
+    # afterwards. `hypot` forms no squares, which would underflow for tiny arms.
+    length = hypot(*arm)
     return cross(orientation.direction(np.array(arm) / length) * length, components)
 
 

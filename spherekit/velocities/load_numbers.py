@@ -57,8 +57,9 @@ def replace_numbers(part: Any, replace_number: Callable[[Any], Any]) -> Any:
         return replace_number(part)
     if isinstance(part, int | float):
         return replace_number(float(part))
-    # Only these dataclasses contain numbers. Other parts, such as names, functions and
-    # tables of torques, stay the same. A mass is a tuple of a link and its inertia tensor.
+    # Only the numbers of these dataclasses are replaced. Other parts, such as names,
+    # functions and tables of torques, stay the same. A mass is a tuple of a link and its
+    # inertia tensor.
     fields_with_numbers: dict[str, Any] = {}
     if isinstance(part, LoadComponent):
         fields_with_numbers = {"magnitude": part.magnitude, "moments": part.moments}

@@ -63,11 +63,12 @@ def evaluate(
         Signs at the end of the previous block of the same motion, which are continued.
         Updated in place. By default the signs of this motion start anew.
     route
-        How the poles are computed. "equations" solves the velocity equations of the whole
-        mechanism. "best" does the same, with more digits where float64 is doubtful. "first"
-        and "conditioned" follow a plan in which each pole is the intersection of two great
-        circles. "first" uses the first two circles of the plan. "conditioned" uses the two
-        with the best conditioned intersection.
+        How the poles are computed. "best" and "equations" solve the velocity equations of
+        the whole mechanism, with more digits where float64 is doubtful. They return the
+        same numbers. On the route "equations", `PoleField.is_quad_precision` is set in all
+        rows. "first" and "conditioned" follow a plan in which each pole is the intersection
+        of two great circles. "first" uses the first two circles of the plan. "conditioned"
+        uses the two with the smallest error bounds.
     engine
         "numpy", "compiled" (by heyoka), or "extended": quad precision for all rows.
 

@@ -166,8 +166,9 @@ class PoleField(ArrayRows):
     ----------
     direction
         (n, 3) unit vector u of each pole. It is continuous along each assembly mode. At the
-        first sample of a mode it points to the side on which the sum of all pair axes lies.
-        The pole of a pair is the axis of this pair, with its sign.
+        first sample of a mode, and at all samples of a grid of several inputs, it points to
+        the side on which the sum of all axes and contact points lies. The pole of a pair is
+        the axis of this pair, with its sign.
     velocity_coefficient
         (n,) for each pole the number k for which k u is the angular velocity of link j
         relative to link i.
@@ -186,7 +187,8 @@ class PoleField(ArrayRows):
     w, dw
         (n, 3) by link, the angular velocity relative to the ground and its derivative.
     status
-        (n,) status of the motion, and AT_SINGULARITY if the rates are not finite.
+        (n,) status of the motion, AT_SINGULARITY if the rates are not determined, and
+        ILL_CONDITIONED if the routes "first" or "conditioned" do not determine them.
     pole_status
         (n,) status of each pole: NO_POLE or ILL_CONDITIONED if only this pole is not
         determined, otherwise the `status` of the row.
@@ -199,7 +201,7 @@ class PoleField(ArrayRows):
         (n,) rows near a dead centre that were computed from the decimal sizes of the file.
     relative_error_bound
         (n,) error bound of `w` and `dw`, relative to the largest vector of any link, or
-        to 1 if 1 is larger.
+        to 1 if 1 is larger. Not computed for certified rows, where it is given as 0.
     direction_dq
         (n, 3) derivative of each direction (1/rad).
     direction_dq_error

@@ -16,7 +16,7 @@ ROUTES: dict[Route, str] = {
     "best": "velocity equations of the whole mechanism, in more digits where doubtful",
     "first": "first two great circles of the plan",
     "conditioned": "two best great circles",
-    "equations": "velocity equations of the whole mechanism",
+    "equations": "same as best, but all rows count as solved by the equations",
 }
 """The routes, with their description in tables. "first" and "conditioned" follow the plan
 of the poles. They return a status for poles that are ill-conditioned on this route."""
@@ -37,8 +37,8 @@ class Request:
     poles
         The poles to compute, as pairs of link indices.
     bodies
-        Bodies of the plan for which the angular velocity is computed. The ground and the
-        two bodies of the input are among them.
+        Bodies whose angular velocities follow from the plan on the routes "first" and
+        "conditioned". The ground and the two bodies of the input are among them.
     derivatives
         Whether derivatives with respect to the moving input are requested, too.
     planes

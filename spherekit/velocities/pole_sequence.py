@@ -196,6 +196,9 @@ class PlannedPoles:
         circles = np.stack(normals[:count])
         length = norm_columns(circles)
         errors = (np.stack(normal_errors[:count]) + EPS) / np.maximum(length, EPS)
+        # `argmin` would choose NaN, the error of a circle through an undefined pole.
+        largest_float = np.finfo(float).max
+        errors = np.fmin(errors, largest_float)
         # (n,) index of the first circle. Two circles keep their order in all rows, because
         # the sign of the pole, the cross product of the normals, depends on the order.
         first = np.zeros(n, dtype=np.intp)
@@ -208,6 +211,8 @@ class PlannedPoles:
         sine = norm_columns(cross_columns(first_normal, circles))
         sine /= np.maximum(length * length[first, rows], EPS * EPS)
         intersection_errors = (errors + errors[first, rows]) / np.maximum(sine, EPS)
+        # An unknown circle comes last, but before the first circle itself.
+        intersection_errors = np.fmin(intersection_errors, largest_float)
         intersection_errors[first, rows] = np.inf
         second = np.argmin(intersection_errors, axis=0)
         return CircleIntersection(
@@ -282,8 +287,8 @@ class PlannedPoles:
         w
             (3, n) angular velocity of each body relative to the ground, in ground axes.
         error
-            (n,) the largest error bound of the velocities relative to body a, each divided
-            by the size of its velocity. `MAX_DIRECTION_ERROR_RAD` if nothing is known.
+            (n,) the largest error bound of the velocities relative to body a, each as in
+            `_velocity_by_poles`. `MAX_DIRECTION_ERROR_RAD` if nothing is known.
         """
         a, b = self.plan.ends[self.plan.input]
         input_axis = self.directions[pole_of(a, b)]
@@ -330,8 +335,9 @@ class PlannedPoles:
         velocity
             (3, n) angular velocity. It is NaN where u_ak and u_bk coincide.
         error
-            (n,) bound of its relative error: the sum of the error bounds of u_ak and u_bk,
-            divided by the sine of the angle between them.
+            (n,) bound of its error, relative to the larger of the speeds of body k relative
+            to a and b: the sum of the error bounds of u_ak and u_bk, divided by the sine of
+            the angle between them.
         """
         pole_ak = pole_of(a, k)
         pole_bk = pole_of(b, k)
@@ -374,9 +380,9 @@ class PlannedPoles:
 
         A pole is the axis of the relative rotation of two bodies. A great circle goes
         through the poles that both have with a third body. If the plan has used two
-        circles, these are returned. Otherwise the two circles with the most accurate
-        intersection are chosen and stored. The result is None if fewer than two third
-        bodies have known poles with both.
+        circles, these are returned. Otherwise two circles are chosen as for other poles of
+        the route, and stored. The result is None if fewer than two third bodies have known
+        poles with both.
         """
         if body_pole not in self._circle_normals:
             i, j = body_pole

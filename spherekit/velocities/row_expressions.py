@@ -72,8 +72,8 @@ class RowExpressions(VelocityEquations):
     condition_number
         Product of the Frobenius norms of the Jacobian and of its left inverse.
     kantorovich_number
-        Bound of h in the theorem of Kantorovich: |J^+|^2 times the opening of a loop, times
-        a bound of the second derivatives of the loops. Below 1/2, exactly one closed
+        Bound of h in the theorem of Kantorovich: |J^+|^2 times the opening of all loops,
+        times a bound of their second derivatives. Below 1/2, exactly one closed
         configuration is near.
     configuration_error
         Bound (rad) of the distance from that closed configuration.
@@ -184,15 +184,20 @@ class RowExpressions(VelocityEquations):
         self.condition_number = inverse_norm * root(jacobian_square)
 
         # A second derivative of a loop is a vector product of two vectors of variables. The
-        # bound sums them over the longest loop. With it Kantorovich's number h is
+        # bound sums them over the longest loop. The vector of a contact also slides with
+        # its own variable. Each of L loops can have this bound, so all together have it
+        # times sqrt(L). With it Kantorovich's number h is
         # |second derivative| |J^+|^2 |opening|.
-        second_derivative = float(tree.longest_loop) * largest(length_squares)
-        inverse_square = inverse_norm * inverse_norm
-        self.kantorovich_number = second_derivative * inverse_square * component_opening
+        slide_lengths = [carried.slide_length for carried in self.carried]
+        loop_derivative = float(tree.longest_loop) * largest(length_squares) + largest(
+            slide_lengths
+        )
+        second_derivative = float(np.sqrt(len(tree.chords))) * loop_derivative
+        step = inverse_norm * self.opening_rad
+        self.kantorovich_number = second_derivative * inverse_norm * step
         # Kantorovich: the solution is within (1 - sqrt(1 - 2h)) / h times the first step of
         # Newton's method. This form of the factor has no cancellation for small h.
         denominator = 1.0 + root(1.0 - 2.0 * self.kantorovich_number)
-        step = inverse_norm * component_opening
         self.configuration_error = step * 2.0 / denominator + 2.0 * EPS
 
     def position_errors(

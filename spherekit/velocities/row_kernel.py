@@ -365,7 +365,7 @@ class RowKernel:
         A row is certified if its loops are closed up to rounding and the sum of its
         uncertainties is at most 1. An uncertainty is a condition number or an error bound,
         relative to the largest allowed one. If the sum is at most 1, so is each
-        uncertainty.
+        uncertainty. Profiles with columns (`profiles`) are not supported.
 
         Parameters
         ----------
@@ -526,9 +526,10 @@ class RowKernel:
 
         - ``"condition_number"`` of the loop equations.
         - ``"kantorovich_number"``: if it is at most 1/2, exactly one solution is near.
-        - ``"curvature_uncertainty"``: the sum of a positive number for each contact. The
-          number exceeds 1 if the two profiles (contact curves) have nearly the same
-          curvature, with which they hardly determine their motion.
+        - ``"curvature_uncertainty"``: the sum of a positive number for each contact but
+          those of two circles. The number exceeds 1 if the two profiles (contact curves)
+          have nearly the same curvature, with which they hardly determine their motion. It
+          is NaN if the links would overlap.
         - ``"inverse"`` of the loop equations: movement of each passive variable (not an
           input) that closes a loop which is open about a ground axis, per unit of this
           opening. Its shape (passive variables, loops, 3) is flattened.

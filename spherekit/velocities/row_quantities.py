@@ -18,6 +18,7 @@ from spherekit.planning.assembly_plan import (
     driven_pairs,
     plan_assembly,
 )
+from spherekit.wording import listing
 
 LINEARISATION_UNITS = {"A_q": "1/s2", "A_dq": "1/s", "B_torque": "1/(kg m2)"}
 """Units of the derivatives of an input's acceleration at given torques: with respect to an
@@ -56,7 +57,8 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
       relative angular velocity of two links along its axis, per unit rate of q, and its
       derivative with respect to q.
     - ``pole_LINK_OTHER_x``: the unit vector of this axis. NaN if the links rest relative to
-      each other.
+      each other, except that the axis of an R pair of both is also known at rest. NaN if
+      locked inputs hold the links together.
     - ``direction_OUTPUT_x``: for outputs that are directions, in the axes of the reference
       link of the output.
     - ``condition_number_OUTPUT``: with several inputs, the condition number of the
@@ -111,6 +113,13 @@ class RowQuantity:
     arguments: tuple[Any, ...]
     component: int | None = None
 
+    @property
+    def meaning(self) -> str:
+        """The method, then the links and pairs among its arguments, for messages."""
+        method = self.method.replace("_", " ")
+        names = [x for x in self.arguments if isinstance(x, str) and x]
+        return f"{method} ({listing(names)})" if names else method
+
 
 class QuantityTable(dict[str, RowQuantity]):
     """Declarations of all quantities that can be computed for a configuration, by name.
@@ -145,13 +154,15 @@ class QuantityTable(dict[str, RowQuantity]):
         component
             Index of the component (0 to 2) if the method returns a vector.
         """
-        if name in self:
-            # The quantity becomes a method that raises an error with the arguments of both.
-            other_arguments = self[name].arguments
-            method = "refuse_ambiguous_name"
-            arguments = (name, arguments, other_arguments)
-            component = None
-        self[name] = RowQuantity(unit, method, arguments, component)
+        quantity = RowQuantity(unit, method, arguments, component)
+        other = self.get(name)
+        if other is None:
+            self[name] = quantity
+        elif other.method != "refuse_ambiguous_name":
+            # The quantity becomes a method that raises an error with the meanings of both.
+            # Further quantities with this name do not change the error.
+            meanings = (name, other.meaning, quantity.meaning)
+            self[name] = RowQuantity(unit, "refuse_ambiguous_name", meanings)
 
     def add_vector(
         self, name: str, unit: str, method: str, *arguments: Any, ending: str = ""

@@ -92,9 +92,9 @@ class RowVelocities:
     is_decimal
         (n,) rows that were computed from the decimal sizes of the file.
     relative_error_bound
-        (n,) bound of the errors of w and dw, relative to the largest vector of any link
-        or to 1. It is 0 for certified rows and infinite if the rates are not
-        determined.
+        (n,) bound of the errors of w and dw by the velocity equations, relative to the
+        largest vector of any link or to 1. It is 0 for certified rows and for rows that are
+        not computed. It is infinite if the rates of a computed row are not determined.
     pole_errors
         (n,) error bounds of each pole, by their names in `POLE_ERRORS`.
     axis_separations
@@ -193,9 +193,8 @@ class RowVelocities:
         """Return a quantity (components, n) of a pole or link, at n rows (configurations).
 
         A pole is the axis about which two links rotate relative to each other. The quantity
-        is NaN in rows without a configuration. In rows in which the rates could not be
-        computed, all quantities but directions are NaN. If no row has rates, directions are
-        NaN, too.
+        is NaN in rows without a configuration. In other rows whose status is not OK, all
+        quantities but directions are NaN. If no row has rates, directions are NaN, too.
 
         Parameters
         ----------

@@ -5,7 +5,7 @@ middle pair. The transmission angle is the acute angle between the planes of the
 lies in [0, pi/2], and it is 0 exactly where the dyad is stretched or folded, which is a
 singularity of type II: the output can move although the inputs are locked.
 
-Everything that depends on the range and on the sign of the angle is in this module. The
+The range of the angle and its distance from type II are defined in this module. The
 transmission *measure*, which exists for groups of all kinds, is in
 `spherekit.velocities.transmission_measure`.
 """

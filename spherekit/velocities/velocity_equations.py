@@ -1,8 +1,8 @@
 """Velocity and acceleration equations of the loops, as symbolic expressions.
 
-The links are placed along a tree of pairs. Each of the other pairs closes a loop. The
-vector a_v of a variable v is the angular velocity of the second link of its pair relative
-to the first, per unit rate of the variable. With the sum over the variables v of a pair,
+A tree of pairs reaches all links. Each of the other pairs closes a loop. The vector a_v of
+a variable v is the angular velocity of the second link of its pair relative to the first,
+per unit rate of the variable. With the sum over the variables v of a pair,
 
     w_second - w_first = sum of a_v x_v - e.
 
@@ -121,8 +121,8 @@ class VelocityEquations(ABC):
         # vector turns with this link), and the derivative of the vector relative to this
         # link. The vector of an R pair is fixed in the link.
         #
-        # `contact_lines` has the direction to the contact point of each rolling contact,
-        # the axis of the relative rotation of both links.
+        # `contact_lines` has the direction to the contact point of a rolling contact that
+        # is not computed about centres: the axis of the relative rotation of both links.
         self.carried, self.contact_lines = carried_vectors(
             mechanism, pairs, placed, variables, about_centres
         )
