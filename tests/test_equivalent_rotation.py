@@ -15,7 +15,7 @@ from oracles.velocity_equations import closure_gap, revolute_frames
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.errors import SolveError
+from spherekit.errors import ModelError, SolveError
 from spherekit.geometry.mirror import mirror_angles, normal_at, normals_of
 from spherekit.geometry.rotation import angles_between, rotation_about_axis
 from spherekit.geometry.vectors import cross
@@ -685,3 +685,104 @@ def linear_rotation_in_time(**limits):
 def test_bad_arguments_of_rotations_are_refused(call):
     """Each call of the table "rotations" of `refusals.toml` raises the stated error."""
     check_call(call, {**globals(), "replace": replace}, TABLES["rotations"][call])
+
+
+def test_a_base_variable_of_half_a_turn_is_positive(form):
+    """The variables of base pairs are in (-pi, pi], whichever link of the pair is first."""
+    plane = form.plane
+    for sense in (1.0, -1.0):
+        signed_plane = replace(plane, phases=np.zeros(3), senses=np.full(3, sense))
+        # Elbows at the azimuth pi: opposite to the x axes of the frames.
+        x_axes, z_axes = plane.dials[..., 0], plane.dials[..., 2]
+        arcs = plane.arcs[:, None]
+        elbows = np.cos(arcs) * z_axes - np.sin(arcs) * x_axes
+        variables = signed_plane.readings(elbows[None])
+        assert np.allclose(np.abs(variables), np.pi, atol=1e-15)
+        assert np.all(variables > -np.pi)
+
+
+def test_no_mid_plane_keeps_a_margin_larger_than_the_reach(form):
+    """The nearest mid-plane keeps its margin; without any such plane it is NaN."""
+    plane = form.plane
+    wanted = normal_at(np.radians(120.0), 0.0)
+    least_reach = np.min(plane.reach)
+    nearest = plane.nearest(wanted, 0.5 * least_reach)
+    heights = np.arcsin(np.abs(plane.axes @ nearest))
+    assert np.all(heights <= plane.reach - 0.5 * least_reach + 1e-9)
+    for factor in (1.1, 1.5, 2.5, 20.0):
+        assert np.all(np.isnan(plane.nearest(wanted, factor * least_reach)))
+
+
+@pytest.mark.parametrize("arc", [0.0, 60.0, 180.0])
+def test_carriers_with_an_elbow_along_or_oblique_to_the_normal_are_refused(arc):
+    """Link 9 has an elbow and the normal of the mid-plane, which are at right angles."""
+    mechanism = sk.load("two_dof_spm").with_sizes(angle_unit="deg", arcs={"9": arc})
+    with pytest.raises(ModelError, match="in link 9, .* not at right angles"):
+        sk.mid_plane_form(mechanism)
+
+
+@pytest.mark.parametrize("beyond", [0.0, 4e-4, 1e-3, 2e-3, 4e-3])
+def test_a_rotation_may_end_shortly_behind_a_singular_configuration(beyond):
+    """A wrist turns to its gimbal pose, or up to a few mrad beyond it.
+
+    Its middle variable b falls from 0.5 rad with the rate -1, by hand.
+    """
+    a = 0.3  # rad
+    angle = 0.5 + beyond
+    rotation = sk.follow_rotation(wrist(), [a, 0.5, 0.2], [np.sin(a), -np.cos(a), 0], angle)
+    assert rotation.end == sk.Status.OK
+    assert rotation.reached == angle
+    assert rotation.at([angle]).inputs[0, 1] == pytest.approx(-beyond, abs=1e-11)
+
+
+def test_an_output_that_stands_still_is_followed_to_the_end():
+    """A target that turns about a line across the axis of a rocker leaves it where it is.
+
+    The rotations about two perpendicular axes differ by an angle whose cosine of the half
+    is cos(rocker / 2) cos(target / 2), which is largest if the rocker does not turn.
+    """
+    mechanism = sk.load("four_bar")
+    motion = sk.trace(mechanism, samples=3)
+    pivot = motion.axes[1, mechanism.pair_number["41"]]
+    across = np.cross(pivot, [0.3, 0.5, 0.1])
+    rotation = sk.follow_rotation(mechanism, motion.values[1], across, 2.0)
+    assert rotation.end == sk.Status.OK
+    rows = rotation.at([0.0, 1.0, 2.0])
+    assert rows.inputs == pytest.approx(np.full((3, 1), rows.inputs[0, 0]), abs=1e-12)
+    assert rows.orientation_error == pytest.approx(rows.theta, abs=1e-12)
+    with pytest.raises(SolveError, match="limit an input that moves"):
+        time_optimal(rotation, speed=1.0)
+
+
+def test_a_singular_node_has_the_condition_zero():
+    """At the gimbal pose of a wrist the equations do not determine the links."""
+    rotation = sk.follow_rotation(wrist(), [0.3, 0.5, 0.2], [1.0, 0.0, 0.0], 0.1)
+    gimbal_pose = rotation.output_link.compare(np.array([[0.3, 0.0, 0.2]]), np.eye(3)[None])
+    assert rotation.make_nodes(np.zeros(1), gimbal_pose).condition == [0.0]
+
+
+def test_schedules_limited_by_inputs_that_stand_still_are_refused():
+    """A wrist turns about its first axis: only "a" moves, so limits of "b" are no limits.
+
+    With a linear law "a" has no acceleration either.
+    """
+    rotation = sk.follow_rotation(wrist(), [0.3, 0.5, 0.2], [0, 0, 1], 0.5)
+    with pytest.raises(SolveError, match="limit an input that moves"):
+        time_optimal(rotation, speed=[np.inf, 1.0, np.inf])
+    linear_law = sk.Polynomial((0.0, 1.0))
+    with pytest.raises(SolveError, match="limit an input that moves"):
+        time_optimal(rotation, acceleration=1.0, shape=linear_law)
+    by_speed = time_optimal(rotation, speed=[0.25, 1.0, 1.0], shape=linear_law)
+    assert by_speed.duration == pytest.approx(0.5 / 0.25, rel=1e-12)
+
+
+def test_a_schedule_without_known_accelerations_names_the_contact_pairs():
+    """A cam follower that cannot turn exactly about an axis has no second rates."""
+    mechanism = sk.load("roller_cam")
+    motion = sk.trace(mechanism, samples=9)
+    row = int(np.flatnonzero(motion.status == sk.Status.OK)[3])
+    pivot = motion.axes[row, mechanism.pair_number["follower_pivot"]]
+    tilted_axis = pivot + [0.0, 0.2, 0.1]
+    rotation = sk.follow_rotation(mechanism, motion.values[row], tilted_axis, 0.02)
+    with pytest.raises(SolveError, match="the accelerations of the inputs are not known"):
+        time_optimal(rotation, speed=1.0)

@@ -19,7 +19,12 @@ from spherekit.mechanism.elements import Output
 from spherekit.numerics.angles import wrap
 from spherekit.outputs.fixed_axis_rotation import FollowedRotation, axis_and_angle
 from spherekit.outputs.mid_plane_symmetry import mid_plane_form
-from spherekit.outputs.output_pose import AtDirection, AtInputs, PoseFinder
+from spherekit.outputs.output_pose import (
+    AtDirection,
+    AtInputs,
+    AtOrientation,
+    PoseFinder,
+)
 from spherekit.outputs.pose_solver import closed_kinematics
 from spherekit.outputs.workspace import judge, orientation_samples
 from spherekit.runs.needs import Needs
@@ -657,3 +662,29 @@ def test_a_warning_names_the_mode_of_the_end():
     result = run_rotation(WRIST, parameters)
     (warning,) = [text for text in result.summary["warnings"] if "rotation ends" in text]
     assert "This one is end_mode=0; choose another with end_mode=0 to 7" in warning
+
+
+@pytest.mark.parametrize("name", ["five_bar", "two_dof_spm"])
+def test_poses_with_a_wrong_number_of_inputs_are_refused(name):
+    """One value must not be taken for both inputs, and the message names the inputs."""
+    mechanism = sk.load(name)
+    form = mid_plane_form(mechanism) if name == "two_dof_spm" else None
+    finder = PoseFinder(solver_of(mechanism), mechanism.outputs[0], form)
+    for count in (1, 3):
+        with pytest.raises(SolveError, match="one value for each of: 21"):
+            finder.candidates(AtInputs(np.zeros(count)))
+
+
+@pytest.mark.parametrize("factor", [2.0, -1.0, np.nan])
+def test_orientations_that_are_no_rotations_are_refused_at_start_and_end(factor):
+    """A scaled or reflected orientation has no mid-plane, not the one of its rotation."""
+    mechanism = sk.load("two_dof_spm")
+    finder = PoseFinder(
+        solver_of(mechanism), mechanism.outputs[0], mid_plane_form(mechanism)
+    )
+    start = finder.candidates(AtOrientation(np.eye(3)))
+    pose = AtOrientation(factor * np.eye(3))
+    with pytest.raises(SolveError, match="rotation matrix"):
+        finder.candidates(pose)
+    with pytest.raises(SolveError, match="rotation matrix"):
+        finder.resolve_end(start, 0, pose, "")

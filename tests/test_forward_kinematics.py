@@ -5,6 +5,7 @@ import pytest
 
 import spherekit as sk
 from spherekit.errors import SolveError
+from spherekit.outputs.pose_solver import output_kinematics
 
 MODES_THAT_ARE_NONE = [[], [()], [(1, 1)], [(0,)], [(2,)], [(1,), (1, -1)]]
 """Modes that a mechanism of one dyad does not have."""
@@ -30,3 +31,25 @@ def test_configurations_that_are_not_determined_are_no_solutions():
     assert np.all(np.isfinite(solutions.values))
     assert solutions.row.tolist() == [1, 1]
     assert solutions.complete.tolist() == [False, True]
+
+
+@pytest.mark.slow
+def test_mid_plane_poses_are_not_called_complete():
+    """The search of configurations finds more closed ones, some with other poses."""
+    mechanism = sk.load("two_dof_spm")
+    first_sample = sk.run(mechanism, samples=2).frame("motion").query("sample == 0")
+    inputs = first_sample[["q_21", "q_61"]].to_numpy()[:1]
+    solutions = output_kinematics(mechanism).forward(inputs)
+    assert np.max(first_sample["residual"]) < 1e-12
+    assert len(solutions.row) < len(first_sample)
+    assert not np.any(solutions.complete)
+
+
+def test_mid_plane_measures_have_no_warnings_at_special_directions():
+    """In the home direction no mid-plane is determined; opposite to it, legs end short."""
+    solver = output_kinematics(sk.load("two_dof_spm"))
+    directions = np.concatenate([np.eye(3), -np.eye(3), np.full((1, 3), np.nan)])
+    mode = solver.at(directions @ solver.form.frame.T, (1, -1, 1))
+    with np.errstate(all="raise"):
+        square = mode.type_1_square
+    assert not np.any(np.isnan(square))

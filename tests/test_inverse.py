@@ -14,7 +14,7 @@ from mechanism_examples.named_mechanisms import (
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.errors import FileError
+from spherekit.errors import FileError, PlanError
 from spherekit.files.mechanism_reader import loads
 from spherekit.files.mechanism_writer import dumps
 from spherekit.geometry.tilt_torsion import (
@@ -28,7 +28,7 @@ from spherekit.geometry.tilt_torsion import (
 from spherekit.geometry.triangle import arc
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.joint_construction import make_joints
-from spherekit.outputs.closing_link import merge_equal_turns
+from spherekit.outputs.closing_link import find_closing_link, merge_equal_turns
 from spherekit.outputs.forward_kinematics import ForwardKinematics, output_rates
 from spherekit.outputs.virtual_output import with_wrist
 from spherekit.positions.assembly_mode import AssemblyMode
@@ -536,3 +536,103 @@ def test_a_mechanism_with_a_bar_wants_a_start():
     kinematics = sk.InverseKinematics(sk.load("two_dof_spm"))
     far = kinematics.at([[0.0, -0.6, -0.8]], near=np.eye(3))
     assert np.all(far.status == Status.OUT_OF_REACH) and np.all(far.margin < 0.0)
+
+
+def test_the_jacobian_has_a_column_of_zeros_where_an_input_moves_a_resting_output():
+    """A stretched leg of `three_rrr` stops the output, and the other columns are regular.
+
+    Pair c1 moves to the arc crank + coupler from pair a1 by a rotation about the normal of
+    both. The least margin is 0 then, `type_1` of the first input is 0, and its normal is
+    still a unit vector. The columns of the other inputs are perpendicular to the normals of
+    their neighbours, by the definition of a normal.
+    """
+    mechanism = sk.load("three_rrr")
+    frames = pair_frames(mechanism)
+    sizes = mechanism.geometry.links
+    ground_axis = frames["a1"][0][:, 2]
+    stretched_arc = sizes["crank1"].arcs[0] + sizes["coupler1"].arcs[0]
+    turned_axes = []
+    for rotation in random_rotations(200, 21):
+        normal = np.cross(ground_axis, rotation[:, 0])
+        vector = stretched_arc * normal / np.linalg.norm(normal)
+        axis = Rotation.from_rotvec(vector).apply(ground_axis)
+        platform_axis = frames["c1"][1][:, 2]
+        alignment, _ = Rotation.align_vectors([axis], [platform_axis])
+        spin = Rotation.from_rotvec(rotation[0, 0] * np.pi * axis)
+        turned_axes.append((spin * alignment).as_matrix())
+    inverse = sk.InverseKinematics(mechanism).at(turned_axes, normals=True)
+    is_exact = (inverse.status == Status.AT_SINGULARITY) & (inverse.type_1[..., 0] == 0.0)
+    assert np.any(is_exact)
+    normals = inverse.normals[is_exact]
+    assert np.allclose(np.linalg.norm(normals, axis=2), 1.0, atol=1e-14)
+    jacobian = inverse.jacobian[is_exact]
+    assert np.all(jacobian[:, :, 0] == 0.0)
+    products = normals @ jacobian
+    type_1 = inverse.type_1[is_exact]
+    assert np.allclose(products, type_1[:, None] * np.eye(3), atol=1e-12)
+
+
+def test_the_type_ii_measure_belongs_to_the_poses_of_the_call():
+    """The measure is computed later, but a change of the caller's array has no effect."""
+    kinematics = sk.InverseKinematics("three_rrr")
+    poses = random_rotations(5, 22)
+    expected = kinematics.at(poses.copy()).type_2
+    inverse = kinematics.at(poses)
+    poses[:] = np.roll(poses, 1, axis=0)
+    assert np.array_equal(inverse.type_2, expected, equal_nan=True)
+    # The wrist of two inputs also starts Newton's method at orientations of the caller.
+    kinematics = sk.InverseKinematics("two_dof_spm")
+    starts = random_rotations(5, 23)
+    directions = pointing(np.radians([[60.0, 40.0]] * 5))
+    expected = kinematics.at(directions, near=starts.copy()).type_2
+    inverse = kinematics.at(directions, near=starts)
+    starts[:] = np.eye(3)
+    assert np.array_equal(inverse.type_2, expected, equal_nan=True)
+
+
+@pytest.mark.slow
+def test_solutions_at_a_turn_of_half_a_revolution_are_not_lost():
+    """The number of turns does not depend on the axis from which turns are counted."""
+    kinematics = sk.InverseKinematics("two_dof_spm")
+    closing_link = find_closing_link(kinematics.wrist, kinematics.solver)
+    direction = pointing(np.radians([[60.0, 40.0]])).T
+    # Rounding decides on which side of half a revolution a turn is, so several are tried.
+    dyad_modes = [(1, 1, 1, 1), (1, 1, -1, 1), (1, 1, -1, -1)]
+    with np.errstate(all="ignore"):
+        for signs in dyad_modes:
+            turns = closing_link.find_turns(direction, signs).turn
+            assert len(turns) in (2, 4)
+            for turn in turns:
+                about_z = Rotation.from_euler("z", turn - np.pi).as_matrix()
+                frame = about_z @ closing_link.pointer_frame
+                counted = replace(closing_link, pointer_frame=frame)
+                shifted = counted.find_turns(direction, signs).turn
+                assert len(shifted) == len(turns)
+                assert np.min(np.abs(np.abs(shifted) - np.pi)) < 1e-12
+
+
+def test_inputs_at_half_a_revolution_are_pi_and_not_minus_pi():
+    """Rounding decides on which side of half a revolution an input is."""
+    second_inputs = np.linspace(-3.0, 3.0, 301)
+    inputs = np.column_stack([np.full(301, np.pi), second_inputs])
+    directions = (
+        ForwardKinematics(sk.load("five_bar"), "pointer").solutions(inputs).directions
+    )
+    first_inputs = sk.InverseKinematics("five_bar").at(directions).inputs[..., 0]
+    assert np.any(np.abs(np.abs(first_inputs) - np.pi) < 1e-12)
+    assert not np.any(first_inputs <= -np.pi)
+
+
+def test_refusal_of_one_input_does_not_advise_to_drive_the_pair_that_is_driven():
+    mechanism = sk.build(
+        "crank",
+        angle_unit="deg",
+        ground="base",
+        links=["base", "crank"],
+        pairs={"axle": {"type": "R", "links": ["base", "crank"], "xyz": [0.0, 0.0, 1.0]}},
+        inputs={"axle": {}},
+        outputs={"crank": {"link": "crank"}},
+    )
+    with pytest.raises(PlanError) as refusal:
+        sk.InverseKinematics(mechanism)
+    assert "--input" not in str(refusal.value)

@@ -1,6 +1,6 @@
 """The analysis `inverse_kinematics`: rates, both ways, files, windows, bad input."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -18,6 +18,7 @@ from spherekit_analyses.inverse_kinematics.pose_lists import read_poses
 import spherekit as sk
 from spherekit.errors import AnalysisError, FileError
 from spherekit.geometry.sphere_mesh import spiral_directions
+from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.outputs.dyad_chain import invert_jacobian
 from spherekit.outputs.forward_kinematics import ForwardKinematics, output_rates
 from spherekit.outputs.output_kinematics import InverseRows
@@ -331,7 +332,7 @@ def test_a_file_of_poses_may_be_empty(tmp_path):
 def test_written_tables_are_read_again(tmp_path):
     """Tables that the analysis has written, in Parquet or CSV, can be read as its poses.
 
-    The angles have the right units: the unit is in the Parquet file, in `columns.json`
+    The angles have the right units: the unit is in the Parquet file, in `columns.csv`
     beside the CSV, or in the heading of the CSV. The inputs must be those of the first
     analysis. The working mode "+-" has a sign for each leg, which can be bent in two ways.
     """
@@ -540,3 +541,38 @@ def test_a_row_without_a_value_of_a_measure_is_at_a_singularity():
         limits=("reach",),
     )
     assert rows.with_status().status.tolist() == [Status.OK, *[Status.AT_SINGULARITY] * 3]
+
+
+def test_working_modes_are_chosen_by_numbers_of_any_length():
+    solver = output_kinematics(sk.load("five_bar"))
+    assert solver.chosen_modes("2") == solver.chosen_modes("02") == solver.modes[2:3]
+    for text in ("4", "9" * 5000, "-1"):
+        with pytest.raises(AnalysisError, match="is not known; give one of"):
+            solver.chosen_modes(text)
+
+
+def test_an_output_without_working_modes_says_so():
+    with pytest.raises(AnalysisError, match="this output has no working modes"):
+        found_in("four_bar", poses="21=10", working_mode="0")
+
+
+def test_joint_limits_bound_the_rows_of_the_graph_of_links_as_those_in_closed_form():
+    """0.4 <= q_51 <= 2.0 is |q_51 - 1.2| <= 0.8; other rows are out of reach, with NaN."""
+    limited = replace(sk.load("five_bar"), joint_limits=(JointLimit("51", 0.4, 2.0),))
+    closed_form = output_kinematics(limited)
+    graph = GraphKinematics(closed_form.kinematics)
+    unlimited = GraphKinematics(output_kinematics(sk.load("five_bar")).kinematics)
+    poses = poses_for(closed_form, 12)
+    rows = graph.inverse(poses, graph.labels)
+    all_rows = unlimited.inverse(poses, graph.labels)
+    assert np.array_equal(rows.pose, all_rows.pose)
+    left = 0.8 - wrapped(all_rows.inputs[:, 1] - 1.2)
+    assert np.any(left < 0.0)
+    assert np.any(left > 0.0)
+    assert np.array_equal(rows.solved, left >= 0.0)
+    assert np.allclose(rows.margin, left, rtol=0.0, atol=1e-11, equal_nan=True)
+    assert np.all(np.isnan(rows.inputs[~rows.solved]))
+    (name,) = rows.limits
+    assert name == closed_form.bounds[-1].name
+    closed_rows = closed_form.inverse(poses, graph.labels)
+    assert np.sum(closed_rows.solved) == np.sum(rows.solved)

@@ -116,13 +116,13 @@ def test_inverse_kinematics_turn_the_side_gears_as_little_as_possible(wrist):
         assert abs(left) + abs(right) < np.min(gear_angles) + 1e-9
 
 
-def geared_gimbal(has_roll):
+def geared_gimbal(has_roll, pan_teeth=(20, 50), pan_motor_deg=0.0):
     """Return a pan-tilt or pan-tilt-roll mechanism whose axes are driven by pinions.
 
     Each pinion is mounted on the carrier of its axis. The motor pair `m_pan` drives pinion
     `p_pan`, which meshes (pair `g_pan`) with the yoke that turns about `pan`; likewise
     `tilt` and `roll`. The output is a direction of the cage without roll and the pose of
-    the tool with it.
+    the tool with it. In the reference pose, `m_pan` has the value `pan_motor_deg`.
     """
     axis_directions = {
         "pan": [0.0, 0.0, 1.0],
@@ -135,7 +135,7 @@ def geared_gimbal(has_roll):
         "tilt": axis_directions["pan"],
         "roll": axis_directions["tilt"],
     }
-    teeth = {"pan": [20, 50], "tilt": [17, 40], "roll": [15, 30]}
+    teeth = {"pan": list(pan_teeth), "tilt": [17, 40], "roll": [15, 30]}
     axis_names = ["pan", "tilt", "roll"] if has_roll else ["pan", "tilt"]
     links = ["base", "yoke", "cage", "tool"][: len(axis_names) + 1]
     pairs = {}
@@ -156,6 +156,7 @@ def geared_gimbal(has_roll):
             "teeth": teeth[name],
             "axes": [f"m_{name}", name],
         }
+    pairs["m_pan"]["value"] = pan_motor_deg
     output = {"link": "tool"} if has_roll else {"link": "cage", "xyz": [1.0, 0.0, 0.0]}
     return sk.build(
         "gimbal",
@@ -244,3 +245,98 @@ def test_workspace_of_a_geared_pan_tilt_is_a_zone_of_half_the_sphere():
 def test_workspace_limits_at_the_pair_of_a_wheel_are_refused():
     with pytest.raises(AnalysisError, match="limits: m_pan is the pair of a wheel"):
         sk.run(geared_gimbal(has_roll=False), "workspace:limits=m_pan:-30:30")
+
+
+def test_general_inverse_kinematics_have_both_solutions_of_a_pinion_on_a_large_wheel():
+    """A pinion with 20 teeth turns the yoke with 400 teeth; it points to longitude 150 deg.
+
+    The yoke turns to this longitude, or to the opposite one with the tilt beyond the pole.
+    The pinion turns back by 20 times the angle of the yoke.
+    """
+    mechanism = geared_gimbal(has_roll=False, pan_teeth=(20, 400))
+    general = output_kinematics(mechanism, graph=True)
+    longitude, latitude = np.radians([150.0, 20.0])
+    direction = [
+        np.cos(latitude) * np.cos(longitude),
+        np.cos(latitude) * np.sin(longitude),
+        np.sin(latitude),
+    ]
+    solutions = general.inverse(np.array([direction]), general.labels, [])
+    pinion_deg = np.sort(np.degrees(solutions.inputs[:, 0]))
+    assert pinion_deg == pytest.approx([-20.0 * 150.0, -20.0 * (150.0 - 180.0)])
+
+
+def pan_directions(longitudes_deg):
+    """Return directions (n, 3) at the latitude of 20 degrees."""
+    longitudes = np.radians(longitudes_deg)
+    latitude = np.radians(20.0)
+    return np.column_stack(
+        [
+            np.cos(latitude) * np.cos(longitudes),
+            np.cos(latitude) * np.sin(longitudes),
+            np.full(len(longitudes), np.sin(latitude)),
+        ]
+    )
+
+
+@pytest.mark.parametrize("wheel_teeth", [520, 1000])
+def test_general_inverse_kinematics_find_pinions_after_any_number_of_revolutions(
+    wheel_teeth,
+):
+    """The pinion with 20 teeth turns back by the ratio times the angle of the yoke.
+
+    The yoke turns to the longitude of 179 degrees, or to -1 degree with the tilt beyond the
+    pole. The first solution needs more than 12 revolutions of the pinion.
+    """
+    mechanism = geared_gimbal(has_roll=False, pan_teeth=(20, wheel_teeth))
+    solutions = sk.InverseKinematics(mechanism).solutions(pan_directions([179.0]))
+    ratio = wheel_teeth / 20.0
+    pinion_deg = np.sort(np.degrees(solutions.inputs[:, 0]))
+    assert pinion_deg == pytest.approx([-ratio * 179.0, ratio])
+
+
+def test_general_inverse_kinematics_find_many_revolutions_of_one_of_two_coaxial_inputs():
+    """A sun with 20 teeth drives a planet with 1200 teeth, whose axis is on a driven arm.
+
+    The planet's direction has the longitude of the arm, or the opposite one with the planet
+    beyond the pole. Per degree of the planet, the sun turns by 60 degrees relative to the
+    arm. Only this difference is compared, since it is the same for all smallest inputs.
+    """
+    axes = {"arm_axle": [0.0, 0.0, 1.0], "sun_axle": [0.0, 0.0, 1.0]}
+    axes["planet_axle"] = [0.0, 1.0, 0.0]
+    ends = {"arm_axle": ["base", "arm"], "sun_axle": ["base", "sun"]}
+    ends["planet_axle"] = ["arm", "planet"]
+    pairs = {n: {"type": "R", "links": ends[n], "xyz": xyz} for n, xyz in axes.items()}
+    pairs["mesh"] = {
+        "type": "Cr",
+        "links": ["sun", "planet"],
+        "teeth": [20, 1200],
+        "axes": ["sun_axle", "planet_axle"],
+    }
+    mechanism = sk.build(
+        "sun_planet",
+        angle_unit="deg",
+        ground="base",
+        links=["base", "arm", "sun", "planet"],
+        pairs=pairs,
+        inputs={"arm_axle": {}, "sun_axle": {}},
+        outputs={"planet": {"link": "planet", "xyz": [1.0, 0.0, 0.0]}},
+    )
+    solutions = sk.InverseKinematics(mechanism).solutions(pan_directions([150.0]))
+    arm_deg, sun_deg = np.degrees(solutions.inputs).T
+    # The planet is at 20 degrees, or at 160 degrees beyond the pole.
+    assert np.sort(sun_deg - arm_deg) == pytest.approx([60.0 * 20.0, 60.0 * 160.0])
+
+
+@pytest.mark.parametrize(
+    ("anchor_deg", "pan_teeth"), [(3600.0, (20, 50)), (720.0, (50, 20))]
+)
+def test_general_inverse_kinematics_are_smallest_with_any_turns_in_the_reference_pose(
+    anchor_deg, pan_teeth
+):
+    """Both values of the motor are whole periods of the wheels, as if they were zero."""
+    mechanism = geared_gimbal(False, pan_teeth, pan_motor_deg=anchor_deg)
+    solutions = sk.InverseKinematics(mechanism).solutions(pan_directions([100.0]))
+    ratio = pan_teeth[1] / pan_teeth[0]
+    pinion_deg = np.sort(np.degrees(solutions.inputs[:, 0]))
+    assert pinion_deg == pytest.approx([-ratio * 100.0, ratio * 80.0])

@@ -20,7 +20,7 @@ from spherekit.outputs.nearest_pose import NearestPoseSearch, NormalCoordinates
 from spherekit.outputs.pose_constraints import Constraints, bounds_of
 from spherekit.outputs.pose_rows import JointRange
 from spherekit.outputs.pose_solver import output_kinematics
-from spherekit.outputs.workspace import judge, nearest_in_mode
+from spherekit.outputs.workspace import judge, nearest_in_mode, nearest_poses
 
 WRIST = str(Path(__file__).parent / "files" / "coaxial_wrist.toml")
 DEGREE = np.pi / 180.0
@@ -270,3 +270,40 @@ def test_the_nearest_of_two_points_that_are_moved_back_to_reachable_poses_is_ret
     assert expected_distance <= np.linalg.norm(nearest) < expected_distance + 1e-8
     axis_of_nearest = np.argmax(np.abs(nearest))
     assert points[axis_of_nearest].reachable_beyond == expected_distance
+
+
+def test_the_coordinates_of_the_opposite_direction_have_the_length_pi():
+    centre = unit_rows(np.array([0.3, -0.5, 0.8]))
+    for axis in (centre, np.array([0.0, 0.0, 1.0])):
+        chart = NormalCoordinates.around(axis)
+        coordinates = chart.coordinates(-axis[None])
+        assert np.linalg.norm(coordinates) == pytest.approx(np.pi, abs=1e-15)
+        assert np.allclose(chart.poses(coordinates), -axis, atol=1e-15)
+
+
+def test_the_opposite_quaternion_has_the_coordinates_zero():
+    identity = np.array([0.0, 0.0, 0.0, 1.0])
+    chart = NormalCoordinates.around(identity)
+    assert np.array_equal(chart.coordinates(-identity[None]), np.zeros((1, 3)))
+
+
+def test_nearest_poses_of_integer_directions_are_those_of_floats():
+    """A leg reaches 150 deg from each driven axis (z and y), so 30 deg are missing."""
+    kinematics = output_kinematics(sk.load("five_bar"))
+    opposite_axes = np.array([[0, 0, -1], [0, -1, 0]])
+    nearest, angles = nearest_poses(kinematics, opposite_axes, kinematics.modes[0])
+    assert angles == pytest.approx(30.0 * DEGREE)
+    for pose, opposite_axis in zip(nearest, opposite_axes, strict=True):
+        assert angle_between(pose, opposite_axis) == pytest.approx(30.0 * DEGREE)
+
+
+@pytest.mark.parametrize("name", ["five_bar", "agile_eye"])
+def test_a_pose_that_is_not_finite_has_no_nearest_pose(name):
+    kinematics = output_kinematics(sk.load(name))
+    length = 3 if kinematics.points else 4
+    poses = np.full((2, length), np.nan)
+    poses[1] = np.inf
+    nearest, angles = nearest_poses(kinematics, poses, kinematics.modes[0])
+    assert nearest.shape == poses.shape
+    assert np.all(np.isnan(nearest))
+    assert np.all(np.isnan(angles))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from helpers.refusals import mechanism_text
+from mechanism_examples.mid_plane_mechanism import mid_plane_mechanism
 from mechanism_examples.named_mechanisms import four_bar
 from mechanism_examples.wide_five_bar import wide_five_bar
 from oracles.four_bar_singularities import (
@@ -17,6 +18,9 @@ from scipy.spatial.transform import Rotation
 import spherekit as sk
 from spherekit import progress
 from spherekit.completeness import Guarantee
+from spherekit.errors import ModelError
+from spherekit.files.mechanism_reader import loads
+from spherekit.files.mechanism_writer import dumps
 from spherekit.outputs.mid_plane_loci import mid_plane_loci
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities.singular_curves import singular_curves
@@ -436,3 +440,62 @@ def test_the_output_reverses_where_singularities_are_listed(name, tmp_path):
             assert is_between.sum() % 2 == int(products[k] < 0.0), (mode, q[k])
         reversal_count += np.sum(products < 0.0)
     assert reversal_count
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arcs_deg", [(40.0, 50.0), (30.0, 10.0), (1.0, 1.0)])
+def test_curves_of_type_one_end_only_where_another_leg_is_at_its_limit(arcs_deg):
+    """Each end has n_z = 0, or ``|n . b| = sin a`` for another leg; bands may be narrow."""
+    driven_deg, third_deg = arcs_deg
+    sizes_deg = [60.0, driven_deg, driven_deg, 60.0, driven_deg, driven_deg]
+    mechanism = mid_plane_mechanism(np.radians([*sizes_deg, third_deg, third_deg]))
+    form = sk.mid_plane_form(mechanism)
+    plane = form.plane
+    curves = mid_plane_loci(mechanism, "I").curves
+    assert curves
+    for curve in curves:
+        normals, _ = form.normals(curve.points.orientation)
+        for normal in normals[[0, -1]]:
+            angles = np.arcsin(np.abs(plane.axes @ normal))
+            at_limit = np.abs(angles - plane.reach) < 1e-7
+            # A point at which two legs are at their limits may be left out at n_z = 0.
+            assert np.sum(at_limit) >= 2 or abs(normal[2]) < np.radians(1.0)
+
+
+@pytest.mark.slow
+def test_curves_of_type_two_have_no_gap_at_a_zero_in_a_mesh_vertex(mid_plane):
+    """By symmetry, a mode and its opposite have curves of equal lengths."""
+    _mechanism, loci = mid_plane
+    for third_sign in (1, -1):
+        modes = ((1, 1, third_sign), (-1, -1, -third_sign))
+        lengths = [
+            sorted(np.ptp(each.s) for each in loci["II"].curves if each.modes == mode)
+            for mode in modes
+        ]
+        assert len(lengths[0]) == len(lengths[1])
+        assert np.allclose(*lengths, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_over_constrained_mid_plane_loops_have_no_closed_form_of_type_two():
+    """A pair between links 9 and 10 adds three equations, but only one variable.
+
+    The determinant of the velocity equations is then not defined.
+    """
+    text = dumps(sk.load("two_dof_spm"))
+    for link, axes in (("9", '"9_2", "11_9"'), ("10", '"10_6", "11_10"')):
+        old = f"[links.{link}]\naxes = [{axes}]\narcs = [90.0]\n"
+        assert text.count(old) == 1
+        new = f'[links.{link}]\naxes = [{axes}, "10_9"]\narcs = [90.0, 90.0]\n'
+        text = text.replace(old, f"{new}angles = [0.0]\n")
+    pair = '[pairs.10_9]\ntype = "P"\nlinks = ["10", "9"]\n\n'
+    text = text.replace("[inputs.21]", pair + "[inputs.21]")
+    mechanism = loads(text)
+    assert mid_plane_loci(mechanism, "II") is None
+    assert mid_plane_loci(mechanism, "I").curves
+
+
+def test_legs_too_short_to_meet_one_mid_plane_are_refused():
+    mechanism = mid_plane_mechanism(np.radians([60, *[0.05] * 2, 60, *[0.05] * 4]))
+    with pytest.raises(ModelError, match="no mid-plane was found that all legs reach"):
+        sk.mid_plane_form(mechanism)

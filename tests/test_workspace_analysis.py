@@ -655,3 +655,75 @@ def test_each_mode_has_its_own_page_of_singularities():
         assert np.allclose(np.sin(sphere_map.values[is_known]), sines[is_known])
         (text,) = [item.markdown for item in primitives if isinstance(item, Text)]
         assert f"Mode {label}:" in text
+
+
+def test_every_two_ranges_of_a_pair_have_to_overlap():
+    """The range 20 to 30 deg contradicts 0 to 10 deg, with or without a range between."""
+    kinematics = closed_kinematics(FIVE_BAR)
+    ranges = np.radians([[0.0, 10.0], [0.0, 30.0], [20.0, 30.0]]).tolist()
+    limits = tuple(JointLimit("21", low, high) for low, high in ranges)
+    bounds_of(kinematics, Constraints(limits=limits[:2]))
+    bounds_of(kinematics, Constraints(limits=limits[1:]))
+    with pytest.raises(sk.errors.AnalysisError, match="to 10 deg and within 20"):
+        bounds_of(kinematics, Constraints(limits=limits))
+
+
+def test_a_range_of_one_angle_names_the_source_of_both_of_its_limits():
+    """The angle between two axes is at least 0 anyway, and here also at most 0."""
+    kinematics = closed_kinematics(FIVE_BAR)
+    coaxial = InterferenceLimit("21", "43", 0.0, 0.0)
+    with pytest.raises(sk.errors.AnalysisError, match=r"0 deg \(like every angle\)"):
+        bounds_of(kinematics, Constraints(apart=(coaxial,)))
+
+
+def pan_and_tilt_with_resting_links(inputs):
+    """Return a pan and tilt whose pan axis is also held by a rod and a rocker.
+
+    The pan axis is fixed in the base, so the rod and the rocker never move. The tilt axis
+    is at 70 deg from the pan axis, and the output at the angle u with cos u = 0.8 from the
+    tilt axis.
+    """
+    return mechanism_from_sizes(
+        {
+            "base": ("pan side", [60.0], []),
+            "rotor": ("pan held tilt", [0.0, 70.0], [0.0]),
+            "head": ("tilt", [], []),
+            "rocker": ("side knee", [70.0], []),
+            "rod": ("knee held", [50.0], []),
+        },
+        {
+            "pan": "base rotor",
+            "side": "base rocker",
+            "knee": "rocker rod",
+            "held": "rotor rod",
+            "tilt": "rotor head",
+        },
+        inputs,
+        Output("camera", "head", "base", (0.6, 0.0, 0.8)),
+    )
+
+
+def test_links_that_never_move_do_not_prevent_a_workspace():
+    """The output is at 70 deg - u to 70 deg + u from the pan axis, with cos u = 0.8."""
+    tilt_arc = np.radians(70.0)
+    output_arc = np.arccos(0.8)
+    exact_area_sr = (
+        2.0 * np.pi * (np.cos(tilt_arc - output_arc) - np.cos(tilt_arc + output_arc))
+    )
+    _, findings = run_workspace(
+        pan_and_tilt_with_resting_links(["pan", "tilt"]), tolerance=1e-3
+    )
+    modes = findings["working_modes"]
+    # Two signs for the pan and tilt, and two for the links that never move.
+    assert list(modes) == ["++", "+-", "-+", "--"]
+    for region in modes.values():
+        assert region["area_sr"] == pytest.approx(exact_area_sr, rel=1e-3)
+
+
+def test_an_input_that_never_moves_is_judged_as_a_singularity_of_type_2():
+    """With this input and the pan locked, the head can still turn about the tilt axis."""
+    kinematics = closed_kinematics(pan_and_tilt_with_resting_links(["pan", "side"]))
+    directions = np.array([[0.0, 0.6, 0.8], [0.0, 0.8, 0.6]])
+    judged = judge(kinematics, kinematics.bounds, kinematics.modes[0], directions)
+    assert np.all(np.isfinite(judged.inputs))
+    assert np.all(judged.type_2 < 1e-12)

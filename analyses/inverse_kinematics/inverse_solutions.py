@@ -272,17 +272,17 @@ class InverseSolutions:
         if pose_count > 1:
             remark += f", at most {most} of one pose"
         remarks = [f"{remark}.", *describe_omitted_solutions(self.solver)]
+        has_closed_form = isinstance(self.solver, ClosedKinematics)
         without_solution = np.sum(self.solution_counts == 0)
         if without_solution:
-            # Without a closed form (named limits), a search does not always prove that a
-            # pose has no configuration.
-            doubt = "" if solutions.limits else ", which not every search proves"
+            # Without a closed form, a search does not always prove that a pose has no
+            # configuration.
+            doubt = "" if has_closed_form else ", which not every search proves"
             verb = "has" if without_solution == 1 else "have"
             remarks.append(
                 f"{without_solution} of {counted(pose_count, 'pose')} {verb} no "
                 f"configuration{doubt}."
             )
-        has_closed_form = isinstance(self.solver, ClosedKinematics)
         if has_closed_form and self.nearest_count < out_of_reach:
             remarks.append(
                 f"The table has the nearest reachable pose for {self.nearest_count} of "

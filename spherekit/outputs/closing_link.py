@@ -376,7 +376,7 @@ class DyadsWithClosingLink:
         The turn is the angle of the output link about its direction. The turn places all
         other links, and so determines the angle d between the two pair axes of the closing
         link. The arc of this link is a, so it fits if the residual f = cos(d) - cos(a) is
-        0. Two roots of f that are very close together can be missed.
+        0. Two roots of f between neighbouring samples of the turn can be missed.
 
         Parameters
         ----------
@@ -465,6 +465,11 @@ class DyadsWithClosingLink:
         mode = self.place_dyads(directions[:, row], turn, signs)
         residual = self.residual(mode)
         slope = self.slope(mode, directions[:, row])
+        # The turns -pi and pi are the same pose. With different rounding errors, a root at
+        # this pose could be outside of both the first and the last cell.
+        for samples in (residual, slope):
+            samples_of_directions = samples.reshape(n, TURN_SAMPLES + 1)
+            samples_of_directions[:, -1] = samples_of_directions[:, 0]
 
         # 2. Find the cells in which roots can be hidden. At an extremum towards 0, |f|
         # falls at the start of the cell and rises at its end, without a sign change.

@@ -305,8 +305,8 @@ class _GearedMode:
         The inputs follow from them.
 
         A pose gives the angles of the entry pairs only up to whole revolutions, and other
-        revolutions give other inputs. The inputs with the smallest sum of absolute values
-        are taken.
+        revolutions give other inputs. Of those that differ by at most one revolution of
+        each entry pair, the inputs with the smallest sum of absolute values are taken.
         """
         kinematics = self.kinematics
         # `wheelless_number` is the number of a pair in the mechanism without wheels, by its
@@ -495,12 +495,13 @@ def _solve_without_wheels(
 
 
 def _choose_least_inputs(entry_angles: Floats, inverse_ratios: Floats) -> Floats:
-    """Return the inputs with the smallest sum of absolute values at each of n poses.
+    """Return the tried inputs with the smallest sum of absolute values at each of n poses.
 
     The inputs follow from the angles of entry pairs, which the wheels turn. These angles
     are known up to whole revolutions. A revolution of an entry pair changes the inputs by
     other angles, depending on the ratios, while the pose remains the same. For each entry
-    pair, one revolution less, none, and one more are tried.
+    pair, one revolution less, none, and one more are tried. More revolutions could give a
+    smaller sum.
 
     Parameters
     ----------

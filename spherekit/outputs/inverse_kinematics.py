@@ -58,7 +58,7 @@ calls.
 """
 
 UNIT_POSE_TOLERANCE = 1e-6
-"""Largest error of squared lengths, and of the volume, of a pose.
+"""Largest element of R R^T - 1 of an orientation R, or error of a squared length.
 
 Larger: poses that are no rotations are accepted. Smaller: poses that were rounded in a text
 file are refused.
@@ -79,10 +79,14 @@ class Inverse:
         The signs of the dyads in each mode.
     inputs
         (m, n, inputs) rad in (-pi, pi], in the order of the mechanism's inputs; NaN
-        where the status is neither OK nor AT_SINGULARITY.
+        where the status is neither OK nor AT_SINGULARITY, or where the axes of a dyad
+        coincide exactly.
     status
         (m, n) values of `Status`: OK, OUT_OF_REACH, or AT_SINGULARITY where a dyad of the
-        mode is stretched or folded, or can turn about two axes that coincide.
+        mode is stretched or folded, or can turn about two axes that coincide. With a bar
+        also AT_SINGULARITY where two solutions meet, MODE_LOST and NOT_CONVERGED. Where the
+        last two apply, `inputs` and `type_2` are NaN, and the other attributes are not
+        those of the mode.
     margin
         (m, n) rad: by how much the pose is within reach, negative outside. The margin of a
         dyad is how far the angle between its outer axes is from the angle at which the dyad
@@ -93,15 +97,16 @@ class Inverse:
     type_1
         (m, n, inputs) angular velocity of the output along a unit vector n_i (see
         `normals`) per unit rate of input i. It is 0 at a type I singularity of that input,
-        where the input moves while the output rests. For an input on the base it is at most
-        1.
+        where the input moves while the output rests. Without a bar, it is at most 1 if the
+        input is on the base, in a dyad that joins the base to the output link.
     measure
         Function that computes `type_2`.
     normals
         (m, n, inputs, 3) unit normals n_i: with input i locked and the others free, all
         possible angular velocities of the output are perpendicular to n_i. A normal points
-        in the sense in which the rate of the input is positive. Components are in the axes
-        of the link from which the output is observed. None if they were not asked for.
+        in the sense in which the rate of the input is positive; where `type_1` is 0, its
+        sense is arbitrary. Components are in the axes of the link from which the output is
+        observed. None if they were not asked for.
     slope
         (m, n) derivative of the cosine between the two axes of the bar with respect to the
         turn of the output about its direction; None without a bar. The error of the turn is
@@ -142,7 +147,8 @@ class Inverse:
         input moves while the others are locked. Components are in the axes of the link from
         which the output is observed. For a pointing output, the result is the part of the
         angular velocity that is perpendicular to its direction. The result is NaN or
-        infinite at a type II singularity, where the output can move with locked inputs.
+        infinite at a type II singularity, where the output can move with locked inputs, and
+        NaN where the normals are NaN.
 
         Raises
         ------
@@ -154,21 +160,22 @@ class Inverse:
         # Let w be the angular velocity of the output, and n_i the unit normal of input i.
         # n_i . w is 0 while input i is locked, whatever the other inputs do. `type_1` is
         # n_i . w while input i has the rate 1. At any rate q_i' of input i, therefore,
-        # n_i . w = type_1 q_i'. So q_i' = (n_i / type_1) . w, and n_i / type_1 is row i of
-        # the inverse Jacobian.
-        inverse_rows = self.normals / self.type_1[..., None]
+        # n_i . w = type_1 q_i'. The matrix with the rows n_i has an inverse. Its column i
+        # times type_1 is w for q_i' = 1. Nothing is divided by type_1, which may be 0.
+        rows = self.normals
         third_row = None
-        if inverse_rows.shape[2] == 2:
+        if rows.shape[2] == 2:
             # With two inputs the output is a direction, and the matrix has only two rows,
             # at right angles to the direction. Their vector product serves as the third
             # row. The angular velocity about the direction is then zero.
-            third_row = np.cross(inverse_rows[..., 0, :], inverse_rows[..., 1, :])
+            third_row = np.cross(rows[..., 0, :], rows[..., 1, :])
         # The columns of the inverse of a matrix are the cross products of its rows,
         # divided by the determinant.
-        cross_products, determinant = reciprocal_vectors(inverse_rows, third_row)
-        # From (m, n, inputs, 3) to (m, n, 3, inputs).
-        columns = np.swapaxes(cross_products, -1, -2)
-        return columns / determinant[..., None, None]
+        cross_products, determinant = reciprocal_vectors(rows, third_row)
+        with np.errstate(all="ignore"):
+            scales = self.type_1 / determinant[..., None]
+            # From (m, n, inputs, 3) to (m, n, 3, inputs).
+            return np.swapaxes(cross_products * scales[..., None], -1, -2)
 
 
 class InverseKinematics:
@@ -332,16 +339,18 @@ class InverseKinematics:
             an input is perpendicular to every angular velocity of the output that is
             possible while this input is locked.
         near
-            (n, 3, 3) approximate orientations of the output link. If only the direction of
-            the link is given, its rotation about this direction is unknown. In some
-            mechanisms a bar that closes a loop fixes this rotation. Newton's method finds
-            the rotation, starting from `near`. Other mechanisms do not need `near`.
+            (n, 3, 3) approximate orientations of the output link, or one (3, 3) for all
+            poses. If only the direction of the link is given, its rotation about this
+            direction is unknown. In some mechanisms a bar that closes a loop fixes this
+            rotation. Newton's method finds the rotation, starting from `near`. Other
+            mechanisms do not need `near`. A pose whose start is NaN is OUT_OF_REACH.
 
         Raises
         ------
         SolveError
-            If the poses are not rotations or directions, a mode does not exist, or `near`
-            is missing. Also if the mechanism has no closed form; then use `solutions`.
+            If the poses are not rotations or directions, `modes` is empty, a mode does not
+            exist, or `near` is missing or has a wrong shape. Also if the mechanism has no
+            closed form; then use `solutions`.
         """
         if self.dyads is None and self._closing_link is None:
             raise self.no_closed_form(
@@ -712,7 +721,7 @@ class InverseKinematics:
                 "find the turn of the output about its direction; give orientations close "
                 "to the solution, from `solutions` or from previous poses"
             )
-        starts = np.asarray(near, dtype=float)
+        starts = np.array(near, dtype=float)  # a copy, as in `_check_poses`
         if starts.shape not in ((3, 3), (count, 3, 3)):
             raise self._error(
                 f"`near`: found the shape {starts.shape}, expected one rotation matrix for "
@@ -738,7 +747,9 @@ class InverseKinematics:
         SolveError
             If the shape is wrong, or a pose is not a rotation matrix or unit vector.
         """
-        array = np.asarray(poses, dtype=float)
+        # A copy, since `Inverse.type_2` is computed later. The user may change the array in
+        # between.
+        array = np.array(poses, dtype=float)
         is_direction = self.wrist.points  # otherwise the output is an orientation
         pose_shape = (3,) if is_direction else (3, 3)
         if array.shape == pose_shape:
@@ -746,16 +757,16 @@ class InverseKinematics:
         if array.shape[1:] != pose_shape:
             expected = "directions (n, 3)" if is_direction else "rotations (n, 3, 3)"
             raise self._error(f"poses are {expected}, not {array.shape}")
-        columns = array[..., None] if is_direction else array
-        # Numbers (n, k) that all have to be 1. First the squared lengths of the columns.
-        unit_numbers = np.einsum("nik,nik->nk", columns, columns)
-        if not is_direction:
-            # For orientations also the determinant. Together with unit columns it shows
-            # that the matrix is a rotation.
-            with np.errstate(invalid="ignore"):
-                unit_numbers = np.column_stack([unit_numbers, np.linalg.det(array)])
-        # A comparison with NaN is false, so NaN is not wrong here.
-        is_wrong = np.any(np.abs(unit_numbers - 1.0) > UNIT_POSE_TOLERANCE, axis=1)
+        # Comparisons with NaN are false, so NaN is not wrong here.
+        with np.errstate(invalid="ignore", over="ignore"):
+            if is_direction:
+                squared_lengths = np.vecdot(array, array)
+                is_wrong = np.abs(squared_lengths - 1.0) > UNIT_POSE_TOLERANCE
+            else:
+                # R R^T has to be the identity. The determinant of a reflection is -1.
+                errors = np.abs(array @ np.swapaxes(array, 1, 2) - np.eye(3))
+                is_wrong = np.any(errors > UNIT_POSE_TOLERANCE, axis=(1, 2))
+                is_wrong |= np.linalg.det(array) < 0.0
         if np.any(is_wrong):
             expected = "unit vector" if is_direction else "rotation matrix"
             raise self._error(f"row {np.argmax(is_wrong)} is not a {expected}")
@@ -770,13 +781,18 @@ class InverseKinematics:
         Raises
         ------
         SolveError
-            If a mode does not exist.
+            If there is no mode in `modes`, or a mode does not exist.
         """
         if modes is None:
             return self.modes
         chosen = tuple(tuple(map(int, signs)) for signs in modes)
         # The mechanism of the user, without the virtual links that hold the output.
         mechanism = self.own
+        if not chosen:
+            raise SolveError(
+                f"{mechanism.name}: `modes` is empty; give working modes, or leave it out "
+                "for all"
+            )
         for signs in chosen:
             if signs not in self.modes:
                 raise SolveError(

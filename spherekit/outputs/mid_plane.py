@@ -142,7 +142,9 @@ class MidPlane:
         Returns
         -------
         elbows
-            (n, legs, 3) unit vectors, NaN where a leg does not reach the mid-plane.
+            (n, legs, 3) unit vectors, NaN where a leg does not reach the mid-plane. If the
+            arc is a right angle and n is along the base axis, every axis in the mid-plane
+            is an elbow, and the result is meaningless.
         triple_products
             (n, legs) numbers n . (base axis x elbow) with the normal n. The signs are those
             of the modes. The numbers are 0 at the limit of the reach, where both elbows
@@ -215,7 +217,7 @@ class MidPlane:
         """
         # Components (n, legs) of the elbows in the frames of the pairs.
         x, y, _ = np.moveaxis(np.vecmat(elbows, self.dials), -1, 0)
-        return self.senses * wrap(np.arctan2(y, x) - self.phases)
+        return wrap(self.senses * (np.arctan2(y, x) - self.phases))
 
     def normals(self, inputs: Floats) -> Floats:
         """Return the normals of the mid-planes at given values of both inputs.
@@ -260,7 +262,8 @@ class MidPlane:
 
         A leg has two links; its elbow is the axis between them. The mid-plane contains all
         elbows and has the normal n. The sign of a leg is the sign of n . (base axis x
-        elbow). The sign tells which of two possible elbows the leg has.
+        elbow). The sign tells which of two possible elbows the leg has. It is 0 where both
+        coincide, and NaN where the inputs determine no mid-plane.
         """
         products = cross(self.axes[self.driven], self._driven_elbows(inputs))
         return np.sign(np.vecdot(self.normals(inputs)[:, None], products))
@@ -284,7 +287,8 @@ class MidPlane:
 
         Returns
         -------
-        The variables (n, 2) rad of both driven pairs, by the signs of their legs.
+        The variables (n, 2) rad of both driven pairs, by the signs of their legs; NaN where
+        the leg does not reach the mid-plane.
         """
         # For each leg, the point halfway between the two possible positions of its elbow.
         feet = self.elbow_feet(normals)
@@ -316,15 +320,18 @@ class MidPlane:
         normal
             (3,) unit normal of the given mid-plane, which may be out of reach.
         margin
-            Least angle (rad) to the border of the reach.
+            Least angle (rad) to the border of the reach, not negative.
 
         Returns
         -------
-        (3,) unit normal with n_z >= 0; NaN if no mid-plane is within reach.
+        (3,) unit normal with n_z >= 0; NaN if no mid-plane within reach is found.
         """
         # A leg reaches the mid-plane if the angle between its base axis and the plane is at
         # most its reach. The sine of this angle is the scalar product of normal and axis.
-        # Its square is compared, since the sign does not matter.
+        # Its square is compared, since the sign does not matter. A margin larger than the
+        # reach of a leg leaves no mid-plane.
+        if np.any(self.reach < margin):
+            return nans(3)
         sine_limits = np.sin(self.reach - margin)
         # The border of the region of all normals within reach is exact. Parts of the region
         # that are smaller than the tolerance can be missed.

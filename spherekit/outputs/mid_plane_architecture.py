@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.arrays import Floats
-from spherekit.errors import SolveError
+from spherekit.errors import ModelError, SolveError
 from spherekit.geometry.mirror import mirror_angles, mirror_of, reflections, upward
 from spherekit.geometry.rotation import rotation_about_axis, transpose
 from spherekit.geometry.sphere_mesh import spiral_directions
@@ -506,8 +506,18 @@ class MidPlaneArchitecture:
         freedoms
             Least number of degrees of freedom, which has to be 2. The rank of the velocity
             equations gives this number, with the last combination of signs only.
+
+        Raises
+        ------
+        ModelError
+            If no mid-plane within reach of all legs is found.
         """
         normals = _spread_normals(self.plane)
+        if not len(normals):
+            raise ModelError(
+                f"{self.mechanism.name} has no mid-plane symmetric architecture: no "
+                "mid-plane was found that all legs reach"
+            )
         gap = 0.0
         for signs in product((1, -1), repeat=len(self.legs)):
             # The pair variables (rad), and the angle (rad) between the axes of each pair.
@@ -562,7 +572,8 @@ class MidPlaneArchitecture:
         Raises
         ------
         SolveError
-            If the poses coincide or differ by half a turn, or a leg does not reach one.
+            If `modes` is not a sign for each leg, the poses coincide or differ by half a
+            turn, a leg does not reach one, or no path begins at the start.
         """
         signs = np.asarray(modes, dtype=float)
         if signs.shape != (len(self.legs),) or not np.all(np.abs(signs) == 1.0):

@@ -4,13 +4,14 @@ The unit normal n of the mid-plane and the signs of the legs determine a configu
 
 - Type I: an input moves while the output rests if a driven leg is at the limit of its
   reach, ``|n . b| = sin a`` with its base axis b and its arc a. These are circles of n.
-- Type II: with the inputs locked there are as many velocity equations as unknowns. Their
-  determinant is a smooth function of n in each mode. It changes its sign where the output
-  can move with the inputs at rest, also where the loops lose their rank. The regular
-  equations of `spherekit.singularities` do not hold there.
+- Type II: with the inputs locked there are usually as many velocity equations as unknowns.
+  Their determinant is a smooth function of n in each mode. It changes its sign where the
+  output can move with the inputs at rest, also where the loops lose their rank. The regular
+  equations of `spherekit.singularities` do not hold there. If there are more equations than
+  unknowns (over-constrained loops), this module has no curves of type II.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -21,7 +22,7 @@ from spherekit.arrays import Bools, Floats, Indices, Integers
 from spherekit.completeness import Completeness, Guarantee
 from spherekit.errors import ModelError
 from spherekit.geometry.sphere_mesh import hemisphere, list_edges
-from spherekit.geometry.triangle import arc
+from spherekit.geometry.triangle import arc, perpendicular
 from spherekit.geometry.vectors import all_finite, cross, nans, unit_rows
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
@@ -33,12 +34,25 @@ from spherekit.singularities.singularity_report import LocusName, SingularityRep
 from spherekit.singularities.slices import solver_of
 from spherekit.singularities.stationarity import output_of
 from spherekit.time_limit import TimeLimit
-from spherekit.tolerances import CLOSURE_TOLERANCE
+from spherekit.tolerances import CLOSURE_TOLERANCE, EPS, REACH_SLACK
 
 LOCUS_MESH_SIDE_RAD = float(np.radians(4.0))
 """Longest side (rad) of the triangles in which curves are searched.
 
 Larger: more closed curves that are smaller than a triangle are missed. Smaller: more time.
+"""
+
+LIMIT_ARC_STEP_RAD = float(np.radians(1.0))
+"""Largest angle (rad) between neighbouring points of a circle of type I, about its centre.
+
+Larger: fewer points on each curve. Smaller: more time.
+"""
+
+LEAST_ARC_RAD = 1e-7
+"""Angle (rad) of an arc of type I, about the centre of its circle, below which it is empty.
+
+It is above the rounding error of both ends, about 1e-8 where a circle touches a limit.
+Larger: short arcs are missed. Smaller: rounding errors can make arcs.
 """
 
 COLLINEAR_ELBOWS_SINE = 1e-6
@@ -81,7 +95,8 @@ def mid_plane_loci(
 
     Returns
     -------
-    The curves, None if the mechanism has no mid-plane architecture.
+    The curves. None if the mechanism has no mid-plane architecture, or for type II if its
+    velocity equations with locked inputs are not square.
     """
     try:
         form = mid_plane_form(mechanism, output)
@@ -91,6 +106,8 @@ def mid_plane_loci(
     search = _MidPlaneCurveSearch(form, mechanism, kind, output)
     if kind == "I":
         curves = list(search.find_borders())
+    elif not search.has_square_equations:
+        return None
     else:
         curves = list(search.find_determinant_zeros(budget))
     excluded = "configurations in which the output is not a mirror image of the base"
@@ -187,13 +204,22 @@ class _MidPlaneCurveSearch:
             v for v in range(len(mechanism.variable_owners)) if v not in solver.driven
         ]
 
+    @property
+    def has_square_equations(self) -> bool:
+        """Whether there are as many velocity equations as variables that are not driven.
+
+        Each closed loop (chord of the tree of links) has three equations.
+        """
+        return 3 * len(self.locus.closure.tree.chords) == len(self.passive)
+
     def find_borders(self) -> Iterator[CurveSeen]:
         """Yield the curves of type I: an input can move while the output rests.
 
         A driven leg (leg whose pair at the base is an input) is then at the limit of its
         reach, stretched or folded. Base and output mirror each other in the mid-plane. The
         normal of this plane determines the pose, so each point of a curve is a normal. The
-        curves are circles, or arcs of circles that end where another leg does not reach.
+        curves are circles, or arcs of circles. Arcs end where another leg does not reach,
+        or at n_z = 0, because n and -n belong to the same plane.
 
         An assembly mode has a sign, 1 or -1, for each leg, which chooses one of its two
         possible elbows (axes between both links). The curves are yielded for each choice of
@@ -205,30 +231,76 @@ class _MidPlaneCurveSearch:
         for driven_leg in self.form.plane.driven:
             # The name of the input: the pair of this leg at the base.
             input_name = self.form.name_of(driven_leg)
+            limit_arcs = self._find_limit_arcs(driven_leg)
             for other_signs in product((1, -1), repeat=leg_count - 1):
                 # The signs of all legs: 1 is inserted at the place of the driven leg.
                 signs = np.insert(np.array(other_signs), driven_leg, 1)
-                # This function of normals is 0 where the driven leg is at its limit.
-                measure_reach = partial(self._measure_reach, driven_leg)
-                yield from self._find_zero_curves(
-                    measure_reach,
-                    signs,
-                    reason=f"leg of {input_name} at the limit of its reach",
-                    centres=self._limit_circle_centres(driven_leg),
-                )
+                reason = f"leg of {input_name} at the limit of its reach"
+                for normals, is_closed in limit_arcs:
+                    yield self._make_curve(normals, signs, is_closed, reason)
 
-    def _limit_circle_centres(self, leg: int) -> tuple[Floats, Floats]:
-        """Return the centres (3,) of the circles on which a leg is at its limit.
+    def _find_limit_arcs(self, leg: int) -> list[tuple[Floats, bool]]:
+        """Return the arcs of normals n at which a leg is at the limit of its reach.
 
-        The circles consist of unit normals n of the mid-plane. The elbow of the leg (axis
-        between its two links) is in this plane, at the angle a (arc of the link) from the
-        base axis b of the leg. At the limit of the reach, ``|n . b| = sin a``. This gives
-        two circles, with the centres b and -b. The normals n and -n belong to the same
-        plane, so only a hemisphere of normals is searched. The hemisphere can contain parts
-        of both circles.
+        The elbow of the leg (axis between its two links) is in the mid-plane, at the angle
+        a (arc of the link) from the base axis b of the leg. At the limit of the reach,
+        ``|n . b| = sin a``. This gives two circles, with the centres b and -b. Only the
+        parts with n_z >= 0 that all other legs reach are returned. They end at zeros of
+        n . d - c, where d is the z axis and c is 0, or d is the base axis of another leg
+        and c is plus or minus the sine of its reach. On a circle this is an equation
+        A cos(t) + B sin(t) = C for the angle t about the centre.
+
+        Returns
+        -------
+        For each arc: its unit normals (n, 3), and whether it is a whole circle. The last
+        normal of a whole circle is the first one.
         """
-        axis = self.form.plane.axes[leg]
-        return axis, -axis
+        plane = self.form.plane
+        axis = plane.axes[leg]
+        radius = np.cos(plane.reach[leg])
+        if radius**2 <= REACH_SLACK:
+            return []  # the circle is a point, at which all elbows are possible
+        x_axis = perpendicular(axis)
+        y_axis = cross(axis, x_axis)
+        other_axes = np.delete(plane.axes, leg, axis=0)
+        other_limits = np.sin(np.delete(plane.reach, leg))
+        border_axes = np.concatenate([np.eye(3)[2:], other_axes, other_axes])
+        border_values = np.concatenate([[0.0], other_limits, -other_limits])
+        arcs = []
+        for centre in (axis, -axis):
+            height = np.sin(plane.reach[leg]) * centre
+
+            def place_on_circle(angles: Floats, height: Floats = height) -> Floats:
+                """Return the normals (n, 3) at angles (n,) rad about the centre."""
+                cosines = np.cos(angles)[:, None] * x_axis
+                sines = np.sin(angles)[:, None] * y_axis
+                return height + radius * (cosines + sines)
+
+            cosine_factors = radius * (border_axes @ x_axis)
+            sine_factors = radius * (border_axes @ y_axis)
+            with np.errstate(all="ignore"):
+                half_widths = np.arccos(
+                    (border_values - border_axes @ height)
+                    / np.hypot(cosine_factors, sine_factors)
+                )
+            middles = np.arctan2(sine_factors, cosine_factors)
+            ends = np.concatenate([middles - half_widths, middles + half_widths])
+            ends = np.unique(np.mod(ends[np.isfinite(ends)], 2.0 * np.pi))
+            # Without an end, the only arc is the whole circle.
+            is_closed = len(ends) == 0
+            starts = np.zeros(1) if is_closed else ends
+            stops = np.append(starts[1:], starts[0] + 2.0 * np.pi)
+            middle_normals = place_on_circle(0.5 * (starts + stops))
+            feet = plane.elbow_feet(middle_normals)
+            is_reached = np.all(feet.triple_product_square >= 0.0, axis=1)
+            # Two equal ends that differ by rounding enclose no arc.
+            lengths = stops - starts
+            is_arc = is_reached & (middle_normals[:, 2] > 0.0) & (lengths > LEAST_ARC_RAD)
+            for number in np.flatnonzero(is_arc):
+                step_count = max(8, int(np.ceil(lengths[number] / LIMIT_ARC_STEP_RAD)))
+                angles = np.linspace(starts[number], stops[number], step_count + 1)
+                arcs.append((place_on_circle(angles), is_closed))
+        return arcs
 
     def find_determinant_zeros(self, budget: TimeLimit) -> Iterator[CurveSeen]:
         """Yield the curves of type II: the output can move while the inputs are locked.
@@ -257,8 +329,6 @@ class _MidPlaneCurveSearch:
         self,
         function: Callable[[Floats], Floats],
         signs: Integers,
-        reason: str = "",
-        centres: Sequence[Floats] = (),
     ) -> Iterator[CurveSeen]:
         """Yield the curves on which a function of the mid-plane changes its sign.
 
@@ -272,19 +342,16 @@ class _MidPlaneCurveSearch:
             Function of normals (n, 3) with values (n,), NaN where it has none.
         signs
             (legs,) signs of the assembly mode, 1 or -1 for each leg.
-        reason
-            Why the curves are singular. If it is empty, it is found out for each curve.
-        centres
-            Unit vectors (3,) that become vertices of the mesh. Curves around them are found
-            however small they are.
         """
-        vertices, triangles = _make_mesh(centres)
+        vertices, triangles = hemisphere(LOCUS_MESH_SIDE_RAD)
         # (edges, 2) numbers of the vertices of each edge, and (triangles, 3) numbers of the
         # edges of each triangle.
         edges, triangle_edges = list_edges(triangles)
-        # An edge has a zero if the values at its ends have opposite signs.
+        # An edge has a zero if one of the values at its ends is negative and the other one
+        # is not. A value of exactly 0 must have a sign too, otherwise the curve has a gap.
         values = function(vertices)[edges]
-        has_zero = all_finite(values, 1) & (values[:, 0] * values[:, 1] < 0.0)
+        is_negative = values < 0.0
+        has_zero = all_finite(values, 1) & (is_negative[:, 0] != is_negative[:, 1])
         zeros = _find_zeros_on_edges(
             function, edge_ends=vertices[edges[has_zero]], end_values=values[has_zero]
         )
@@ -295,35 +362,11 @@ class _MidPlaneCurveSearch:
             if is_closed:
                 chain = np.append(chain, chain[0])
             normals = zeros[chain]
-            curve_reason = reason or self._find_reason(normals, signs)
-            yield self._make_curve(normals, signs, is_closed, curve_reason)
-
-    def _measure_reach(self, leg: int, normals: Floats) -> Floats:
-        """Return a smooth measure of whether a leg reaches a mid-plane, 0 at the limit.
-
-        Base and output mirror each other in the mid-plane. The elbow of a leg (the axis
-        between its two links) is in this plane. Its angle from the base axis of the leg is
-        the arc a of the link. With the angle h between base axis and plane, the measure is
-        sin(a + h) sin(a - h). It is positive if such an elbow exists, and negative if not.
-        Singularities of type I are at its zeros.
-
-        Parameters
-        ----------
-        leg
-            Number of the leg.
-        normals
-            (n, 3) unit normals of mid-planes.
-
-        Returns
-        -------
-        (n,) measures. The measures are NaN where another leg does not reach the mid-plane.
-        """
-        # The measure is `triple_product_square`: where an elbow exists, the square of the
-        # triple product of normal, base axis and elbow.
-        measures = self.form.plane.elbow_feet(normals).triple_product_square  # (n, legs)
-        measures_of_others = np.delete(measures, leg, axis=1)
-        others_reach = np.all(measures_of_others >= 0.0, axis=1)
-        return np.where(others_reach, measures[:, leg], np.nan)
+            if is_closed and np.max(np.ptp(normals, axis=0)) <= 8.0 * EPS:
+                # A vertex at which the function is 0 without a change of sign around it.
+                continue
+            reason = self._find_reason(normals, signs)
+            yield self._make_curve(normals, signs, is_closed, reason)
 
     def _find_reason(self, normals: Floats, signs: Integers) -> str:
         """Return the reason why a curve is singular of type II, as text for users.
@@ -479,32 +522,6 @@ class _MidPlaneCurveSearch:
         )
 
 
-def _make_mesh(centres: Sequence[Floats]) -> tuple[Floats, Indices]:
-    """Return a mesh of a hemisphere of unit normals, with some points as vertices.
-
-    The mesh serves to find curves on which a function of normals is zero. A circle that is
-    smaller than a triangle is found if its centre is a vertex.
-
-    Parameters
-    ----------
-    centres
-        Unit vectors (3,). The vertex nearest to each of them is moved there.
-
-    Returns
-    -------
-    vertices
-        (V, 3) unit vectors.
-    triangles
-        (T, 3) numbers of the vertices of each triangle.
-    """
-    vertices, triangles = hemisphere(LOCUS_MESH_SIDE_RAD)
-    vertices = vertices.copy()
-    for centre in centres:
-        nearest_vertex = np.argmax(vertices @ centre)
-        vertices[nearest_vertex] = centre
-    return vertices, triangles
-
-
 def _find_zeros_on_edges(
     function: Callable[[Floats], Floats], edge_ends: Floats, end_values: Floats
 ) -> Floats:
@@ -520,7 +537,7 @@ def _find_zeros_on_edges(
     edge_ends
         (k, 2, 3) unit vectors to both ends of each edge.
     end_values
-        (k, 2) values of the function there, with opposite signs.
+        (k, 2) values of the function there, one negative and the other not.
 
     Returns
     -------

@@ -116,13 +116,18 @@ class MidPlaneKinematics(ClosedKinematics):
         return _MidPlaneMode(self, directions=poses @ self.form.frame, signs=signs)
 
     def forward(self, inputs: Floats) -> PoseSolutions:
-        """Return all poses at inputs (n, 2) rad (forward kinematics).
+        """Return the poses at inputs (n, 2) rad (forward kinematics).
 
         Base and output link mirror each other in the mid-plane, which contains the elbows
         of all legs (the axes between the two links of each leg). The inputs determine the
         elbows of both driven legs, and thereby the mid-plane. The elbow of each other leg
         can have two positions. The same pose is returned once for each choice of these
-        positions. There is no pose if both driven elbows are parallel.
+        positions. No pose is returned if both driven elbows are parallel, or if the output
+        points exactly in its home direction.
+
+        The loops can also close with an output that is no mirror image of the base, or with
+        other positions of the links that hold the elbows. These configurations are not
+        searched, so no row is complete.
         """
         form = self.form  # the mid-plane architecture of the mechanism
         mid_planes = self._find_mid_planes(inputs)
@@ -135,7 +140,6 @@ class MidPlaneKinematics(ClosedKinematics):
         row = row[is_closed]
         mode = mode[is_closed]
         orientations = form.orientations(mid_planes.normals[row])
-        # `complete` is whether all configurations were found. The closed form gives all.
         return PoseSolutions(
             row=row,
             inputs=inputs[row],
@@ -143,7 +147,7 @@ class MidPlaneKinematics(ClosedKinematics):
             rotations=orientations,
             directions=orientations @ np.array(self.output.direction),
             signs=tuple(self.modes[number] for number in mode),
-            complete=np.ones(len(inputs), dtype=bool),
+            complete=np.zeros(len(inputs), dtype=bool),
         )
 
     def _find_mid_planes(self, inputs: Floats) -> InputMidPlanes:
@@ -283,10 +287,12 @@ class _MidPlaneMode:
         square = self.type_1**2
         feet = self.form.plane.elbow_feet(self.normals)
         across = cross(self.directions[:, None], feet.foot[:, self.driven])
-        continuation = feet.triple_product_square[:, self.driven] / np.vecdot(
-            across, across
-        )
-        continuation = np.fmin(continuation * (self.home_distance**2)[:, None], 0.0)
+        with np.errstate(all="ignore"):
+            # The divisor is 0 if the output points along a foot.
+            continuation = feet.triple_product_square[:, self.driven] / np.vecdot(
+                across, across
+            )
+            continuation = np.fmin(continuation * (self.home_distance**2)[:, None], 0.0)
         return np.where(np.isnan(square), continuation, square)
 
     @property

@@ -43,7 +43,7 @@ EQUAL_SIZE_RAD = 1e-9
 """Difference (rad) of arcs and axes below which they are taken to be meant equal.
 
 Larger: mechanisms that are not symmetric are accepted here, and refused by the proof.
-Smaller: sizes that were rounded in a file count as different.
+Smaller: rounding errors of equal sizes count as differences.
 """
 
 PROOF_RESIDUAL_RAD = 1e-12
@@ -87,7 +87,8 @@ def mid_plane_form(
     for pair in grounded.pairs:
         if not pair.kind.has_axis:
             raise _error(
-                grounded, f'pair "{pair.name}" is a contact pair; only R pairs fit'
+                grounded,
+                f'pair "{pair.name}" is a contact pair; only R and arc-prismatic pairs fit',
             )
 
     # 2. Find legs and carriers in the graph of links.
@@ -118,6 +119,8 @@ def mid_plane_form(
     if other_links:
         names = listing(grounded.links[link] for link in sorted(other_links))
         raise _error(grounded, f"links {names} neither belong to a leg nor hold an elbow")
+
+    _check_right_angles(grounded, joints, structure)
 
     # 4. Prove by numbers that all pairs close.
     form = _make_architecture(grounded, joints, declared_output, legs, structure.pair_axes)
@@ -276,7 +279,7 @@ def _find_elbow_carriers(
             # A hinge of a carrier on a leg. It may point along the elbow or opposite.
             leg = leg_of_link[leg_link]
             elbow_axis = axis(elbows[leg], leg_link)
-            sense = float(np.sign(axis(pair, leg_link) @ elbow_axis))
+            sense = float(np.copysign(1.0, axis(pair, leg_link) @ elbow_axis))
             pair_axes[pair] = PairAxis("elbow", leg, sense)
             hinged_links.add(other_link)
         elif links_without_carriers.isdisjoint({first_link, second_link}):
@@ -290,13 +293,36 @@ def _find_elbow_carriers(
         first_carrier = ends[carrier_pairs[0]][:1]
         for pair, link, next_link in find_spanning_tree(ends, first_carrier, carrier_pairs):
             normal = normals.setdefault(link, axis(pair, link))
-            normals[next_link] = np.sign(axis(pair, link) @ normal) * axis(pair, next_link)
+            sense = float(np.copysign(1.0, axis(pair, link) @ normal))
+            normals[next_link] = sense * axis(pair, next_link)
     # Pairs that are not in the mapping yet are the pairs along the normal.
     for pair in range(len(ends)):
         link = ends[pair][0]
-        sense = float(np.sign(axis(pair, link) @ normals.get(link, np.ones(3))))
+        sense = float(np.copysign(1.0, axis(pair, link) @ normals.get(link, np.ones(3))))
         pair_axes.setdefault(pair, PairAxis("normal", -1, sense))
     return _ElbowStructure(pair_axes, elbow_carriers=hinged_links & set(normals))
+
+
+def _check_right_angles(
+    mechanism: Mechanism, joints: Sequence[Joint], structure: _ElbowStructure
+) -> None:
+    """Raise `ModelError` if an elbow and a normal are not at right angles in a carrier.
+
+    The elbows lie in the mid-plane, so its normal is at right angles to them. Parallel axes
+    would not even determine the orientation of the carrier, which the proof needs.
+    """
+    for link in structure.elbow_carriers:
+        # Axes of the carrier by their kind.
+        axes: dict[str, list[Floats]] = {"elbow": [], "normal": []}
+        for pair, pair_axis in structure.pair_axes.items():
+            if link in mechanism.ends[pair]:
+                axes[pair_axis.kind].append(axis_in(mechanism, joints, pair, link))
+        if max_abs(np.array(axes["elbow"]) @ np.array(axes["normal"]).T) > EQUAL_SIZE_RAD:
+            raise _error(
+                mechanism,
+                f"in link {mechanism.links[link]}, the axis of an elbow is not at right "
+                "angles to the normal of the mid-plane",
+            )
 
 
 def _make_architecture(

@@ -61,15 +61,17 @@ class InverseRows(ArrayRows):
         (k,) index of the pose, ascending.
     mode
         (k,) label of the working mode (way to assemble the legs), such as ``+-``. A group
-        of links without a sign has ``~``. Empty for a pose without a configuration.
+        of links without a sign has ``~``. If the position solver finds no configuration at
+        a pose, the pose has one row with an empty label.
     inputs
-        (k, inputs) rad in (-pi, pi].
+        (k, inputs) rad in (-pi, pi]. If wheels drive the mechanism, they can be outside of
+        this range.
     status
         (k,) values of `Status`: OK; OUT_OF_REACH, and then all but margin and limiting
         are NaN; AT_SINGULARITY where a measure is nearly 0 or has no value.
     margin, limiting
         (k,) angle (rad) that is left to the nearest limit, negative beyond it, and (k,) the
-        index of this limit in `limits`. They are NaN and -1 if no limit applies.
+        index of this limit in `limits`. They are NaN and -1 where the margin is not known.
     type_1
         (k, inputs) speed of the output per unit rate of each input; 0 at a singularity of
         type I, where the input moves while the output rests.
@@ -81,7 +83,7 @@ class InverseRows(ArrayRows):
     values
         (k, pairs) variables of the requested pairs, rad in (-pi, pi].
     limits
-        Names of the limits.
+        Names of the limits; empty if they were not examined.
     """
 
     pose: Indices
@@ -124,9 +126,9 @@ class InverseRows(ArrayRows):
         # if one of them is NaN, and then fails the comparison below.
         least_measure = np.minimum(np.min(self.type_1, axis=1), self.type_2)
         has_inputs = np.isfinite(self.inputs).all(axis=1)
-        # Each measure is the sine of an angle, the distance to the singularity. Below the
-        # limit half of the digits of the configuration are lost. The limit is that for two
-        # links (a dyad) that are nearly in line.
+        # A small measure is the sine of an angle, the distance to the singularity. Below
+        # the limit half of the digits of the configuration are lost. The limit is that for
+        # two links (a dyad) that are nearly in line.
         is_regular = has_inputs & (least_measure > SINGULAR_DYAD_SINE)
         status = np.where(is_regular, Status.OK, Status.AT_SINGULARITY)
         status[is_outside] = Status.OUT_OF_REACH
@@ -208,8 +210,16 @@ class OutputKinematics:
             return self.modes
         if text in self.labels:
             return (self.modes[self.labels.index(text)],)
-        if text.isdecimal() and int(text) < len(self.modes):
-            return (self.modes[int(text)],)
+        if not self.modes:
+            raise AnalysisError(
+                f'{self.mechanism.name}: outputs.{self.output.name}: working mode "{text}" '
+                "is not known, because this output has no working modes; leave it out"
+            )
+        # Texts are compared, because Python converts no text of thousands of digits.
+        number = text.lstrip("0") or "0"
+        numbers = [str(mode) for mode in range(len(self.modes))]
+        if number in numbers:
+            return (self.modes[numbers.index(number)],)
         raise AnalysisError(
             f'{self.mechanism.name}: outputs.{self.output.name}: working mode "{text}" is '
             f"not known; give one of {listing(self.labels, MAX_LISTED_MODES)}, or a number "

@@ -22,6 +22,7 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.outputs.fixed_axis_rotation import (
+    UNIT_ORIENTATION_TOLERANCE,
     FollowedRotation,
     follow_rotation,
     follow_to,
@@ -222,10 +223,10 @@ class PoseFinder:
         """Return every configuration found at a pose, in all assembly modes.
 
         In a mid-plane symmetric architecture (`form`), base and output mirror each other in
-        a plane. The configurations are then computed in closed form, and a pose can also be
-        stated by two angles of this plane. For other mechanisms, position analysis finds
-        the configurations if the pose is stated by inputs. For other poses inverse
-        kinematics is used.
+        a plane. Only configurations with this symmetry are then returned, in closed form,
+        and a pose can also be stated by two angles of this plane. For other mechanisms,
+        position analysis finds the configurations if the pose is stated by inputs. For
+        other poses inverse kinematics is used. Joint limits are not examined.
 
         Parameters
         ----------
@@ -235,9 +236,14 @@ class PoseFinder:
         Raises
         ------
         SolveError
-            If there is no configuration at the pose, or if the output has no poses of this
-            kind.
+            If there is no configuration at the pose, if the output has no poses of this
+            kind, or if the number of inputs is wrong or the orientation no rotation.
         """
+        match pose:
+            case AtInputs(inputs):
+                self._check_inputs(inputs)
+            case AtOrientation(orientation):
+                _check_orientation(orientation)
         if self.form is not None:
             return self._find_at_mid_plane(self.form, pose)
         match pose:
@@ -253,6 +259,15 @@ class PoseFinder:
                     "mechanism has no mid-plane symmetric architecture; give inputs, a "
                     "direction or an orientation"
                 )
+
+    def _check_inputs(self, inputs: Floats) -> None:
+        """Raise `SolveError` if there is not one value for each input."""
+        names = self.mechanism.input_pairs
+        if np.shape(inputs) != (len(names),):
+            raise SolveError(
+                f"{self.mechanism.name}: found inputs of the shape {np.shape(inputs)}, "
+                f"expected one value for each of: {listing(names)}"
+            )
 
     def _find_at_inputs(self, inputs: Floats) -> PoseCandidates:
         """Return the configurations of all assembly modes at inputs (inputs,) in rad."""
@@ -486,13 +501,15 @@ class PoseFinder:
         Raises
         ------
         SolveError
-            If the pose is not reached, or has no such mode.
+            If the pose is not reached or has no such mode. Whether an orientation is
+            reached is not examined.
         """
         if isinstance(end, AtRotation):
             return end
         if isinstance(end, AtOrientation):
             # All configurations at the end have this orientation, so there is only one
             # choice.
+            _check_orientation(end.orientation)
             return EndOrientation(end.orientation, number=0, count=1, has_start_mode=False)
         try:
             ends = self.candidates(end)
@@ -614,6 +631,20 @@ class PoseFinder:
                 self.mechanism, start_values, end.axis, end.angle, self.output.name
             )
         return follow_to(self.mechanism, start_values, end.orientation, self.output.name)
+
+
+def _check_orientation(orientation: Floats) -> None:
+    """Raise `SolveError` if an orientation is not a rotation matrix (3, 3)."""
+    matrix = np.asarray(orientation, dtype=float)
+    # Comparisons with NaN are false, and fail the test.
+    with np.errstate(all="ignore"):
+        is_rotation = (
+            matrix.shape == (3, 3)
+            and np.linalg.det(matrix) > 0.0
+            and max_abs(matrix @ matrix.T - np.eye(3)) < UNIT_ORIENTATION_TOLERANCE
+        )
+    if not is_rotation:
+        raise SolveError("the orientation has to be a rotation matrix (3, 3)")
 
 
 def _find_working_mode(solutions: PoseSolutions, pose: int, values: Floats) -> str:

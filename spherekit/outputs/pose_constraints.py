@@ -13,6 +13,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from spherekit.arrays import Floats, Indices
+from spherekit.conventions import Names
 from spherekit.errors import AnalysisError
 from spherekit.geometry.triangle import arc
 from spherekit.mechanism.joint_construction import make_joints
@@ -57,10 +58,10 @@ class ModeAtPoses(Protocol):
 
     @property
     def type_1(self) -> Floats:
-        """(n, inputs) angular speed of the output per unit rate of each input.
+        """(n, inputs) least angular speed of the output per unit rate of each input.
 
-        One input moves while the others are locked. The speed is 0 at a singularity of type
-        I, because the output rests there although this input moves.
+        One input has the rate 1 and the others have any rates. The speed is 0 at a
+        singularity of type I, because the output rests there although this input moves.
         """
 
     @property
@@ -189,9 +190,9 @@ class Constraints:
         Least distance to singularities of type I of every input and of type II, as an angle
         (rad); 0 for no limit. The distance is arcsin(min(m, 1)) with a measure m that is 0
         at the singularity. For type I (the input moves while the output rests), m is the
-        angular speed of the output per unit rate of the input. For type II (the output can
-        move although the inputs are locked), m is the transmission measure: how well the
-        locked inputs hold the output.
+        least angular speed of the output per unit rate of the input, for any rates of the
+        other inputs. For type II (the output can move although the inputs are locked), m is
+        the transmission measure: how well the locked inputs hold the output.
     width, radius
         Width of the links and radius of the sphere that they are on, in the same unit of
         length; 0 for no limit. A leg has two links and three axes. If it can fold so that
@@ -302,6 +303,42 @@ def find_least_margin(
     return np.where(is_unknown, np.nan, margin), np.where(is_unknown, -1, limiting)
 
 
+def measure_joint_margins(mechanism: Mechanism, values: Floats) -> tuple[Names, Floats]:
+    """Return how much is left to each joint limit of a mechanism in n configurations.
+
+    This is for configurations that were not computed in closed form.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism with its joint limits.
+    values
+        (n, variables) pair variables (rad).
+
+    Returns
+    -------
+    names
+        Names of the limits, without those of a whole turn, which every angle keeps.
+    margins
+        (n, limits) angle (rad) to each limit, negative beyond it; NaN if a variable is NaN.
+    """
+    names = []
+    margins = np.empty((len(values), 0))
+    for limit in mechanism.joint_limits:
+        half_width = 0.5 * (limit.high - limit.low)
+        if half_width >= np.pi:
+            continue
+        number = mechanism.variable_owners.index(mechanism.pair_number[limit.pair])
+        distance = np.abs(wrap(values[:, number] - 0.5 * (limit.low + limit.high)))
+        margin = half_width - distance
+        # COLLINEAR_SINE is the tolerance (rad) for rounding errors of an angle on a limit.
+        is_rounding = (margin < 0.0) & (margin >= -COLLINEAR_SINE)
+        margin[is_rounding] = 0.0
+        names.append(_name_pair_limit("joint_limit", limit))
+        margins = np.column_stack([margins, margin])
+    return tuple(names), margins
+
+
 def _select_least(angle_margins: Floats) -> tuple[Floats, Indices]:
     """Return the least margin (n,) of each pose, and the column (n,) in which it is.
 
@@ -381,7 +418,7 @@ def _collect_axis_ranges(
     def add_range(pair: int, other_pair: int, low: float, high: float, source: str) -> None:
         """Add a range of the angle between the axes of two pairs."""
         key = (min(pair, other_pair), max(pair, other_pair))
-        whole_range = _AngleRange(0.0, np.pi, "")
+        whole_range = _AngleRange(0.0, np.pi, "like every angle")
         ranges.setdefault(key, [whole_range]).append(_AngleRange(low, high, source))
 
     for span in kinematics.spans:
@@ -572,16 +609,16 @@ def _limit_pairs(
         *((limit, "joint_limit") for limit in mechanism.joint_limits),
         *((limit, "limit") for limit in limits),
     ]
-    # The range before the present one of each pair, to see whether both contradict each
+    # The ranges before the present one, to see whether two of the same pair contradict each
     # other. Angles are compared modulo whole turns: two ranges overlap if the distance of
     # their middles is at most the sum of their half widths.
-    previous_limits: dict[str, JointLimit] = {}
+    previous_limits: list[JointLimit] = []
     bounds = []
     for limit, kind in named_limits:
         # Raises an error if no pair has this name.
         _find_pair(kinematics, "limits", limit.pair)
         number = mechanism.pair_number[limit.pair]
-        range_text = f"{_format_degrees(limit.low)} to {_format_degrees(limit.high)}"
+        range_text = _format_range(limit)
         if not -np.inf < limit.low <= limit.high < np.inf:
             raise _error(
                 mechanism,
@@ -590,17 +627,18 @@ def _limit_pairs(
             )
         middle = 0.5 * (limit.low + limit.high)
         half_width = 0.5 * (limit.high - limit.low)
-        previous = previous_limits.setdefault(limit.pair, limit)
-        distance = wrap(middle - 0.5 * (previous.low + previous.high))
-        previous_half_width = 0.5 * (previous.high - previous.low)
-        if abs(distance) > half_width + previous_half_width + COLLINEAR_SINE:
-            raise _error(
-                mechanism,
-                f"limits: {limit.pair} cannot be within {_format_degrees(previous.low)} to "
-                f"{_format_degrees(previous.high)} and within {range_text}; these limits "
-                "contradict each other",
-            )
-        previous_limits[limit.pair] = limit
+        for previous in previous_limits:
+            distance = wrap(middle - 0.5 * (previous.low + previous.high))
+            previous_half_width = 0.5 * (previous.high - previous.low)
+            is_apart = abs(distance) > half_width + previous_half_width + COLLINEAR_SINE
+            if previous.pair == limit.pair and is_apart:
+                raise _error(
+                    mechanism,
+                    f"limits: {limit.pair} cannot be within "
+                    f"{_format_degrees(previous.low)} to {_format_degrees(previous.high)} "
+                    f"and within {range_text}; these limits contradict each other",
+                )
+        previous_limits.append(limit)
         if half_width >= np.pi:  # a range of a whole turn allows every angle
             continue
 
@@ -611,7 +649,7 @@ def _limit_pairs(
             """Return the cosine (n,) of the angle from the middle of the range."""
             return np.cos(rows.angle(number) - middle)
 
-        name = f"{kind} of {limit.pair}, {range_text}"
+        name = _name_pair_limit(kind, limit)
         bounds.append(AngleLimit(name, half_width, at_least=False, cosine=cosine))
     return tuple(bounds)
 
@@ -619,10 +657,11 @@ def _limit_pairs(
 def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]:
     """Return the limits of the distance to singularities of type I and II.
 
-    The measure of type I of an input is the angular speed of the output per unit rate of
-    the input, 0 if the input moves while the output rests. The measure of type II is 0 if
-    the output can move although the inputs are locked. The distance to a singularity is the
-    angle b from 0 to pi / 2 with sin b = measure. A speed above 1 counts as 1. Twice the
+    The measure of type I of an input is the least angular speed of the output per unit rate
+    of the input, for any rates of the other inputs. It is 0 if the input moves while the
+    output rests. The measure of type II is 0 if the output can move although the inputs are
+    locked. The distance to a singularity is the angle b from 0 to pi / 2 with sin b =
+    measure. A speed above 1 counts as 1. Twice the
     angle is limited, because cos 2 b = 1 - 2 measure^2 is smooth even where the measure is
     0.
 
@@ -662,9 +701,9 @@ def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]
         def type_1_cosine(rows: ModeAtPoses, number: int = number) -> Floats:
             """Return cos(2 b) at n poses, with the angle b to a singularity of type I.
 
-            At type I an input moves while the output rests. sin(b) is the angular speed of
-            the output per unit rate of the input, but at most 1. Unlike b, cos(2 b) is
-            smooth at b = 0.
+            At type I an input moves while the output rests. sin(b) is the least angular
+            speed of the output per unit rate of the input, but at most 1. Unlike b, cos(2
+            b) is smooth at b = 0.
             """
             # Out of reach the square is negative and cos 2 b above 1. The margin thus
             # passes smoothly through the limit of the reach.
@@ -719,6 +758,16 @@ def _find_pair(kinematics: LimitedOutput, option: str, name: str) -> int:
 def _error(mechanism: Mechanism, reason: str) -> AnalysisError:
     """Return the error that the constraints of a workspace are wrong."""
     return AnalysisError(f"workspace of {mechanism.name}: {reason}")
+
+
+def _name_pair_limit(kind: str, limit: JointLimit) -> str:
+    """Return the name under which the range of a pair is reported."""
+    return f"{kind} of {limit.pair}, {_format_range(limit)}"
+
+
+def _format_range(limit: JointLimit) -> str:
+    """Return the range of a pair angle as text in degrees."""
+    return f"{_format_degrees(limit.low)} to {_format_degrees(limit.high)}"
 
 
 def _format_degrees(angle: float) -> str:

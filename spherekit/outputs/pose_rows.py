@@ -31,7 +31,7 @@ def turns_of(rates: Floats, directions: Floats | None) -> Floats:
     Returns
     -------
     (k, 3, inputs) angular velocities. They are not finite in singular configurations, where
-    the determinant of the matrix is zero.
+    the determinant of the matrix is zero. Some are NaN where a rate is infinite.
     """
     # The columns of the inverse of a matrix are the reciprocal vectors of its rows.
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
@@ -56,7 +56,8 @@ def sense_of(rates: Floats, directions: Floats | None) -> Integers:
         (k, 3) if there are two inputs, the unit vector in which the output link points. It
         becomes the third row of the determinant. None for three inputs.
     """
-    # Where a leg is stretched or folded, rates are infinite, and their determinant is NaN.
+    # Where a leg is stretched or folded, rates are infinite, and their determinant is
+    # infinite or NaN.
     with np.errstate(over="ignore", invalid="ignore"):
         _, determinant = reciprocal_vectors(rates, directions)
     return np.sign(np.nan_to_num(determinant)).astype(np.int64)

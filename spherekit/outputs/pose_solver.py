@@ -23,6 +23,7 @@ from spherekit.outputs.output_kinematics import (
     InverseRows,
     OutputKinematics,
 )
+from spherekit.outputs.pose_constraints import measure_joint_margins
 from spherekit.outputs.virtual_output import COORDINATES
 from spherekit.positions.assembly_mode import label_of
 
@@ -161,8 +162,8 @@ class GraphKinematics(OutputKinematics):
     ) -> InverseRows:
         """Return the inputs and measures of every configuration at some poses, in rows.
 
-        A row is one configuration at one pose. A pose without a configuration has one row
-        with the status OUT_OF_REACH.
+        A row is one configuration at one pose. A configuration beyond a joint limit has the
+        status OUT_OF_REACH. A pose without a configuration has one row with this status.
 
         Parameters
         ----------
@@ -201,23 +202,30 @@ class GraphKinematics(OutputKinematics):
         input_rates = invert_jacobian(output_rates, directions)
         # The number of the first variable of each pair asked for.
         variables = [self.mechanism.variable_owners.index(pair) for pair in pairs]
+        # The margin is the angle to the nearest joint limit. The reach of the legs is not
+        # known here. Without joint limits the margin is unknown (NaN), and the number of
+        # the limit is -1.
+        limits, joint_margins = measure_joint_margins(self.mechanism, values)
+        margin = nans(len(values))
+        limiting = np.full(len(values), -1)
+        if limits:
+            margin = np.min(joint_margins, axis=1)
+            limiting = np.where(np.isnan(margin), -1, np.argmin(joint_margins, axis=1))
         rows = InverseRows(
             pose=np.append(solutions.row[chosen], unsolved_poses),
             mode=labels[solution],
             inputs=select(solutions.inputs),
             status=np.zeros(len(solution), dtype=np.int8),
-            # The margin is the angle to the nearest limit. Limits are not examined here, so
-            # it is unknown (NaN), and the number of the limit is -1. A negative margin
-            # makes `with_status` set the status OUT_OF_REACH.
-            margin=np.where(is_solved, np.nan, -np.inf),
-            limiting=np.full(len(solution), -1),
+            # A negative margin makes `with_status` set the status OUT_OF_REACH.
+            margin=np.where(is_solved, margin, -np.inf),
+            limiting=limiting,
             # Measures that are 0 where an input moves and the output rests (type I), and
             # where the output can move with the inputs locked (type II).
             type_1=input_rates.type_1,
             type_2=self.type_2(values),
             rates=input_rates.rates,
             values=values[:, variables],
-            limits=(),
+            limits=limits,
         )
         # `concatenate` sorts the rows by pose.
         return InverseRows.concatenate([rows.with_status()])

@@ -71,8 +71,16 @@ beyond the limit, which fail. Smaller: more nodes near the limit.
 LIMITED_STEP_RAD = 0.02
 """Step (rad of theta) below which `MAX_PART_OF_BEND_DISTANCE` limits the step.
 
-Larger: steps are shortened far from any limit of the reach, where the first derivative
-vanishes for other reasons. Smaller: more failed steps near a limit.
+Larger: steps are shortened far from any limit of the reach, where the first derivative is
+small for other reasons. Smaller: more failed steps near a limit.
+"""
+
+LEAST_LIMITED_RATE = 1.0
+"""Largest first derivative of a variable above which `MAX_PART_OF_BEND_DISTANCE` applies.
+
+Near a limit of the reach first derivatives are large. Larger: more failed steps near a
+limit. Smaller: steps are shortened where the variables stand still or reverse, and with 0
+the path ends there.
 """
 
 STEP_VERIFICATION = Verification()
@@ -107,9 +115,9 @@ the same mode.
 LEAP_BELOW_STEP_RAD = 2e-3
 """Step (rad of theta) below which a leap is tried instead.
 
-It is also the least distance between two attempts, and the distance to the end within which
-a leap may pass the end. Larger: leaps are tried where ordinary steps succeed. Smaller: more
-halvings before a leap.
+It is also the least distance between two attempts. A leap over a configuration beyond the
+end is accepted only within this distance from the end. Larger: leaps are tried where
+ordinary steps succeed. Smaller: more halvings before a leap.
 """
 
 MIN_CONDITION_PER_RAD = 2e-3
@@ -160,7 +168,7 @@ class PathNodes(ArrayRows):
     follows
         (n,) whether the output link turns exactly with the target.
     is_valid
-        (n,) whether the configuration is the nearest one, with finite derivatives.
+        (n,) whether the configuration is the nearest one, with finite first derivatives.
     system
         (n, equations + 3, variables) matrices. The first rows are the derivatives of the
         closure equations with respect to the variables. The last three rows are the angular
@@ -267,8 +275,12 @@ def _measure_conditioning(deviation: TargetDeviation) -> Floats:
     loop equations and the angular velocity of the output link from the rates of the
     variables. They are 0 if a motion of the mechanism does not turn the output link.
     """
-    norm = np.linalg.norm(deviation.system, axis=(1, 2))
-    inverse_norm = np.linalg.norm(deviation.system_inverse, axis=(1, 2))
+    # The pseudo-inverse of `deviation` leaves out vanishing singular values, which count
+    # here. The Frobenius norm is the norm of all singular values.
+    singular_values = np.linalg.svd(np.nan_to_num(deviation.system), compute_uv=False)
+    norm = np.linalg.norm(singular_values, axis=1)
+    with np.errstate(divide="ignore", over="ignore"):
+        inverse_norm = np.linalg.norm(1.0 / singular_values, axis=1)
     return 1.0 / (norm * inverse_norm)
 
 
@@ -478,7 +490,7 @@ class RotationPath:
         node
             The last node of the path.
         end
-            Angle (rad) at which the path ends.
+            Angle (rad) at which the path ends. The leap may pass it.
 
         Returns
         -------
@@ -486,11 +498,11 @@ class RotationPath:
         configuration. None if there is none within the longest leap, or if the path does
         not continue smoothly.
         """
+        # A singular configuration beyond the end is stepped over only from nearby. From
+        # elsewhere ordinary steps can reach the end.
+        is_close_to_end = node.theta[0] >= end - LEAP_BELOW_STEP_RAD
         for length in LEAP_LENGTHS_RAD:
-            # A leap may pass the end only if the node is close to the end.
             goal = node.theta + length
-            if end < goal and node.theta < end - LEAP_BELOW_STEP_RAD:
-                return None
             next_node, newton_steps = self._correct_nodes(
                 goal, node.extrapolate(np.array([length]))
             )
@@ -531,7 +543,8 @@ class RotationPath:
             singular_theta = minimize_in_brackets(least_singular_value, node.theta, goal)
             value_at_minimum = least_singular_value(singular_theta)[0]
             values_at_ends = least_singular_value(both_nodes.theta)
-            if value_at_minimum < LEAP_SINGULAR_RATIO * np.min(values_at_ends):
+            is_singular = value_at_minimum < LEAP_SINGULAR_RATIO * np.min(values_at_ends)
+            if is_singular and (is_close_to_end or singular_theta[0] <= end):
                 return next_node, float(singular_theta[0])
         return None
 
@@ -594,14 +607,19 @@ def _longest_step(node: PathNodes) -> float:
 
     The path is followed by straight and quadratic predictions. Let f and b be the largest
     first and second derivatives of a variable. The quadratic part b step^2 / 2 may be at
-    most `CURVED_PART_RAD`. Near a limit of the reach b is much larger than f. There the
-    step is limited to a part of f / b, which shrinks with the distance from the limit.
+    most `CURVED_PART_RAD`. Near a limit of the reach f is large, and b is much larger than
+    f. There the step is limited to a part of f / b, which shrinks with the distance from
+    the limit.
     """
-    # `bend` is b. The tiny summand prevents a division by zero on a straight path.
+    # `rate` is f and `bend` is b. The tiny summand prevents a division by zero on a
+    # straight path.
+    rate: float = max_abs(node.first)
     bend: float = max_abs(np.nan_to_num(node.second)) + 1e-300
-    limited_step: float = MAX_PART_OF_BEND_DISTANCE * max_abs(node.first) / bend
     step = min(LARGEST_ROTATION_STEP_RAD, (2.0 * CURVED_PART_RAD / bend) ** 0.5)
-    return min(step, limited_step) if limited_step < LIMITED_STEP_RAD else step
+    limited_step: float = MAX_PART_OF_BEND_DISTANCE * rate / bend
+    if limited_step < LIMITED_STEP_RAD and rate > LEAST_LIMITED_RATE:
+        return min(step, limited_step)
+    return step
 
 
 def _end_reason(node: PathNodes) -> Status:

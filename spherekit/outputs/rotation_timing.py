@@ -1,6 +1,6 @@
 """Time on a rotation about a fixed axis: the shortest duration that the drives allow.
 
-The angle is theta(t) = angle s(t / T) with a law shape s that rises from 0 to 1. Speeds of
+The angle is theta(t) = angle s(t / T) with a law shape s that leads from 0 to 1. Speeds of
 the inputs are proportional to 1 / T and accelerations to 1 / T^2. The shortest duration T
 therefore follows from their largest values at T = 1, which are computed to rounding.
 """
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, SmallIntegers
 from spherekit.conventions import Names
-from spherekit.errors import SolveError
+from spherekit.errors import ModelError, SolveError
 from spherekit.files.time_law import Cycloidal, Law, Polynomial
 from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.mechanism.sizes import angles_in_radians
@@ -68,9 +68,16 @@ Larger: close extrema are found more reliably, in more time.
 """
 
 MAX_SCHEDULE_ROWS = 1_000_000
-"""Largest number of rows of a schedule, one for each cycle of the controller.
+"""Largest number of cycles of a schedule; its table has a row for each, and a last one.
 
 Larger: longer schedules, with more memory. Smaller: they are refused.
+"""
+
+STANDSTILL_RATIO = 1e-10
+"""Part of the largest speed or acceleration, or of the output's, that counts as 0.
+
+Larger: schedules limited only by slow inputs are refused. Smaller: rounding errors of
+inputs that stand still set the duration.
 """
 
 CYCLE_ROUNDING = 1e-12
@@ -131,7 +138,7 @@ def dead_centre(rotation: FixedAxisRotation) -> str:
     """Return the input at a dead centre where the tracking of a rotation ends, or ``""``.
 
     Such an input is the reason why the output link cannot turn further. An input counts as
-    at a dead centre if it turns at least `DEAD_CENTRE_RATE` times as fast as the output
+    at a dead centre if it turns more than `DEAD_CENTRE_RATE` times as fast as the output
     link.
     """
     last_rates = rotation.at([rotation.reached]).rates[0]
@@ -191,7 +198,7 @@ class Trajectory:
         (n,) transmission measure, at most 1. It is 0 at a singularity of type II, where
         locked inputs do not hold the output.
     status
-        (n,) codes of `Status`: OK, or the reason why numbers are missing at this time.
+        (n,) codes of `Status`: OK, or AT_SINGULARITY. Both have inputs and their rates.
     """
 
     names: Names
@@ -253,6 +260,7 @@ class TimeScaling:
 
         return max(self.extremes, key=required_duration_ratio)
 
+    @checked(SolveError)
     def at(self, t: ArrayLike) -> Trajectory:
         """Return the inputs, their speeds and accelerations at times in the duration.
 
@@ -286,6 +294,7 @@ class TimeScaling:
             status=samples.status,
         )
 
+    @checked(SolveError)
     def table(self, samples: int) -> Trajectory:
         """Return the inputs at equally spaced times, both ends included.
 
@@ -293,7 +302,7 @@ class TimeScaling:
         ----------
         samples
             Number of times, at least 2. If the controller has a cycle time, `samples` is
-            ignored, and there is one time for each cycle.
+            ignored, and the times are those at which cycles begin or end.
         """
         if self.cycle is not None:
             # The duration is a whole number of cycles, up to rounding errors. `round` and
@@ -341,15 +350,13 @@ def time_optimal(
     ------
     SolveError
         If no limit is given or one is not positive, the shape is no such law, the cycle
-        is not positive or makes more than `MAX_SCHEDULE_ROWS` rows, or the mechanism does
-        not follow all the way.
+        is not positive or the duration has more than `MAX_SCHEDULE_ROWS` cycles, nothing
+        that is limited moves, the mechanism does not follow all the way, or accelerations
+        are not known.
     """
-    if speed is not None:
-        speed = angles_in_radians(speed, angle_unit)
-    if acceleration is not None:
-        acceleration = angles_in_radians(acceleration, angle_unit)
     input_count = len(rotation.inputs)
     law, limits = schedule_limits(rotation.inputs, speed, acceleration, shape, cycle)
+    limits = angles_in_radians(limits, angle_unit)
     if not np.any(np.isfinite(limits)):
         raise SolveError(
             "speed, acceleration: no limit is given; give at least one, because without a "
@@ -374,10 +381,18 @@ def time_optimal(
     _, motion_at_parts = _evaluate_unit_motion(rotation, law, parts)
     unit_values = np.diagonal(motion_at_parts)
 
+    sizes = np.abs(unit_values)
+    moves = sizes > STANDSTILL_RATIO * np.max(sizes, initial=rotation.angle)
+    if not np.any(moves & np.isfinite(limits)):
+        raise SolveError(
+            "speed, acceleration: all limited speeds and accelerations are 0 in this "
+            "rotation, so there is no shortest time; limit an input that moves"
+        )
+
     # 2. The duration. A speed is proportional to duration^(-1), an acceleration to
     # duration^(-2), that is to duration^(-1 / power).
     powers = np.repeat([1.0, 0.5], input_count)
-    duration = float(np.max((np.abs(unit_values) / limits) ** powers))
+    duration = float(np.max((sizes / limits) ** powers))
     if cycle is not None:
         if duration / cycle > MAX_SCHEDULE_ROWS:
             raise SolveError(
@@ -433,8 +448,8 @@ def schedule_limits(
     inputs
         Names of the driven pairs.
     speed, acceleration
-        Limits (rad/s, rad/s2) of the inputs: one for all, or one for each. None stands for
-        no limits.
+        Limits of the inputs in any unit: one for all, or one for each. None stands for no
+        limits.
     shape
         Name of a law shape, or a law from 0 at t = 0 to 1 at t = 1.
     cycle
@@ -450,8 +465,8 @@ def schedule_limits(
     law
         The law shape.
     limits
-        (2 inputs,) largest speeds (rad/s) of all inputs, then their largest accelerations
-        (rad/s2); infinite without a limit.
+        (2 inputs,) largest speeds of all inputs, then their largest accelerations, in the
+        units of the arguments; infinite without a limit.
     """
     if cycle is not None and not 0.0 < cycle < np.inf:
         raise SolveError(f"cycle: found {cycle:g}, expected a time above 0 s")
@@ -487,7 +502,10 @@ def _check_shape(shape: str | Law) -> Law:
             )
         return SHAPES[shape]
     # The law gives values and two derivatives; only the values are checked.
-    values, _, _ = shape.at(np.linspace(0.0, 1.0, LAW_CHECK_SAMPLES))
+    try:
+        values, _, _ = shape.at(np.linspace(0.0, 1.0, LAW_CHECK_SAMPLES))
+    except ModelError as problem:  # a table of other times
+        raise SolveError(f"shape: {problem}") from None
     end_errors = values[[0, -1]] - [0.0, 1.0]
     range_errors = values - np.clip(values, 0.0, 1.0)
     if not max_abs(np.append(end_errors, range_errors)) < LAW_END_TOLERANCE:
@@ -554,7 +572,8 @@ def _evaluate_unit_motion(
     Raises
     ------
     SolveError
-        If the mechanism does not follow the rotation at one of the times.
+        If the mechanism does not follow the rotation at one of the times, or if the second
+        derivatives of the inputs are not known there.
     """
     s, ds, dds = law.at(unit_time)
     angle = rotation.angle
@@ -565,6 +584,12 @@ def _evaluate_unit_motion(
     is_lost = ~all_finite(samples.second_rates, 1)
     if np.any(is_lost):
         first_lost = np.argmin(np.where(is_lost, samples.theta, np.inf))
+        if samples.status[first_lost] == Status.OK:
+            raise SolveError(
+                "the accelerations of the inputs are not known: the output link cannot "
+                "turn exactly about the axis, and the mechanism has contact pairs; choose "
+                "an axis about which it can turn"
+            )
         dead_input = dead_centre(rotation)
         raise SolveError(
             "the mechanism cannot follow the whole rotation: at theta = "

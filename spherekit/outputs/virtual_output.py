@@ -179,10 +179,13 @@ def _suggest_direct_drive(mechanism: Mechanism, output: Output, input_count: int
     """Return advice for a mechanism whose output could be driven directly at one pair.
 
     The advice is part of an error message for one input. It names the pair (joint) between
-    the two links of the output. The text is empty if there is no such pair.
+    the two links of the output. The text is empty if there is no such pair, or if it
+    is the input already.
     """
     output_links = {output.link, output.relative_to}
     for pair in mechanism.pairs:
+        if pair.name in mechanism.input_pairs:
+            continue
         if input_count == 1 and pair.kind.has_axis and set(pair.links) == output_links:
             return (
                 f". The angle of pair {pair.name} alone sets this output; to prescribe it, "

@@ -131,17 +131,27 @@ def _list_possible_lengths(
 
     Returns
     -------
-    (n, m) rolled lengths (rad), those with the smallest sum of absolute lengths first.
-    There are at most `MAX_TRIED_ASSEMBLIES` sets.
+    (n, m) rolled lengths (rad), those nearest to the lengths at inputs of zero first (by
+    the sum of absolute differences). There are at most `MAX_TRIED_ASSEMBLIES` sets.
     """
-    combinations = _combine_equivalent_lengths(held_solver, gear_phases, lengths)
+    # The smallest inputs are looked for, so lengths are compared with those at inputs of
+    # zero. A reference pose may be many revolutions away from there.
+    zero_inputs = np.zeros((1, len(gear_phases.anchor_inputs)))
+    lengths_at_zero = gear_phases.rolled_lengths(zero_inputs)[0]
+    combinations = _combine_equivalent_lengths(
+        held_solver, gear_phases, lengths, lengths_at_zero
+    )
     possible_lengths = combinations[_can_be_rolled(gear_phases, combinations)]
-    order = np.argsort(np.sum(np.abs(possible_lengths), axis=1), kind="stable")
+    changes = np.sum(np.abs(possible_lengths - lengths_at_zero), axis=1)
+    order = np.argsort(changes, kind="stable")
     return possible_lengths[order[:MAX_TRIED_ASSEMBLIES]]
 
 
 def _combine_equivalent_lengths(
-    held_solver: PositionSolver, gear_phases: GearPhases, lengths: Floats
+    held_solver: PositionSolver,
+    gear_phases: GearPhases,
+    lengths: Floats,
+    lengths_at_zero: Floats,
 ) -> Floats:
     """Return combinations of rolled lengths that differ by whole revolutions of wheels.
 
@@ -158,6 +168,8 @@ def _combine_equivalent_lengths(
         lengths.
     lengths
         (m,) rolled lengths (rad), one for each contact.
+    lengths_at_zero
+        (m,) rolled lengths (rad) at inputs of zero.
 
     Returns
     -------
@@ -165,16 +177,17 @@ def _combine_equivalent_lengths(
     mechanism with many contacts some combinations are missing.
     """
     closure = held_solver.closure
-    # For each contact the lengths that differ by whole revolutions, the smallest absolute
-    # values first.
-    equivalent_lengths = []
-    for variable, length in zip(gear_phases.variables, lengths, strict=True):
+    # For each contact the changes of the length from inputs of zero that differ by whole
+    # revolutions, the smallest absolute values first.
+    equivalent_changes = []
+    changes = lengths - lengths_at_zero
+    for variable, change in zip(gear_phases.variables, changes, strict=True):
         contact = closure.tree.pair_of_variable[variable]
-        equivalent_lengths.append(
-            list_equivalent_lengths(closure.joints[contact], float(length))
+        equivalent_changes.append(
+            list_equivalent_lengths(closure.joints[contact], float(change))
         )
-    all_combinations = product(*equivalent_lengths)
-    return np.array(list(islice(all_combinations, MAX_LENGTH_COMBINATIONS)))
+    combinations = list(islice(product(*equivalent_changes), MAX_LENGTH_COMBINATIONS))
+    return lengths_at_zero + np.array(combinations)
 
 
 def _can_be_rolled(gear_phases: GearPhases, lengths: Floats) -> Bools:
@@ -213,9 +226,11 @@ def _find_input_revolutions(
     """Return inputs that roll the given lengths and differ from q by whole revolutions.
 
     Closed loops determine the inputs only up to whole revolutions. The lengths that the
-    wheels have rolled on each other decide how many revolutions there are. Only inputs up
-    to half a period from q are tried. A period is the change of an input after which all
-    wheels are in their first positions again.
+    wheels have rolled on each other decide how many revolutions there are. Any number is
+    recognised if no other inputs roll the same lengths, or if the other inputs can stay at
+    q. All combinations are tried up to half a period from q, but at most
+    `MAX_INPUT_REVOLUTIONS` in both directions. A period is the change of an input after
+    which all wheels are in their first positions again.
 
     Parameters
     ----------
@@ -229,14 +244,48 @@ def _find_input_revolutions(
     Returns
     -------
     (inputs,) rad, with the smallest sum of absolute values. None if none of the tried
-    inputs roll the lengths. At most `MAX_INPUT_REVOLUTIONS` in both directions are tried.
+    inputs roll the lengths.
     """
-    inputs = _list_inputs_of_one_period(gear_phases, q)
+    inputs = np.concatenate(
+        [
+            _list_inputs_of_one_period(gear_phases, q),
+            _solve_input_revolutions(gear_phases, q, lengths),
+        ]
+    )
     misfit = max_abs(gear_phases.rolled_lengths(inputs) - lengths, axis=1)
     possible_inputs = inputs[misfit < SAME_ROLLED_LENGTH_RAD]
     if not len(possible_inputs):
         return None
     return possible_inputs[np.argmin(np.sum(np.abs(possible_inputs), axis=1))]
+
+
+def _solve_input_revolutions(gear_phases: GearPhases, q: Floats, lengths: Floats) -> Floats:
+    """Return inputs that may roll given lengths and differ from q by whole revolutions.
+
+    The equations between lengths and inputs are solved for some of the inputs, while the
+    others stay at q. The numbers of revolutions are rounded, so the lengths of the results
+    must still be compared.
+
+    Parameters
+    ----------
+    gear_phases
+        The ratios by which the lengths follow from the inputs.
+    q
+        (inputs,) values of the inputs (rad), known up to whole revolutions.
+    lengths
+        (m,) rolled lengths (rad).
+
+    Returns
+    -------
+    (n, inputs) rad, one row for each choice of inputs that are not at q.
+    """
+    length_change = lengths - gear_phases.rolled_lengths(q[None])[0]
+    candidates = []
+    for is_changed in product((False, True), repeat=len(q)):
+        # The pseudo-inverse has rows of zeros for the inputs that stay.
+        input_change = np.linalg.pinv(gear_phases.ratios * is_changed) @ length_change
+        candidates.append(q + TURN * np.round(input_change / TURN))
+    return np.array(candidates)
 
 
 def _list_inputs_of_one_period(gear_phases: GearPhases, q: Floats) -> Floats:

@@ -17,6 +17,7 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, SmallIntegers
 from spherekit.geometry.dyad_axis import middle_axis, triple_square
 from spherekit.geometry.vectors import cross_columns, dot_columns, norm_columns
+from spherekit.numerics.angles import wrap
 from spherekit.outputs.dyad_chain import DyadChain, Signs
 from spherekit.positions.assembly_mode import has_configuration
 from spherekit.status import Status
@@ -34,7 +35,7 @@ class RateFraction:
     Attributes
     ----------
     numerator
-        (3, n) vector in the axes of the base.
+        (3, n) or (3, 1) vector in the axes of the base.
     denominator
         (n,) or (1,) number.
     """
@@ -118,7 +119,7 @@ class MiddleAxisParts:
         (3, n) part of the middle axis in the plane of a and c.
     signed_part
         (3, n) part of the middle axis at right angles to this plane, for the side 1. NaN
-        where the dyad does not reach.
+        where the dyad does not reach, and where a and c are parallel.
     triple_product_square
         (n,) square of the triple product b . (a x c), negative where the dyad does not
         reach. The square is a smooth function of the angle between a and c.
@@ -220,10 +221,14 @@ class ScaledAngle:
 
     def subtract(self, other: "ScaledAngle") -> Floats:
         """Return this angle less another one, in (-pi, pi] rad (addition theorem)."""
-        # The factors of both angles cancel in the quotient that `arctan2` forms.
-        return np.arctan2(
-            self.sine * other.cosine - self.cosine * other.sine,
-            self.cosine * other.cosine + self.sine * other.sine,
+        # The factors of both angles cancel in the quotient that `arctan2` forms. Half a
+        # turn with a sine of -0 or of a tiny negative number is -pi there, which `wrap`
+        # makes pi.
+        return wrap(
+            np.arctan2(
+                self.sine * other.cosine - self.cosine * other.sine,
+                self.cosine * other.cosine + self.sine * other.sine,
+            )
         )
 
 
@@ -373,7 +378,10 @@ class WorkingMode:
 
     @property
     def inputs(self) -> Floats:
-        """(n, inputs) rad in (-pi, pi], NaN where the mode has no configuration."""
+        """(n, inputs) rad in (-pi, pi].
+
+        NaN where the mode has no configuration, or does not determine the input.
+        """
         return np.stack([self.input_angle(pair) for pair in self.driven], axis=1)
 
     @property
@@ -383,16 +391,16 @@ class WorkingMode:
         The speed is 0 at a singularity of type I, where the input moves while the output
         rests.
         """
-        return np.stack([self.output_speed(pair) for pair in self.driven], axis=1)
+        return _stack_inputs([self.output_speed(pair) for pair in self.driven])
 
     @property
     def type_1_square(self) -> Floats:
-        """(n, inputs) squares of `type_1`, continued smoothly out of reach.
+        """(n, inputs) squares of `type_1`, continued out of reach.
 
-        The continuation is negative.
+        The continuation is negative where the dyad of the input does not reach, and 0 where
+        its outer axes are unknown.
         """
-        squares = [self._output_speed_square(pair) for pair in self.driven]
-        return np.stack(squares, axis=1)
+        return _stack_inputs([self._output_speed_square(pair) for pair in self.driven])
 
     @property
     def type_2(self) -> Floats:
@@ -408,9 +416,7 @@ class WorkingMode:
     def rates(self) -> Floats:
         """(n, inputs, 3) rates of the inputs per unit angular velocity of the output."""
         fractions = [self.input_rate(pair) for pair in self.driven]
-        return np.stack(
-            [(rate.numerator / rate.denominator).T for rate in fractions], axis=1
-        )
+        return _stack_inputs([(rate.numerator / rate.denominator).T for rate in fractions])
 
     @property
     def slope(self) -> Floats:
@@ -440,8 +446,13 @@ class WorkingMode:
         dyads counts. The configuration is singular if a dyad is nearly stretched or folded.
         """
         numbers = range(len(self.chain.dyads))
-        margins = np.array([self._dyad_margin(number) for number in numbers])
-        is_regular = [self._is_dyad_regular(number) for number in numbers]
+        # A dyad whose outer axes are the same at all poses has only one margin.
+        margins = np.array(
+            np.broadcast_arrays(*(self._dyad_margin(number) for number in numbers))
+        )
+        is_regular = np.broadcast_arrays(
+            *(self._is_dyad_regular(number) for number in numbers)
+        )
         # The margin is NaN for dyads that are placed after a dyad that does not reach,
         # because the links beside them have no place. `fmin` ignores NaN.
         margin = np.fmin.reduce(margins)
@@ -582,7 +593,7 @@ class WorkingMode:
         A dyad is two links with three pairs. The middle pair joins the links to each other.
         The near and the far pair, with the axes a and c, join them to links placed before.
         The axis b is (3, n), the product (n,). Both are NaN where a and c are at an angle
-        that the two links cannot bridge.
+        that the two links cannot bridge. The axis is also NaN where a and c are parallel.
         """
         parts = self._middle_axis_parts(dyad_number)
         # Record that the result depends on the sign of this dyad. Modes in which this sign
@@ -886,7 +897,9 @@ class WorkingMode:
         and the other inputs free, the angular velocity is at right angles to the normal.
         """
         rate = self.input_rate(pair)
-        return rate.numerator * (np.sign(rate.denominator) / self._numerator_length(pair))
+        # At a singularity of type I the denominator is 0, and either sense is right.
+        sense = np.where(rate.denominator < 0.0, -1.0, 1.0)
+        return rate.numerator * (sense / self._numerator_length(pair))
 
     @_shared_between_modes
     def output_speed(self, pair: int) -> Floats:
@@ -928,13 +941,15 @@ class WorkingMode:
         input is at c, the result is the same with a and c exchanged.
 
         The square of t follows from the three angles between the axes. By this formula it
-        becomes negative smoothly out of reach. In other dyads the speed is not exactly this
-        quotient, but becomes 0 where t does. The quotient is used for all dyads.
+        becomes negative smoothly out of reach. In other dyads, and for an input at b, the
+        speed is not exactly this quotient, but becomes 0 where t does. The quotient is used
+        for all dyads.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         dyad = self.chain.dyads[dyad_number]
         near_arc, far_arc = dyad.arcs
-        # The arc of the link that the input does not drive.
+        # The arc of the link that the input does not drive. For an input at b, either arc
+        # will do.
         if pair == dyad.near_pair:
             undriven_arc = far_arc
         else:
@@ -948,8 +963,8 @@ class WorkingMode:
     def axes(self, count: int) -> Floats:
         """Return the axes (n, count, 3) of the first `count` pairs in base axes.
 
-        Axes are NaN at poses at which the mode (one way to assemble the links) has no
-        configuration.
+        Axes that follow from a dyad (two links) are NaN at poses that it does not reach.
+        Other axes have values even there.
         """
         axes = np.empty((len(self.status), count, 3))
         for pair in range(count):
@@ -974,6 +989,11 @@ class WorkingMode:
         order = {**chain.dyad_of_link, chain.base: -1, chain.posed_link: -1}
         first = min(chain.ends[pair], key=lambda link: order.get(link, np.inf))
         return self.axis(pair, first)
+
+
+def _stack_inputs(values: Sequence[Floats]) -> Floats:
+    """Return values of the inputs, each (n, ...) or (1, ...), as (n, inputs, ...)."""
+    return np.stack(np.broadcast_arrays(*values), axis=1)
 
 
 def _angle_about_axis(axis: Floats, first: LinkVector, second: LinkVector) -> ScaledAngle:

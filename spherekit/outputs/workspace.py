@@ -44,9 +44,9 @@ class Judged:
     inputs
         (n, inputs) rad.
     type_1
-        (n,) measure of type I: the smallest speed with which a single input moves the
-        output, per unit rate of the input. It is 0 at a singularity of type I, where an
-        input moves while the output rests.
+        (n,) measure of type I: the least angular speed of the output per unit rate of an
+        input, for any rates of the other inputs; the smallest of all inputs. It is 0 at a
+        singularity of type I, where an input moves while the output rests.
     type_2
         (n,) measure of type II, from 0 to 1: how well the locked inputs hold the output. It
         is 0 at a singularity of type II, where the output can move although the inputs are
@@ -154,8 +154,8 @@ def judge(
     the angle that is left to the nearest of all limits. The measures of singularities are 0
     at a singularity and positive elsewhere:
 
-    - Type I: each input alone moves the output with some speed per unit rate of the input.
-      The measure is the smallest of these speeds.
+    - Type I: each input has a least angular speed of the output per unit rate of this
+      input, for any rates of the other inputs. The measure is the smallest of all inputs.
     - Type II: a number from 0, where the output can move although all inputs are locked,
       to 1.
 
@@ -172,8 +172,8 @@ def judge(
 
     Returns
     -------
-    The results for each pose. The measures are NaN at poses that the mode does not reach.
-    The margin is NaN where a limited angle has no value.
+    The results for each pose. The measures are NaN where an input has no value. The margin
+    is NaN where a limited angle has no value and no other limit is exceeded.
     """
     with np.errstate(all="ignore"):
         mode = kinematics.at(_convert_poses(kinematics, places), signs)
@@ -259,7 +259,7 @@ class _SampledWorkspace(Generic[Workspace]):
     margins
         (n, limits) margin of each pose to each limit.
     workspace
-        The region of directions or orientations, computed with these poses.
+        The region of directions, or the orientations.
     """
 
     poses: Floats
@@ -394,8 +394,9 @@ def nearest_reachable(
 ) -> tuple[Floats, float] | None:
     """Return the reachable pose nearest to a pose outside, and the angle between both.
 
-    The search starts from many poses in the workspace. In a workspace of directions there
-    is one in every connected part, so that even the smallest part is considered.
+    The search starts from some poses in the workspace. In a workspace of directions, the
+    point of the computed border that is nearest to the pose is one of them, so that small
+    parts are considered as well.
 
     Parameters
     ----------
@@ -409,7 +410,7 @@ def nearest_reachable(
     Returns
     -------
     The nearest pose (3,) or (4,), and the angle (rad) to it. None if no pose of the
-    workspace is known.
+    workspace is found.
     """
     # Reachable poses (k, 3 or 4) from which the search starts, in addition to evenly spread
     # ones.
@@ -450,15 +451,15 @@ def nearest_in_mode(
     places
         The n poses outside: (n, 3) directions or (n, 4) unit quaternions xyzw.
     inside_poses
-        (k, 3 or 4) poses in the workspace, as further starts of the search. The other
-        starts are evenly spread poses, as far as they are in the workspace.
+        (k, 3 or 4) poses in the workspace or near it, as further candidates for the starts
+        of the search. The other candidates are evenly spread poses in the workspace.
 
     Returns
     -------
     For each of the n poses the nearest reachable pose and the angle (rad) between both, or
-    None if there is no pose to start from. Local minima are located to 1e-8 rad
-    (`spherekit.outputs.nearest_pose`). A nearer pose in a very small part of the workspace
-    may be missed.
+    None if no reachable pose is found or the given pose is not finite. Local minima are
+    located to 1e-8 rad (`spherekit.outputs.nearest_pose`). A nearer pose in a very small
+    part of the workspace may be missed.
     """
 
     def is_inside(poses: Floats) -> Bools:
@@ -478,7 +479,10 @@ def nearest_in_mode(
         reachable_poses = np.concatenate([reachable_poses, inside_poses])
     if not len(reachable_poses):
         return [None] * len(places)
-    return [search.find_nearest(place, reachable_poses) for place in places]
+    return [
+        search.find_nearest(place, reachable_poses) if np.isfinite(place).all() else None
+        for place in places
+    ]
 
 
 def nearest_poses(
@@ -506,7 +510,8 @@ def nearest_poses(
         (n,) angles to them (rad), NaN where none is known.
     """
     results = nearest_in_mode(kinematics, kinematics.bounds, signs, places)
-    poses = np.full_like(places, np.nan)
+    # The poses are floats, even if those of the caller are integers.
+    poses = np.full(places.shape, np.nan)
     angles = nans(len(places))
     for number, result in enumerate(results):
         if result is not None:
