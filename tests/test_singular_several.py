@@ -13,6 +13,7 @@ from oracles.velocity_equations import locked_rates, sine_between_lines
 from scipy import ndimage
 
 import spherekit as sk
+from spherekit.completeness import Guarantee
 from spherekit.mechanism.elements import (
     Input,
     LinkSizes,
@@ -26,13 +27,19 @@ from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities import aspects as aspects_module
 from spherekit.singularities import curve_tracing, surface_front
 from spherekit.singularities.aspects import aspects
-from spherekit.singularities.curve_starts import closed_configurations, points_from
+from spherekit.singularities.curve_starts import (
+    LocusPointSearch,
+    closed_configurations,
+    points_from,
+    ranges_of,
+)
 from spherekit.singularities.curve_tracing import trace_curves
 from spherekit.singularities.locus import SingularityLocus
 from spherekit.singularities.several_inputs import RowType, coefficients
 from spherekit.singularities.singular_curves import singular_curves
 from spherekit.singularities.singular_surface import singular_surface
-from spherekit.singularities.slices import solver_of
+from spherekit.singularities.singularity_report import SingularityReport
+from spherekit.singularities.slices import cut, solver_of
 from spherekit.singularities.stationarity import InputsLocked, output_of
 from spherekit.status import Status
 
@@ -645,3 +652,106 @@ def test_a_negative_number_of_slices_is_refused():
     for function, name in ((singular_curves, "five_bar"), (singular_surface, "three_rrr")):
         with pytest.raises(sk.SpherekitError, match="has to be 0 or more"):
             function(sk.load(name), "II", slices_of_each=-1)
+
+
+def test_a_surface_is_not_searched_with_edges_of_no_length():
+    """No mesh can be made with such values, so an empty mesh would say nothing."""
+    mechanism = sk.load("three_rrr")
+    for side in (0.0, -0.15, np.nan, np.inf):
+        with pytest.raises(sk.SpherekitError, match="side: found"):
+            singular_surface(mechanism, "II", side=side)
+    for halved in (-1, 1.5):
+        with pytest.raises(sk.SpherekitError, match="halved"):
+            singular_surface(mechanism, "II", halved=halved)
+
+
+def test_surfaces_of_an_unknown_kind_are_refused():
+    with pytest.raises(sk.SpherekitError, match='kind: found "IV"'):
+        singular_surface(sk.load("three_rrr"), "IV")
+
+
+def test_slices_at_no_value_are_refused():
+    mechanism = sk.load("five_bar")
+    for count in (0, -1, 2.5, np.nan):
+        with pytest.raises(sk.SpherekitError, match="values_of_each: found"):
+            cut(solver_of(mechanism), ranges_of(mechanism), count)
+
+
+def test_a_pointing_vector_may_have_any_length():
+    """The squares of these components are not numbers of float64."""
+    for length in (5e-324, 1e-200, 1e200, 1e308):
+        direction = output_of(sk.load("five_bar"), pointing=[length] * 3).pointing
+        np.testing.assert_allclose(direction, [3.0**-0.5] * 3, rtol=1e-15)
+
+
+def test_a_pointing_that_is_no_vector_of_numbers_is_refused():
+    for pointing in (["a", "b", "c"], [1.0, 2.0, [3.0]], [1j, 0.0, 0.0]):
+        with pytest.raises(sk.SpherekitError, match="pointing: found"):
+            output_of(sk.load("five_bar"), pointing=pointing)
+
+
+@pytest.mark.slow
+def test_no_triangle_of_a_surface_spans_the_values_that_a_range_leaves_out(monkeypatch):
+    """Triangles stay within a range that leaves out less than the length of an edge.
+
+    The mesh is made for full turns. One input then leaves out 0.1 rad about one vertex.
+    """
+    mechanism = with_full_turns(sk.load("three_rrr"))
+    monkeypatch.setattr(surface_front, "MAX_FRONT_VERTICES", 60)
+    mesh = singular_surface(mechanism, "II", slices_of_each=0, side=0.3)
+    middle = np.median(mesh.points.inputs[:, 0])
+    narrow_range = {"a1": (middle + 0.05 - 2.0 * np.pi, middle - 0.05)}
+    narrow = mechanism.with_inputs(ranges=narrow_range, angle_unit="rad")
+    report = SingularityReport.for_output(solver_of(narrow), output_of(narrow), "II")
+    reported = replace(mesh, view=report).reported()
+    assert len(reported.triangles) > 10
+    assert np.all(reported.points.inside)
+    inputs = reported.points.inputs[:, 0][reported.triangles]
+    assert np.max(np.ptp(inputs, axis=1)) < np.pi
+
+
+@pytest.mark.slow
+def test_surfaces_without_a_mesh_are_not_claimed_to_be_absent():
+    """Triangles with edges of 2 rad do not fit on these surfaces, which exist.
+
+    The slices lead to singular configurations. The claim has their number, and is not that
+    the result is complete.
+    """
+    mechanism = with_full_turns(sk.load("three_rrr"))
+    mesh = singular_surface(mechanism, "II", slices_of_each=1, side=2.0)
+    assert len(mesh.triangles) == 0
+    assert mesh.claim.guarantee is Guarantee.SAMPLED
+    assert "no triangle with edges of 115 deg could be made" in str(mesh.claim)
+
+
+def test_a_seed_without_a_triangle_does_not_count_as_covered(monkeypatch):
+    """Newton's method fails at first. A later mesh may start at the same seed."""
+    monkeypatch.setattr(surface_front, "MAX_FRONT_VERTICES", 10)
+    search = LocusPointSearch(
+        with_full_turns(sk.load("three_rrr")),
+        input_count=3,
+        kind="II",
+        output=None,
+        pointing=None,
+        section=None,
+        slices_of_each=0,
+        time_limit=None,
+    )
+    points = next(search.batches())
+    seed = points.rows(slice(1))
+    front = surface_front.SurfaceFront(search, 0.3)
+    with monkeypatch.context() as patch:
+        patch.setattr(front, "_compute_vertices", lambda *_: [None, None])
+        assert not front.mesh_surface(seed)
+    assert len(front.vertices) == 0
+    assert front.mesh_surface(seed)
+    assert len(front.triangles) > 1
+
+
+def test_singularities_of_a_link_relative_to_itself_are_refused():
+    mechanism = sk.load("five_bar")
+    (output,) = mechanism.outputs
+    resting = replace(output, relative_to=output.link)
+    mechanism = replace(mechanism, outputs=(resting,))
+    with pytest.raises(sk.SpherekitError, match="relative to itself, which never moves"):
+        singular_curves(mechanism, "II", slices_of_each=0)

@@ -20,6 +20,7 @@ from spherekit.positions.curve_continuation import follow_arc
 from spherekit.positions.curve_crossing import find_crossing, find_outgoing_points
 from spherekit.positions.curve_segment import curve_points
 from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.singularities.geometric_conditions import compare_with_rates
 from spherekit.singularities.input_output_relation import FourLinks, Type, make_relation
 from spherekit.singularities.single_freedom import (
     InputOutputRests,
@@ -332,3 +333,68 @@ def test_input_output_relations_hold_for_rates_by_velocity_equations(chain):
             input_rate = rate(links.i, links.r)
             gap = relation.residual(output_rate, input_rate)
             assert np.all(gap <= 1e-12 + 10.0 * error_bound), (quadruple, form)
+
+
+@pytest.mark.slow
+def test_form_ii_of_an_output_that_is_relative_to_a_coupler_says_which_rate_it_has():
+    """Form ii of output 3/4 has the rate of 3/1, which moves where 3/4 rests.
+
+    Form i has the rate of 3/4 and agrees with type I. In form ii neither c nor d vanishes,
+    and c y' = d q' holds for the rate of 3/1. The note says so, instead of doubting c, d.
+    """
+    position_analysis = PositionAnalysis(four_bar(np.radians([60.0, 20.0, 70.0, 40.0])))
+    curves = all_curves(position_analysis)
+    report = SingleFreedomSingularities(position_analysis, curves, ["3/4"])
+    assert report.points
+    for point in report.points:
+        form_i, form_ii = point.relations
+        assert point.type == Type.I
+        assert form_i.agrees
+        assert form_ii.residual < 1e-12
+        assert min(abs(form_ii.c), abs(form_ii.d)) > 0.1
+        assert "y' is the rate of 3/1 in form ii, which is not the output" in form_ii.note
+
+
+def compare_four_links(velocities, kind, resting_poles):
+    """Return form i of links 0 to 3 at one singularity, from their angular velocities.
+
+    The input is link 0 relative to 1, the output link 2 relative to 3. `resting_poles` are
+    stated to rest. Poles of links with equal velocities are NaN.
+    """
+
+    def pole_axis(pole):
+        relative = np.subtract(velocities[pole[1]], velocities[pole[0]])[None]
+        size = np.linalg.norm(relative)
+        return relative / size if size > 0.0 else np.full((1, 3), np.nan)
+
+    links = FourLinks(i=0, r=1, o=2, s=3)
+    (relation,) = compare_with_rates(
+        make_relation("i", links, pole_axis),
+        names="abcd",
+        output_rate=np.ones(1),
+        input_rate=np.zeros(1),
+        axis_errors=np.zeros(1),
+        output=(2, 3),
+        types_by_rates=[kind],
+        is_resting={pole: np.array([pole in resting_poles]) for pole in links.poles},
+    )
+    return relation
+
+
+def test_an_input_at_rest_is_not_named_as_the_cause_of_two_vanishing_coefficients():
+    """If the input rests, only c vanishes. Here c = d = 0, as all axes are in one plane."""
+    in_one_plane = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [2.0, 3.0, 0.0], [-1.0, 2.0, 0.0]]
+    relation = compare_four_links(in_one_plane, Type.II, resting_poles={(0, 1)})
+    assert relation.type == Type.III
+    assert "lie in one plane" in relation.note
+    assert "stand still" not in relation.note
+
+
+def test_a_note_does_not_say_that_unknown_coefficients_do_not_vanish():
+    """Links a and c move together, so their pole is unknown, and c and d are NaN."""
+    velocities = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    relation = compare_four_links(velocities, Type.SELF_MOTION, resting_poles={(0, 2)})
+    assert np.isnan(relation.c)
+    assert np.isnan(relation.d)
+    assert relation.type is None
+    assert relation.note.startswith("c and d are unknown")

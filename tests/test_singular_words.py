@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from analyses.singularities.findings import describe_inputs_of_kinds
+from spherekit.errors import PlanError
 from spherekit.plugin.checks.variants import rename_links
 from spherekit.plugin.singularities import ordered_pole
 
@@ -143,3 +144,19 @@ def test_links_whose_names_begin_alike_are_distinguished():
     assert ordered_pole(mechanism, "11/1") == (3, 0)
     assert ordered_pole(mechanism, (3, "1")) == (3, 0)
     assert ordered_pole(mechanism, "1/11") == (0, 3)
+    with pytest.raises(PlanError, match="could mean 1/11 or 11/1"):
+        ordered_pole(mechanism, "111")
+
+
+def test_the_sense_of_a_coefficient_is_not_guessed():
+    evaluated = sk.evaluate("twelve_bar", 0.1)
+    with pytest.raises(PlanError, match="could mean 1/11 or 11/1"):
+        evaluated.velocity_coefficient("111")
+
+
+def test_the_index_of_a_link_is_not_taken_for_a_name():
+    """In the four-bar, links 1 to 4 have the indices 0 to 3."""
+    mechanism = sk.load("four_bar")
+    assert ordered_pole(mechanism, (np.int64(3), 0)) == (3, 0)
+    with pytest.raises(PlanError, match="numbered from 0 to 3"):
+        ordered_pole(mechanism, (4, 0))

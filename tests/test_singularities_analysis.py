@@ -19,7 +19,7 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.mechanism.elements import Input
 from spherekit.scenes.scene import Portrait, Text
-from spherekit.singularities.grashof import class_of
+from spherekit.singularities.grashof import class_of, grashof
 
 NAME = "singularities"
 Z, SLANT = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.6, 0.8])
@@ -403,6 +403,18 @@ def test_the_grashof_class_of_a_four_bar_says_which_links_turn_fully(name):
     # coupler: ground = rocker + |crank - coupler|.
     change_point = class_of(abs(crank - coupler) + rocker, crank, coupler, rocker)
     assert change_point == "change-point"
+
+
+def test_the_grashof_remark_names_the_fixed_link_if_it_is_not_the_ground():
+    """With pair 32 driven, links 3 and 1 turn fully relative to the crank 2.
+
+    Link 1 is the ground, which does not turn otherwise.
+    """
+    mechanism = sk.load("four_bar")
+    assert str(grashof(mechanism)) == "Crank-rocker: link 2 turns fully, link 4 swings"
+    driven = replace(mechanism, inputs=(replace(mechanism.inputs[0], pair="32"),))
+    text = "Double-crank (relative to link 2): links 3 and 1 turn fully"
+    assert str(grashof(driven)) == text
 
 
 def test_the_summary_of_a_four_bar_states_swing_transmission_angle_and_limits():

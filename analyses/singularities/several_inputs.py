@@ -944,8 +944,8 @@ def _summarize_locus(locus: Locus) -> dict[str, Any]:
     surfaces are:
 
     - ``vertices``: the number of vertices of the meshes that cover the surfaces.
-    - ``irregular``: the number of singular configurations at which no mesh could be made,
-      for example because surfaces cross.
+    - ``irregular``: the number of singular configurations at which no mesh could start,
+      because surfaces cross.
 
     The entry ``claim`` says in words how complete the search was.
     """

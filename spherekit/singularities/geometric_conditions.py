@@ -118,8 +118,9 @@ class CoincidentPlanes:
         """Return how far (n,) the two planes are from coinciding, as the sine of an angle.
 
         In general this is the angle between the planes. Three parallel axes determine no
-        plane. In this case the result is the largest sine of the angles of all six axes to
-        the plane nearest to these axes. The result is NaN if an axis is unknown.
+        plane. In this case the result is the largest sine of the angles of the axes of both
+        planes to the plane nearest to these axes. If an axis of a plane is unknown, the
+        other two determine this plane. The result is NaN if they do not.
 
         Parameters
         ----------
@@ -371,13 +372,14 @@ class RelationAt:
         Size of the difference c y' - d q', relative to the size of the rates y' and q'.
     type
         The type of the singularity according to the coefficients: I (d = 0), II (c = 0),
-        III (both), or None.
+        III (both), or None if neither vanishes or if they are unknown (NaN).
     conditions
         The geometric conditions of this type that are fulfilled: parallel axes, planes that
         coincide.
     note
         The type also follows from the rates: y' = 0 (I), q' = 0 (II) or both (III). If this
-        type is not `type`, the note says why. The note is empty if both types are the same.
+        type is not `type`, the note says why. This y' is that of the singularity, also if
+        the form has another y'. The note is empty if both types are the same.
     """
 
     form: Form
@@ -394,6 +396,10 @@ class RelationAt:
         return not self.note
 
 
+UNKNOWN_COEFFICIENTS_NOTE = (
+    "c and d are unknown: a pole axis is unknown, or the axes of three links are one line"
+)
+"""Note of a relation whose c or d is NaN."""
 TYPE_OF_VANISHING = {
     (True, True): Type.III,
     (True, False): Type.II,
@@ -408,6 +414,7 @@ def compare_with_rates(
     output_rate: Floats,
     input_rate: Floats,
     axis_errors: Floats,
+    output: tuple[int, int],
     types_by_rates: Sequence[Type],
     is_resting: Mapping[Pole, Bools],
 ) -> list[RelationAt]:
@@ -431,15 +438,18 @@ def compare_with_rates(
         (n,) rates of its output and of its input.
     axis_errors
         (n,) error bounds (rad) of the pole axes.
+    output
+        Links of the output whose singularities these are. In form "ii" the output of the
+        relation may be another one.
     types_by_rates
-        Type of each singularity according to the rates.
+        Type of each singularity according to the rates of `output` and of the input.
     is_resting
         (n,) for each pole whether its two links rest relative to each other.
     """
     tolerances = np.maximum(VANISHING_SINE, AXIS_ERROR_FACTOR * axis_errors)
     c_vanishes = np.abs(relation.c) <= tolerances
     d_vanishes = np.abs(relation.d) <= tolerances
-    # The type is None where neither c nor d vanishes.
+    # The type is None where neither c nor d vanishes, and where they are NaN.
     types_by_coefficients = [
         TYPE_OF_VANISHING.get((c_is_zero, d_is_zero))
         for c_is_zero, d_is_zero in zip(
@@ -452,22 +462,40 @@ def compare_with_rates(
         if kind is not None
     }
     residuals = relation.residual(output_rate, input_rate).tolist()
+    links = relation.links
+    input_pole = pole_of(links.i, links.r)
     output_pole = pole_of(*relation.output)
+    is_other_output = output_pole != pole_of(*output)
+    is_known = np.isfinite(relation.c) & np.isfinite(relation.d)
     relations = []
     for row, kind in enumerate(types_by_coefficients):
         type_by_rates = types_by_rates[row]
         if type_by_rates == Type.SELF_MOTION:
-            # In a self-motion input and output rest. The relation has c = d = 0, which is
-            # type III.
+            # In a self-motion input and output rest, which is compared with c = d = 0.
             type_by_rates = Type.III
+        # The type by the rates of the input and of the relation's own output.
+        input_rests = types_by_rates[row] in (Type.II, Type.SELF_MOTION)
+        own_type = TYPE_OF_VANISHING.get((input_rests, bool(is_resting[output_pole][row])))
+        # At a crossing of curves, all forms are compared with type III.
+        has_own_type = is_other_output and types_by_rates[row] != Type.III
         note = ""
-        if kind != type_by_rates:
+        if kind != type_by_rates and not is_known[row]:
+            note = UNKNOWN_COEFFICIENTS_NOTE
+        elif kind != type_by_rates and has_own_type and kind == own_type:
+            moving, reference = (names[link] for link in relation.output)
+            note = (
+                f"y' is the rate of {moving}/{reference} in form {relation.form}, which is "
+                "not the output; c and d agree with this rate"
+            )
+        elif kind != type_by_rates:
+            # If only input or output rests, only one coefficient vanishes. So their links
+            # are not the cause of c = d = 0.
             resting_links = [
                 f"{names[a]} and {names[b]}"
-                for a, b in relation.links.poles
-                if is_resting[a, b][row] and (a, b) != output_pole
+                for a, b in links.poles
+                if is_resting[a, b][row] and (a, b) not in (input_pole, output_pole)
             ]
-            note = _explain_disagreement(kind, type_by_rates, relation.links, resting_links)
+            note = _explain_disagreement(kind, type_by_rates, links, resting_links)
         relations.append(
             RelationAt(
                 form=relation.form,

@@ -37,11 +37,15 @@ class Grashof:
         change-point (all links can lie in one great circle).
     input, output
         Names of the input link and of the output link.
+    fixed
+        Name of the fixed link, relative to which both turn, if it is not the ground.
+        Otherwise None.
     """
 
     name: str
     input: str
     output: str
+    fixed: str | None = None
 
     def __str__(self) -> str:
         motion = {
@@ -54,7 +58,8 @@ class Grashof:
             "change-point": "all links can lie in one great circle, from which the motion "
             "can continue in two ways",
         }[self.name]
-        return f"{self.name.capitalize()}: {motion}"
+        relative_to = "" if self.fixed is None else f" (relative to link {self.fixed})"
+        return f"{self.name.capitalize()}{relative_to}: {motion}"
 
 
 def grashof(mechanism: Mechanism) -> Grashof | None:
@@ -82,6 +87,7 @@ def grashof(mechanism: Mechanism) -> Grashof | None:
         name=str(grashof_class),
         input=mechanism.links[input_link],
         output=mechanism.links[output_link],
+        fixed=None if fixed_link == 0 else mechanism.links[fixed_link],
     )
 
 

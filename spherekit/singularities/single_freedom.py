@@ -488,6 +488,7 @@ class SingleFreedomSingularities:
                 output_rate=_relative_rate(link_motion, axes.directions, relation.output),
                 input_rate=input_rate,
                 axis_errors=axes.largest_error(relation.links.poles),
+                output=self.outputs[output],
                 types_by_rates=types,
                 is_resting=is_resting,
             )
@@ -664,11 +665,12 @@ def _note_single_curve(relation: RelationAt) -> RelationAt:
     """Return a relation at a crossing, with a note if it applies to one curve only.
 
     A relation c y' = d q' of the configuration alone has c = d = 0 at a crossing. If
-    neither vanishes (the type is None), c and d belong to the motion along one curve. The
+    both are known and neither vanishes, c and d belong to the motion along one curve. The
     general note that the type of the relation differs from that of the crossing is replaced
     by a note that names the cause.
     """
-    neither_vanishes = relation.type is None
+    is_known = np.isfinite(relation.c) and np.isfinite(relation.d)
+    neither_vanishes = relation.type is None and is_known
     return replace(relation, note=ONE_CURVE_NOTE) if neither_vanishes else relation
 
 

@@ -13,8 +13,10 @@ from typing import Self
 
 import numpy as np
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.completeness import Completeness
+from spherekit.errors import AnalysisError
 from spherekit.geometry.sphere_mesh import list_edges
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.connectivity import label_components
@@ -87,7 +89,8 @@ class SingularSurface:
     irregular
         Number of irregular singular configurations within the ranges that the search
         yielded: surfaces cross at them, or their neighbourhood is singular in more than two
-        dimensions.
+        dimensions. `claim` has the number of those at which Newton's method reached no
+        first triangle.
     everywhere
         Whether every configuration is of the type, so that there is no surface.
     """
@@ -158,8 +161,9 @@ class SingularSurface:
     def reported(self) -> Self:
         """Return the part of the mesh that is reported to the user.
 
-        The mesh is clipped at both ends of the range of each input. Vertices with another
-        type of singularity are removed, with their triangles.
+        The mesh is clipped at both ends of the range of each input. Triangles across the
+        values that a range leaves out are removed. Vertices with another type of
+        singularity are removed, with their triangles.
         """
         # The report knows the type and the ranges of the inputs.
         report = self.view
@@ -168,11 +172,41 @@ class SingularSurface:
             # The part above the low end remains, then the part below the high end.
             mesh = mesh._clip(input_position, limit=low, side=1.0)
             mesh = mesh._clip(input_position, limit=high, side=-1.0)
+            mesh = mesh._without_bridges(input_position)
         is_of_type = report.has_type(report.types(mesh.nodes.values))
         # Without edges to divide, `_subdivide` only removes the vertices that are not of
         # the type.
         no_edges = np.zeros(0, dtype=np.intp)
         return mesh._subdivide(no_edges, mesh.nodes.rows(no_edges), is_of_type)
+
+    def _without_bridges(self, input_position: int) -> Self:
+        """Return the mesh without triangles across the values that a range leaves out.
+
+        If the range of an input is a little less than its period, an edge can lead from one
+        end of the range to the other end, through the values outside of the range. All
+        vertices must be within the range.
+
+        Parameters
+        ----------
+        input_position
+            Position of the input among the inputs.
+        """
+        report = self.view
+        low, high = report.ranges[:, input_position]
+        period = report.solver.periods[input_position]
+        if not np.isfinite(period) or high - low > period - EQUAL_INPUT_TOLERANCE_RAD:
+            return self
+        variable = report.solver.driven[input_position]
+        angles = self.nodes.values[:, variable]
+        inputs = report.inputs_in_range(self.nodes.values)[:, input_position]
+        # (m, 3) the vertices at both ends of the sides of each triangle.
+        first = self.triangles
+        second = np.roll(first, -1, axis=1)
+        side_lengths = less_periods(angles[second] - angles[first], self.periods[variable])
+        # On other sides the inputs, too, differ by the length.
+        excess = np.abs(inputs[second] - inputs[first] - side_lengths)
+        is_bridge = excess > EQUAL_INPUT_TOLERANCE_RAD
+        return replace(self, triangles=first[~is_bridge.any(axis=1)])
 
     def _clip(self, input_position: int, limit: float, side: float) -> Self:
         """Return the part of the mesh in which an input is on one side of a limit.
@@ -466,6 +500,7 @@ def _fan_triangles(polygon: list[int], apex_position: int) -> list[tuple[int, ..
     return [(apex, first, second) for first, second in pairwise(others)]
 
 
+@checked(AnalysisError)
 def singular_surface(
     mechanism: Mechanism,
     kind: LocusName = "II",
@@ -501,7 +536,7 @@ def singular_surface(
     slices_of_each
         The search follows curves on which two of the inputs are locked. This is the number
         of values at which each input is locked, evenly spread over its range. With 0 the
-        search starts from random closed configurations.
+        search starts from random closed configurations. Not used if `made` is given.
     made
         Curves with two locked inputs that were followed before, or None.
     budget
@@ -514,11 +549,20 @@ def singular_surface(
 
     Raises
     ------
-    AnalysisError, PlanError
-        If the mechanism does not have three inputs and three degrees of freedom, or if it
-        has no such output. Also if type I of a direction is asked for: with three inputs
-        every configuration is of this type.
+    AnalysisError, ModelError, PlanError
+        If the mechanism does not have three inputs and three degrees of freedom, if it has
+        no such output, or if another argument is not allowed. Also if type I of a direction
+        is asked for: with three inputs every configuration is of this type.
     """
+    # With such a side no triangle could be made, and no surface would be reported.
+    if not 0.0 < side < np.inf:
+        raise AnalysisError(
+            f"{mechanism.name}: side: found {side}, expected a finite number above 0"
+        )
+    if halved < 0:
+        raise AnalysisError(
+            f"{mechanism.name}: halved: found {halved}, expected a number of at least 0"
+        )
     search = LocusPointSearch(
         mechanism,
         input_count=3,

@@ -54,8 +54,8 @@ class SingularPoints(ArrayRows):
         (n, V) rates of the singular motion, with norm 1. For types I and II, the rates of
         pairs that cannot move the output are 0.
     inputs
-        (n, g) values of the inputs (rad). Whole revolutions are added to the pair
-        variables, so that the inputs are in their declared ranges or next to them.
+        (n, g) values of the inputs (rad). Whole periods are added to the pair variables, so
+        that the inputs are in their declared ranges or as near to them as possible.
     inside
         (n,) whether all inputs are within their declared ranges.
     orientation

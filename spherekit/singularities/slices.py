@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 
 from spherekit.arrays import Floats, Indices
-from spherekit.errors import CountError
+from spherekit.errors import AnalysisError, CountError
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.assembly_enumeration import enumerate_assemblies
@@ -237,15 +237,26 @@ def cut(
     ranges
         Lowest and highest value (rad) of each input.
     values_of_each
-        Number of values at which each input is locked.
+        Number of values at which each input is locked, at least 1.
     budget
-        Processor time to spend, unlimited by default. Each free input gets an equal share.
+        Processor time to spend, unlimited by default. Each free input gets an equal share
+        of the time that its predecessors leave.
 
     Returns
     -------
     The curves of all slices, the distances (rad) between successive locked values of each
     input (`gaps`), and a note of what was left out because the time was spent.
+
+    Raises
+    ------
+    AnalysisError
+        If `values_of_each` is not a whole number of at least 1.
     """
+    if not values_of_each >= 1 or values_of_each % 1 != 0:
+        raise AnalysisError(
+            f"{solver.mechanism.name}: values_of_each: found {values_of_each}, expected a "
+            "whole number of at least 1"
+        )
     time_limit = budget or TimeLimit()
     # In closed form the curves of several slices are followed together, which saves time.
     slices_at_once = SLICES_AT_ONCE if solver.assembly.has_closed_form else 1

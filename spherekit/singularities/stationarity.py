@@ -25,7 +25,7 @@ from spherekit.wording import nearest
 
 @dataclass(frozen=True)
 class InputsLocked:
-    """The condition E x = 0 that all inputs rest, for rates x of the V pair variables.
+    """The condition E x = 0 that inputs rest, for rates x of the V pair variables.
 
     At a singularity of type II the mechanism can move with rates x that satisfy this
     condition.
@@ -291,14 +291,20 @@ def _unit_direction(
             )
         vector = axes[pointing]
     else:
-        vector = np.asarray(pointing, dtype=float)
-        # An array of another shape gets the length NaN, so that the next line refuses it.
-        length = np.linalg.norm(vector) if vector.shape == (3,) else np.nan
-        if not 0.0 < length < np.inf:
+        try:
+            vector = np.asarray(pointing, dtype=float)
+        except (TypeError, ValueError):
+            # No numbers, or sequences of different lengths: the next lines refuse it.
+            vector = np.full(3, np.nan)
+        # An array of another shape gets the size NaN, so that the next line refuses it.
+        largest = np.max(np.abs(vector)) if vector.shape == (3,) else np.nan
+        if not 0.0 < largest < np.inf:
             raise AnalysisError(
                 f"{mechanism.name}: pointing: found {pointing!r}, expected a vector of "
                 f"three finite numbers, not all zero, in the axes of link {link}"
             )
-        vector = vector / length
+        # Squares of very large or very small components would overflow or become zero.
+        vector = vector / largest
+        vector = vector / np.linalg.norm(vector)
     x, y, z = vector.tolist()
     return x, y, z

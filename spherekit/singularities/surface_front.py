@@ -20,6 +20,7 @@ from spherekit.positions.gear_phases import variable_periods
 from spherekit.positions.input_revolutions import in_range, less_periods
 from spherekit.singularities.curve_starts import LocusPointSearch
 from spherekit.singularities.locus import LocusPoints
+from spherekit.wording import counted
 
 EQUILATERAL_HEIGHT = 0.75**0.5
 """Height of an equilateral triangle of side 1. Other lengths with the unit "edge lengths"
@@ -28,13 +29,14 @@ MERGING_DISTANCE = 0.75
 """A vertex of the front within this distance (edge lengths) of the ideal apex is used
 instead of a new vertex. Larger: fewer and less regular triangles."""
 MIN_VERTEX_DISTANCE = 0.5
-"""Least distance (edge lengths) of a new vertex from all others. Smaller: narrower
-triangles."""
+"""Least distance (edge lengths) of a new vertex from all others of the same sheet, except
+in the first triangle of a mesh. Smaller: narrower triangles."""
 MAX_EDGE_LENGTH = 1.5
-"""Longest edge (edge lengths). Larger: remaining gaps are closed by longer triangles."""
+"""Longest edge (edge lengths), measured in a tangent plane. Larger: remaining gaps are
+closed by longer triangles."""
 MIN_TRIANGLE_HEIGHT = 0.2
-"""Least height (edge lengths) of a triangle. Smaller: flat triangles appear, whose overlaps
-are decided by rounding."""
+"""Least height (edge lengths) of a triangle above the open edge on which it is put.
+Smaller: flat triangles appear, whose overlaps are decided by rounding."""
 SAME_SHEET_COSINE = 0.8
 """Least cosine of the angles between tangent planes, and between singular motions, of
 vertices on the same sheet of the surface. Larger: smaller edges are necessary where the
@@ -87,8 +89,8 @@ class SurfaceFront:
     waiting_edges
         Open edges in the order in which they may get a second triangle.
     computed_vertices
-        New vertices for open edges, computed in advance; None where the locus was not
-        reached.
+        New vertices for open edges, computed in advance; None where there is no point of
+        the same part of the surface.
     """
 
     def __init__(self, search: LocusPointSearch, edge_length: float) -> None:
@@ -131,27 +133,61 @@ class SurfaceFront:
         """Cover the surfaces of singular configurations that `search` finds with triangles.
 
         Configurations with an input outside its range are no starts of a mesh. The mesh is
-        stored as `vertices` and `triangles`, incomplete if the time limit is reached.
+        stored as `vertices` and `triangles`, incomplete if the limit of vertices or time is
+        reached.
 
         Returns
         -------
         Number of singular configurations within the ranges at which surfaces cross. No mesh
-        starts there, because the equations for Newton's method are nearly singular.
+        starts there, because the equations for Newton's method are nearly singular. The
+        number of those at which Newton's method reached no first triangle is noted in
+        `search.time_limit`.
         """
         crossings = 0
+        seeds_without_triangle: list[LocusPoints] = []
         for points in self.search.batches():
             is_inside = self.report.points(points).inside
             is_crossing = points.reciprocal_condition < SURFACE_CROSSING_CONDITION
             crossings += int(np.sum(is_inside & is_crossing))
             for row in np.flatnonzero(is_inside):
                 # The slice selects one point as an array of one row.
-                is_new_surface = self.mesh_surface(points.rows(slice(row, row + 1)))
-                if is_new_surface:
+                seed = points.rows(slice(row, row + 1))
+                if not self._needs_mesh(seed):
+                    continue
+                if self.mesh_surface(seed):
                     self.search.record_new_result()
-            # The note is set as soon as the time limit ends a search.
+                elif not self.search.time_limit.note:
+                    seeds_without_triangle.append(seed)
+            # The note is set as soon as a limit ends a search.
             if self.search.time_limit.note:
                 break
+        # A mesh from another seed may have covered a seed in the meantime.
+        uncovered = sum(self._needs_mesh(seed) for seed in seeds_without_triangle)
+        if uncovered:
+            self._note_uncovered(uncovered)
         return crossings
+
+    def _needs_mesh(self, seed: LocusPoints) -> bool:
+        """Return whether a mesh can start at a configuration (one row) and none covers it.
+
+        Where surfaces cross, the equations for Newton's method are nearly singular.
+        """
+        if seed.reciprocal_condition[0] < SURFACE_CROSSING_CONDITION:
+            return False
+        covering = self.find_vertices_near(
+            seed.values[0], seed.motions[0], self.edge_length
+        )
+        return len(covering) == 0
+
+    def _note_uncovered(self, count: int) -> None:
+        """Note that singular configurations have no mesh, so that no surface is claimed."""
+        time_limit = self.search.time_limit
+        edge_deg = np.degrees(self.edge_length)
+        note = (
+            f"no triangle with edges of {edge_deg:.3g} deg could be made at "
+            f"{counted(count, 'singular configuration')}"
+        )
+        time_limit.note = f"{time_limit.note}; {note}" if time_limit.note else note
 
     def _may_add_vertex(self) -> bool:
         """Return whether the limits of vertices and of time allow another vertex."""
@@ -168,8 +204,8 @@ class SurfaceFront:
         The first triangle is equilateral, with a corner at the seed. The mesh then grows at
         its open edges, which have a triangle on one side only. An open edge gets a second
         triangle if one of its ends is within the ranges of the inputs. The growth ends when
-        no such edge is left, or at the limit of vertices or time. Nothing is done if
-        surfaces cross at the seed, or if the mesh covers the seed already.
+        no such edge is left, or at the limit of vertices or time. Nothing is done if a
+        limit is reached before, or if Newton's method fails at the first triangle.
 
         Parameters
         ----------
@@ -180,22 +216,19 @@ class SurfaceFront:
         -------
         Whether the seed became a vertex of the mesh.
         """
-        # Where surfaces cross, the equations for Newton's method are nearly singular.
-        is_crossing = seed.reciprocal_condition[0] < SURFACE_CROSSING_CONDITION
-        covering = self.find_vertices_near(
-            seed.values[0], seed.motions[0], self.edge_length
-        )
-        if is_crossing or len(covering) or not self._may_add_vertex():
+        if not self._may_add_vertex():
             return False
-        first = self._add_vertex(seed)
         # The other two corners, as offsets from the seed in its tangent plane (complex
         # numbers).
         equilateral = [self.edge_length, self.edge_length * (0.5 + 1j * EQUILATERAL_HEIGHT)]
-        neighbours = self._compute_vertices([first, first], equilateral)
-        corners = [self._add_vertex(point) for point in neighbours if point is not None]
-        # Newton's method can fail at a neighbour.
-        if len(corners) == 2:
-            self._add_triangle(first, *corners)
+        starts = seed.rows(np.array([0, 0]))
+        neighbours = self._compute_vertices(starts, equilateral)
+        corners = [point for point in neighbours if point is not None]
+        # Newton's method can fail at a neighbour. Without a triangle the seed is no vertex,
+        # because it would count as covered, with all seeds near it.
+        if len(corners) < 2:
+            return False
+        self._add_triangle(*(self._add_vertex(point) for point in (seed, *corners)))
         # `_add_triangle` appends the open edges of each new triangle to `waiting_edges`.
         while self.waiting_edges and self._may_add_vertex():
             edge = self.waiting_edges.popleft()
@@ -258,7 +291,7 @@ class SurfaceFront:
             self.waiting_edges.append(edge)
 
     def _compute_vertices(
-        self, bases: Sequence[int], offsets: Sequence[complex]
+        self, starts: LocusPoints, offsets: Sequence[complex]
     ) -> list[LocusPoints | None]:
         """Return the points of the surface above positions in its tangent planes.
 
@@ -268,19 +301,18 @@ class SurfaceFront:
 
         Parameters
         ----------
-        bases
-            Indices of the vertices at which the planes touch the surface.
+        starts
+            The k vertices at which the planes touch the surface.
         offsets
-            For each base a position in its tangent plane, as a complex number: coordinates
-            (rad) along the two tangents, from the base.
+            For each vertex a position in its tangent plane, as a complex number:
+            coordinates (rad) along the two tangents, from the vertex.
 
         Returns
         -------
-        One point for each base. None if Newton's method fails, if surfaces cross at the
+        One point for each position. None if Newton's method fails, if surfaces cross at the
         point, or if the point belongs to another part of the surface.
         """
-        starts = self.vertices.rows(np.array(bases))
-        # (k, 2) coordinates along the two tangents (k, V, 2) of each base.
+        # (k, 2) coordinates along the two tangents (k, V, 2) of each vertex.
         coordinates = np.stack([np.real(offsets), np.imag(offsets)], axis=1)
         plane_positions = starts.values + np.matvec(starts.tangents, coordinates)
         points = self._project_onto_surface(starts, coordinates, plane_positions)
@@ -399,7 +431,7 @@ class SurfaceFront:
         """
         if edge not in self.computed_vertices:
             edges = self._edges_to_compute(edge)
-            first_ends = [first for first, _ in edges]
+            first_ends = self.vertices.rows(np.array([first for first, _ in edges]))
             apexes = [self._ideal_apex(open_edge) for open_edge in edges]
             vertices = self._compute_vertices(first_ends, apexes)
             self.computed_vertices |= dict(zip(edges, vertices, strict=True))

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
+from spherekit.errors import AnalysisError
 from spherekit.geometry.vectors import all_finite
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Assembly
@@ -73,7 +74,17 @@ def find_output_part(
     Returns
     -------
     The part, or None if all pairs take part.
+
+    Raises
+    ------
+    AnalysisError
+        If both links are the same.
     """
+    if link == relative_to:
+        raise AnalysisError(
+            f"{mechanism.name}: the output is link {mechanism.links[link]} relative to "
+            "itself, which never moves; singularities need two different links"
+        )
     pairs = moving_pairs(mechanism, assembly, (link, relative_to))
     if len(pairs) == len(mechanism.pairs):
         return None
@@ -185,8 +196,9 @@ class TangentSpace:
     jacobian_inverse
         (n, variables, 3 loops) pseudo-inverse of J.
     reciprocal_condition
-        (n,) smallest singular value of J over its greatest one, 1 without loops. At 0 the
-        closure equations lose rank.
+        (n,) the last of the singular values that belong to the rank of J at regular
+        configurations, over the greatest one; 1 without loops. At 0 the closure equations
+        lose rank. Also 0 if J is not finite.
     has_fixed_sense
         Whether J alone determines the sense of the basis.
     """
@@ -312,7 +324,7 @@ def tangent_space(
     Parameters
     ----------
     linearisation
-        The n configurations. Rows that are not finite give NaN.
+        The n configurations. Where J is not finite, `basis` and `jacobian_inverse` are NaN.
     dimension
         Number k of independent rates that close the loops, as known from the mobility.
     reference_basis
