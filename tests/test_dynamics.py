@@ -592,3 +592,103 @@ def test_totals_of_no_masses_or_no_loads_are_nan_in_failed_rows(four_bar, left_o
     for name in ("B", "dB_dq", "Q", "tau"):
         assert np.array_equal(np.isnan(frame[name].to_numpy()), frame_failed)
         assert np.array_equal(np.isnan(getattr(solution, name)), solution_failed)
+
+
+# --- motion of reduced models -------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_reduced_model_that_leaves_its_curve_between_two_times_does_not_return():
+    """A model has no motion after the time at which the mechanism reaches a joint limit.
+
+    A spring pulls the crank back, and so the integrator may come back from beyond the end
+    of the curve before the next of the given times. The end is that of `simulate`.
+    """
+    spring = Spring("spring", "21", 20.0, 1.0)
+    limits = JointLimit("21", 0.5, 1.5)
+    mechanism = replace(sk.load("four_bar"), joint_limits=(limits,), loads=(spring,))
+    model = sk.reduced_model(mechanism, poles=())
+    (s,) = model.places("theta_21", 1.0)
+    s_rate = 5.0
+    q_rate = s_rate * model.value("d(theta_21)/ds", s)
+    end = simulate(mechanism, Start(1.0, q_rate), 2.0).end
+    assert end.kind == "joint_limit"
+    for t in np.linspace(0.05, 2.0, 40):
+        reduced = sk.simulate_reduced(model, [0.0, t], s, s_rate)
+        assert np.isnan(reduced.q[1]) == (t > end.t)
+        assert ("the curve ends" in reduced.message) == (t > end.t)
+
+
+@pytest.mark.slow
+def test_a_reduced_model_stops_where_its_inertia_goes_to_zero(four_bar):
+    """Only the rocker has mass. Its inertia, reduced to the crank, is 0 at its dead centre.
+
+    `simulate` ends there too.
+    """
+    rocker_mass = tuple(mass for mass in four_bar.masses if mass.link == "4")
+    mechanism = replace(four_bar, masses=rocker_mass, loads=())
+    end = simulate(mechanism, Start(0.3, 1.0), 20.0).end
+    assert end.kind == "no_inertia"
+    model = sk.reduced_model(mechanism, poles=())
+    with pytest.raises(SolveError, match=f"inertia goes to zero near t = {end.t:.6g} s"):
+        sk.simulate_reduced(model, [0.0, 20.0], 0.3, 1.0)
+    assert sk.simulate_reduced(model, [0.0, 0.99 * end.t], 0.3, 1.0).energy < 1e-8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([0.0, 0.1], 0.3, 1.0, np.nan), "tolerance: found nan"),
+        (([0.0, 0.1], 0.3, 1.0, np.inf), "tolerance: found inf"),
+        (([0.0, 0.1], 0.3, 1.0, 0.0), "tolerance: found 0, expected a number from 1e-12"),
+        (([0.0, 0.1], 0.3, np.nan), "dx: found nan, expected a finite number"),
+        (([[0.0, 0.1], [0.2, 0.3]], 0.3, 1.0), "increasing times"),
+    ],
+)
+def test_a_motion_of_a_reduced_model_is_refused(four_bar, arguments, message):
+    model = sk.reduced_model(four_bar, poles=())
+    with pytest.raises(SolveError, match=message):
+        sk.simulate_reduced(model, *arguments)
+
+
+@pytest.mark.slow
+def test_the_smallest_tolerance_of_a_reduced_model_is_reached(four_bar):
+    model = sk.reduced_model(four_bar, poles=())
+    reduced = sk.simulate_reduced(model, np.linspace(0.0, 2.0, 5), 0.3, 1.0, 1e-12)
+    history = simulate(four_bar, Start(0.3, 1.0), 2.0, tolerance=1e-13).at(reduced.t)
+    assert np.max(np.abs(reduced.q - history.q)) < 1e-11
+
+
+@pytest.mark.parametrize("number", [np.int64(5), np.float32(5.0)])
+def test_a_torque_may_be_a_number_of_numpy(number):
+    """The type of the number 5 does not change the motion."""
+    start = Start(0.3, 1.0)
+    expected = sk.simulate("four_bar", start, 0.2, torque=5, engine="numpy").at([0.2])
+    by_numpy = sk.simulate("four_bar", start, 0.2, torque=number, engine="numpy").at([0.2])
+    assert by_numpy.q[0] == expected.q[0]
+
+
+@pytest.mark.parametrize("torque", [np.inf, np.nan, {"21": -np.inf}])
+def test_a_torque_that_is_not_finite_is_refused_as_a_number(torque):
+    with pytest.raises(SolveError, match="the torque at 21 is .*; give a finite number"):
+        sk.simulate("four_bar", Start(0.3, 1.0), 0.2, torque=torque)
+
+
+@pytest.mark.parametrize("method", ["at", "moments"])
+def test_a_simulation_refuses_times_in_several_dimensions(method):
+    simulation = sk.simulate("four_bar", Start(0.3, 1.0), 0.2, engine="numpy")
+    with pytest.raises(SolveError, match="one-dimensional array of times"):
+        getattr(simulation, method)([[0.0, 0.1], [0.1, 0.2]])
+
+
+@pytest.mark.slow
+def test_a_short_pulse_between_two_times_moves_a_reduced_model(four_bar):
+    """The times of the table are kinks. The motion is that of `simulate`."""
+    times = (0.0, 1.0, 1.0005, 1.001, 3.0)
+    pulse = sk.TorqueTable("pulse", "21", times, (0.0, 0.0, 500.0, 0.0, 0.0))
+    mechanism = replace(four_bar, loads=(pulse,))
+    model = sk.reduced_model(mechanism, poles=())
+    reduced = sk.simulate_reduced(model, [0.0, 2.0], 0.3, 0.0)
+    history = simulate(mechanism, Start(0.3, 0.0), 2.0, tolerance=1e-11).at([2.0])
+    assert reduced.q[1] == pytest.approx(history.q[0], abs=1e-8)

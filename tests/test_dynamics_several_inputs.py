@@ -11,6 +11,7 @@ from oracles.newton_euler import check_simulated_motion, with_point_masses
 import spherekit as sk
 from spherekit.dynamics.inertia import christoffel
 from spherekit.dynamics.inverse_dynamics import inverse_dynamics
+from spherekit.errors import SolveError
 from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.plugin.rotations import normal_at
 
@@ -232,3 +233,11 @@ def test_inputs_without_laws_go_along_their_ranges():
     # Its masses are balanced, and its ratios constant: nothing is needed.
     needed = table[["tau_left_axle", "tau_right_axle"]].to_numpy()
     assert np.max(np.abs(needed)) < 1e-15
+
+
+@pytest.mark.parametrize("rates", [(1.0, 1.0), (0.0, 0.0)])
+def test_a_start_that_names_a_pair_twice_is_refused(rates):
+    values = sk.simulate(FIVE, sk.Start((0.5, 1.0), (0.0, 0.0)), 0.01).at([0.0]).values[0]
+    start = sk.PoseStart(values, ("21", "21"), rates)
+    with pytest.raises(SolveError, match="several rates of the same pair: 21, 21"):
+        sk.simulate(FIVE, start, 0.01)

@@ -475,9 +475,41 @@ def test_a_motion_may_start_at_a_joint_limit_but_not_outside(engine):
     inwards = sk.simulate(mechanism, Start(0.3, 1), 5.0, engine=engine)
     assert inwards.end.message.endswith("(2 rad)")
     outwards = sk.simulate(mechanism, Start(0.3, -1), 5.0, engine=engine)
-    assert (outwards.end.kind, outwards.end.t) == ("joint_limit", 0.0)
+    assert outwards.end.kind == "joint_limit"
+    assert outwards.end.t == pytest.approx(0.0, abs=1e-12)
     assert [event.kind for event in outwards.events] == ["joint_limit"]
     assert outwards.at([0.0]).q[0] == 0.3
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("rate", [0.0, -1e-3])
+def test_a_load_does_not_push_a_crank_beyond_the_limit_at_which_it_starts(engine, rate):
+    """A crank at its upper limit, at rest or moving slowly inwards, is pushed outwards.
+
+    With the initial acceleration a it is back at the limit at the time -2 rate / a.
+    """
+    mechanism = with_crank_limits(-1.0, 0.3)
+    options = {"torque": 5.0, "engine": engine}
+    free = sk.simulate(with_crank_limits(-1.0, 3.0), Start(0.3, rate), 0.1, **options)
+    acceleration = free.at([0.0]).input_accelerations[0, 0]
+    assert acceleration > 0.0
+    pushed = sk.simulate(mechanism, Start(0.3, rate), 0.5, **options)
+    assert pushed.end.kind == "joint_limit"
+    assert pushed.end.t == pytest.approx(-2.0 * rate / acceleration, rel=1e-2, abs=1e-6)
+    assert pushed.at([pushed.end.t]).q[0] == pytest.approx(0.3, abs=1e-12)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_start_with_whole_turns_at_a_joint_limit_is_not_outside_by_rounding(engine):
+    """The sum of -223 deg + 360 deg and -360 deg differs from -223 deg by rounding."""
+    limit = np.radians(-223.0)
+    mechanism = with_crank_limits(limit - 1.0, limit)
+    inwards = sk.simulate(mechanism, Start(limit, -1.0), 0.1, engine=engine)
+    assert inwards.end.kind == "time"
+    assert inwards.at([0.1]).q[0] < limit
+    outwards = sk.simulate(mechanism, Start(limit, 1.0), 0.1, engine=engine)
+    assert outwards.end.kind == "joint_limit"
+    assert outwards.end.t == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.many
@@ -713,3 +745,20 @@ def test_a_full_cache_drops_the_least_recently_used_result():
     assert cache.has(load("four_bar"), "a")
     assert not cache.has(load("four_bar"), "c")
     assert not cache.has(load("watt"), "a")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"torque": lambda t, q, dq: 5.0 - 2.0 * dq},
+        {"torque": "5 - 2*dtheta_21", "crossings": "pass"},
+    ],
+)
+def test_a_tolerance_below_that_of_numpy_is_refused_if_only_numpy_is_possible(options):
+    """The choice "auto" refuses what the choice "numpy" refuses, and says why."""
+    simulate = partial(sk.simulate, "four_bar", Start(0.3, 1.0), 0.1, **options)
+    assert simulate(tolerance=1e-13).engine.name == "numpy"
+    with pytest.raises(SolveError, match="only the NumPy engine is possible"):
+        simulate(tolerance=1e-15)
+    with pytest.raises(SolveError, match="expected a number from 1e-13"):
+        simulate(tolerance=1e-15, engine="numpy")

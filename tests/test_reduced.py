@@ -16,13 +16,14 @@ from spherekit.cli.main import main
 from spherekit.dynamics.inverse_dynamics import inverse_dynamics
 from spherekit.dynamics.reduced_model import MODEL_FORMAT, load_reduced
 from spherekit.dynamics.reduced_model_maker import reduced_model
-from spherekit.errors import FileError, SolveError
+from spherekit.errors import FileError, ModelError, SolveError
 from spherekit.files.mechanism_reader import load
 from spherekit.files.mechanism_writer import dumps
 from spherekit.files.time_law import Polynomial
 from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.planning.pole_plan import parse_pole
 from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.status import Status
 from spherekit.storage.numpy_archive import write_archive
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
@@ -186,6 +187,17 @@ def test_an_open_curve_refuses_arc_lengths_beyond_its_ends(four_bar):
             model.pole("3/1", x)
 
 
+@pytest.mark.slow
+def test_joint_limits_more_than_a_turn_apart_end_a_stored_model(four_bar):
+    """The crank of a four-bar can turn fully, but its limits are 500 deg apart."""
+    limits = np.radians([-400.0, 100.0])
+    limited = replace(four_bar, joint_limits=(JointLimit("21", *limits.tolist()),))
+    model = reduced_model(limited, poles=("3/1",))
+    assert not model.heading.periodic
+    ends = model.value("theta_21", [0.0, model.heading.high[0]])
+    assert np.allclose(np.sort(ends), limits, rtol=0, atol=1e-10)
+
+
 @pytest.mark.parametrize("call", TABLES["stored models"])
 def test_bad_requests_name_the_nearest_match(models, call):
     names = {
@@ -299,3 +311,56 @@ def test_the_input_of_an_exported_pose_is_in_the_unit_of_the_file(unit, given, t
     values = position_analysis.at(np.radians([40.0])).values[0]
     expected = np.exp(1j * values[load("four_bar").angles["41"]])
     assert np.exp(1j * float(pose["41"])) == pytest.approx(expected, abs=1e-12)
+
+
+def test_functions_of_different_groups_are_refused_and_not_mixed_up(models):
+    """Columns of one group would otherwise be taken from another group."""
+    with pytest.raises(SolveError, match="B, rate 3/1 are not stored in one group"):
+        models[0].functions(["B", "rate 3/1"], [0.3])
+    assert models[0].functions([], [0.3, 0.4]).shape == (2, 0)
+
+
+def test_one_coordinate_may_have_many_times_and_rates(models):
+    """The load sin(t) at the crank lowers the torque that is needed by itself."""
+    model = models[0]
+    t = np.array([0.0, 0.5, 2.0])
+    loaded = model.with_torque("sin(t)")
+    difference = model.torque(0.3, 1.0, 0.0) - loaded.torque(0.3, 1.0, 0.0, t)
+    assert difference == pytest.approx(np.sin(t), abs=1e-12)
+    rates = np.array([1.0, 2.0])
+    one_by_one = [loaded.torque(0.3, rate, 0.0, 0.5) for rate in rates.tolist()]
+    assert loaded.torque(0.3, rates, 0.0, 0.5) == pytest.approx(one_by_one, rel=1e-12)
+
+
+def test_accelerations_along_a_curve_are_for_one_or_many_points(models):
+    """M q'' = T - T_0, checked by the torque that these accelerations need."""
+    model = models[0]
+    q, dq, torques = np.array([0.3, 1.4]), np.array([1.0, -2.0]), np.array([2.0, 0.5])
+    accelerations = model.accelerations(q, dq, torques)
+    assert accelerations.shape == (2, 1)
+    assert model.torque(q, dq, accelerations[:, 0]) == pytest.approx(torques, abs=1e-12)
+    single = model.accelerations(0.3, 1.0, [2.0])
+    assert single == pytest.approx(accelerations[0], abs=1e-12)
+
+
+@pytest.mark.slow
+def test_status_outside_an_open_curve_is_out_of_reach(four_bar, models):
+    limited = replace(four_bar, joint_limits=(JointLimit("21", 0.5, 4.5),))
+    model = reduced_model(limited, poles=())
+    status = [Status.OK, Status.OUT_OF_REACH, Status.OUT_OF_REACH, Status.OUT_OF_REACH]
+    assert model.status([0.1, -1.0, 99.0, np.nan]).tolist() == status
+    assert models[0].status([99.0, np.inf]).tolist() == [Status.OK, Status.OUT_OF_REACH]
+
+
+def test_places_lists_the_seam_of_a_closed_curve_once(models):
+    """The inputs 0 and 360 deg are one configuration."""
+    assert models[0].places("theta_21", TURN) == pytest.approx([0.0], abs=1e-12)
+    for value in (np.nan, np.inf):
+        with pytest.raises(SolveError, match="theta_21 must be finite"):
+            models[0].places("theta_21", value)
+
+
+def test_a_torque_that_is_no_text_is_refused(models):
+    for torque in (2.0, {"21": 1.0}):
+        with pytest.raises(ModelError, match="it has to be a string, or a mapping"):
+            models[0].with_torque(torque)

@@ -197,3 +197,64 @@ def test_samples_outside_of_the_reach_are_nan():
     functions = sampler.evaluate(out_of_reach, function_count)
     assert functions.shape == (2, function_count)
     assert np.all(np.isnan(functions))
+
+
+def test_rates_of_a_wrong_length_are_refused(stored_model):
+    """Otherwise a missing rate would be replaced by an acceleration or the time."""
+    q = [1.05, 1.25]
+    for dq, ddq in (([1.0], [1.0, 2.0]), ([1.0, 2.0, 3.0], [1.0])):
+        with pytest.raises(SolveError, match=r"arrays of shape \(n, 2\)"):
+            stored_model.torque(q, dq, ddq)
+    for inputs in (1.0, [], [1.05], [1.05, 1.25, 1.0]):
+        with pytest.raises(SolveError, match=r"array of shape \(n, 2\)"):
+            stored_model.value("theta_32", inputs)
+        with pytest.raises(SolveError, match=r"array of shape \(n, 2\)"):
+            stored_model.torque(inputs, q, q)
+
+
+def test_one_point_of_the_inputs_may_have_many_times_and_rates(stored_model):
+    q, dq, ddq = [1.05, 1.25], [0.4, -0.3], [0.1, 0.2]
+    t = np.array([0.0, 0.9])
+    torques = [stored_model.torque(q, dq, ddq, time) for time in t.tolist()]
+    assert stored_model.torque(q, dq, ddq, t) == pytest.approx(np.array(torques))
+    rates = np.array([[0.4, -0.3], [1.0, 2.0]])
+    torques = [stored_model.torque(q, rate, ddq) for rate in rates.tolist()]
+    assert stored_model.torque(q, rates, ddq) == pytest.approx(np.array(torques))
+
+
+def test_no_points_have_no_torques_and_no_values(stored_model):
+    no_points = np.zeros((0, 2))
+    assert stored_model.torque(no_points, no_points, no_points).shape == (0, 2)
+    assert stored_model.value("theta_32", no_points).shape == (0,)
+    assert stored_model.accelerations(no_points, no_points, no_points).shape == (0, 2)
+
+
+def test_status_of_a_single_point_outside_the_box_is_out_of_reach(stored_model):
+    assert stored_model.status([0.0, 0.0]).tolist() == [Status.OUT_OF_REACH]
+    assert stored_model.status([1.05, 1.25]).tolist() == [Status.OK]
+
+
+def test_accelerations_at_many_points_are_those_of_each_point(stored_model):
+    q = np.array([[1.05, 1.25], [1.1, 1.22]])
+    dq = np.array([[0.4, -0.3], [1.0, 2.0]])
+    torques = np.array([[1.0, 2.0], [3.0, -4.0]])
+    accelerations = stored_model.accelerations(q, dq, torques)
+    assert stored_model.torque(q, dq, accelerations) == pytest.approx(torques, abs=1e-9)
+
+
+def test_a_singular_inertia_matrix_is_refused():
+    """Only link 2, which the input 21 drives, has a mass; the input 51 moves none."""
+    five_bar, _ = with_masses_and_loads("five_bar", np.random.default_rng(3))
+    masses = tuple(mass for mass in five_bar.masses if mass.link == "2")
+    light = replace(five_bar, masses=masses, loads=())
+    model = reduced_grid_model(with_input_ranges(light, (1.0, 1.1), (1.2, 1.25)))
+    with pytest.raises(SolveError, match="inertia matrix is singular"):
+        model.accelerations([1.05, 1.22], [0.0, 0.0], [1.0, 1.0])
+
+
+def test_a_pole_that_is_named_twice_is_stored_once():
+    poles = ("planet/frame", "frame/planet", "planet/frame")
+    model = reduced_grid_model("bevel_differential", poles=poles)
+    assert len(model.heading.poles) == 1
+    names = [function.name for function in model.heading.functions]
+    assert len(names) == len(set(names))

@@ -8,6 +8,7 @@ import pytest
 from helpers.engines import ENGINES
 from mechanism_examples.named_mechanisms import one_link_mechanism as linked
 from oracles.newton_euler import check_simulated_motion, with_point_masses
+from scipy.integrate import quad
 
 from spherekit.cli.main import FAILED_SAMPLES, main
 from spherekit.dynamics.forward_dynamics import simulate
@@ -294,3 +295,18 @@ def test_a_load_with_a_value_but_no_series_is_left_to_numpy():
     if available():
         with pytest.raises(EngineError, match="no Taylor series"):
             simulate(made, Start(0.0, 1.0), 1.0, engine="compiled")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("engine", ENGINES)
+def test_an_infinite_argument_of_a_steep_function_prints_no_warning(engine):
+    """The torque tanh(exp(700 t)) is 1 N m from 0.01 s on, and its exp infinite from 1.1 s.
+
+    With u = exp(700 t), the impulse that it lacks before is the integral of
+    (1 - tanh u) / (700 u) from u = 1 on.
+    """
+    mechanism = one_link(torque("tanh(exp(700*t))"))
+    simulation = simulate(mechanism, Start(0.0, 1.0), 2.0, engine=engine)
+    lacking, _ = quad(lambda u: (1.0 - np.tanh(u)) / (700.0 * u), 1.0, np.inf)
+    expected_rate = 1.0 + (2.0 - lacking) / INERTIA
+    assert abs(simulation.at([2.0]).dq[0] - expected_rate) < 1e-8

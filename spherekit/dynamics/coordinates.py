@@ -139,8 +139,8 @@ def motion_by_combinations(
 
     Returns
     -------
-    n rows, one for each configuration. A row in which the coordinates do not determine the
-    motion is NaN.
+    n rows, one for each configuration. Where the coordinates do not determine the motion,
+    derivatives are NaN or, by rounding, very large; see `determinacy`.
     """
     linearisation = closure.linearise(values)
     m = weights.shape[-2]
@@ -183,8 +183,8 @@ def motion_by_variables(
 ) -> CoordinateMotion:
     """Return configurations, differentiated with respect to some of the pair variables.
 
-    Derivatives are not finite where the mechanism can move although these variables are
-    held. With a single variable this is a dead centre.
+    Derivatives are NaN or, by rounding, very large where the mechanism can move although
+    these variables are held. With a single variable this is a dead centre.
 
     Parameters
     ----------

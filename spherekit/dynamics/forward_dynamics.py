@@ -91,8 +91,9 @@ def simulate(
     assembly_mode
         Number of the assembly mode at the start.
     tolerance
-        Error of the pair variables (rad) for which steps are chosen. In motions that depend
-        strongly on their start, errors grow beyond it; see `check`.
+        Error of the pair variables (rad) for which steps are chosen: at most 1e-2, and at
+        least 1e-15, or 1e-13 with NumPy. In motions that depend strongly on their start,
+        errors grow beyond it; see `check`.
     switches
         Times (s) at which expressions of loads have kinks. The kinks of torque tables need
         not be given.
@@ -176,7 +177,8 @@ def check_engine_and_tolerance(mechanism: Mechanism, engine: str, tolerance: flo
 
     The engine is ``"numpy"``, ``"compiled"`` or ``"auto"`` (the faster one). The tolerance
     (rad) applies to the result of a simulation. Its smallest value depends on the engine.
-    For ``"auto"`` this is the smallest value of the compiled engine.
+    For ``"auto"`` this is the smallest value of the compiled engine. A mechanism that only
+    NumPy can simulate is refused later, see `_refuse_tolerance_of_numpy`.
     """
     if engine not in ENGINE_CHOICES:
         raise SolveError(
@@ -189,6 +191,26 @@ def check_engine_and_tolerance(mechanism: Mechanism, engine: str, tolerance: flo
             # 1e-2 is `MAX_TOLERANCE_RAD`, written in this way.
             f"{mechanism.name}: tolerance: found {tolerance:g}, expected a number from "
             f"{smallest:g} to 1e-2"
+        )
+
+
+def _refuse_tolerance_of_numpy(name: str, tolerance: float, reason: str) -> None:
+    """Raise `SolveError` if a tolerance is too small for NumPy, the only possible engine.
+
+    Parameters
+    ----------
+    name
+        Name of the mechanism.
+    tolerance
+        The tolerance, rad.
+    reason
+        Why the compiled engine is not possible.
+    """
+    smallest = MIN_TOLERANCE_BY_ENGINE["numpy"]
+    if tolerance < smallest:
+        raise SolveError(
+            f"{name}: tolerance: found {tolerance:g}, but only the NumPy engine is "
+            f"possible ({reason}), which needs at least {smallest:g}"
         )
 
 
@@ -373,6 +395,8 @@ def _simulate_by_choice(
         reason = FORECAST_REASON.format(**forecast)
     else:
         forecast = None
+    if engine == "auto":
+        _refuse_tolerance_of_numpy(mechanism.name, tolerance, reason)
     while collocation.end is None and collocation.advance():
         pass
     return collocation.simulation(reason, forecast)

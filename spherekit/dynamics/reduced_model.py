@@ -40,6 +40,7 @@ from spherekit.symbolic.expression_evaluation import (
     float_function,
 )
 from spherekit.symbolic.expression_graph import ExpressionNode, iterate_nodes, symbols
+from spherekit.tolerances import EPS
 from spherekit.wording import choices, listing
 
 MODEL_FORMAT = ArchiveFormat("spherekit reduced model", 2, "write one with `--to model`")
@@ -105,7 +106,8 @@ class StoredModel:
     def error(self) -> float:
         """The greatest error of the stored functions.
 
-        The measured error of each function is relative to its own largest absolute value.
+        The measured error of each function is relative to its scale
+        (`StoredFunction.largest`).
         """
         return max(function.error for function in self.heading.functions)
 
@@ -136,10 +138,10 @@ class StoredModel:
         Raises
         ------
         SolveError
-            At a point outside the domain. Torques at many points over a box are NaN at
-            points outside the domain.
+            At a point outside the domain, or if `dx` or `ddx` do not have m columns.
+            Torques at many points over a box are NaN at points outside the domain.
         """
-        if self._is_single(x):
+        if isinstance(t, SINGLE_TYPES) and self._is_single(x, dx, ddx):
             # Computing with numbers takes less time than with arrays. The stored functions
             # (inertia, its derivatives, load velocities) come first, then the torques.
             configuration_values = self.evaluate_configuration(x)
@@ -241,10 +243,16 @@ class StoredModel:
         x
             The points. Along a curve of configurations each point has one coordinate, and
             the shape of `x` is (...). Over a box of the ranges of m inputs the shape is
-            (..., m).
+            (n, m), or (m,) for one point.
+
+        Raises
+        ------
+        SolveError
+            If a function is not stored, functions belong to different groups, or points
+            have a wrong shape or are outside the domain.
         """
         points = self._flatten_points(x)
-        group, _ = self.heading.locate_function(names[0])
+        group = self.heading.locate_function(names[0])[0] if len(names) else 0
         values = self._evaluate_group(group, points.coordinates)
         selected = values[:, self._indices_in_group(names)]
         # `points.shape` is (..., m), the shape of the coordinates before they were
@@ -269,7 +277,7 @@ class StoredModel:
     def accelerations(
         self, q: ArrayLike, dq: ArrayLike, torques: ArrayLike, t: float = 0.0
     ) -> Floats:
-        """Return the accelerations (m,) of the m inputs (rad/s2) at one point.
+        """Return the accelerations (..., m) of the m coordinates (rad/s2).
 
         The accelerations solve M q'' = T - T_0. M is the inertia matrix, T are the torques
         at the inputs, and T_0 the torques that the motion would need without acceleration.
@@ -277,23 +285,63 @@ class StoredModel:
         Parameters
         ----------
         q, dq
-            (m,) inputs (rad) and their rates (rad/s).
+            Coordinates (rad) and their rates (rad/s) at one or more points: (m,) or (n, m)
+            over a box, (...) along a curve.
         torques
-            (m,) torques T at the inputs, N m.
+            Torques T (N m) at the coordinates, with the shape of `q` (or (1,) for one point
+            along a curve).
         t
             Time (s), for loads that depend on time.
+
+        Raises
+        ------
+        SolveError
+            If the inertia matrix is singular, or a single point is outside the domain.
         """
-        needed_torques = self.torque(q, dq, np.zeros(np.shape(q)), t)
-        # A model with one input returns numbers, which become arrays here.
-        accelerating_torques = np.atleast_1d(np.asarray(torques) - needed_torques)
-        return np.linalg.solve(np.atleast_2d(self.inertia(q)), accelerating_torques)
+        no_accelerations: Any = np.zeros(np.shape(q))
+        if self._is_single(q):
+            # Numbers take less time than arrays.
+            no_accelerations = no_accelerations.tolist()
+        needed_torques = self.torque(q, dq, no_accelerations, t)
+        accelerating_torques = np.asarray(torques) - needed_torques
+        inertia = self.inertia(q)
+        if self.heading.is_curve:
+            # Numbers become vectors and matrices of one coordinate.
+            accelerating_torques = np.reshape(accelerating_torques, (*np.shape(q), 1))
+            inertia = np.asarray(inertia)[..., None, None]
+        # Points outside the domain of a box have NaN, with which no eigenvalues exist.
+        inside = inertia[all_finite(inertia, (-2, -1))]
+        if np.any(np.linalg.eigvalsh(inside)[..., 0] <= self._min_inertia):
+            raise SolveError(
+                f"{self.heading.mechanism}: the inertia matrix is singular, so the "
+                "accelerations are not determined"
+            )
+        return np.linalg.solve(inertia, accelerating_torques[..., None])[..., 0]
+
+    @cached_property
+    def _min_inertia(self) -> float:
+        """Limit (kg m2) up to which an eigenvalue of the inertia matrix may be zero.
+
+        An eigenvalue of a symmetric matrix (m, m) whose elements have errors up to e has an
+        error of at most m e.
+        """
+        elements = {*self.heading.inertia}
+        largest_error = max(
+            (function.error + EPS) * function.largest
+            for function in self.heading.groups[0]
+            if function.name in elements
+        )
+        return len(self.heading.by) * largest_error
 
     def status(self, q: ArrayLike) -> SmallIntegers:
         """Return the status (n,) of points: OK, or OUT_OF_REACH outside the domain."""
-        points = self._flatten_points(np.atleast_1d(q))
-        # Outside the domain of a box all functions are NaN.
-        values = self._evaluate_group(0, points.coordinates)
-        is_inside = np.isfinite(values[:, 0])
+        if self.heading.is_curve:
+            is_inside = self.heading.is_in_domain(np.asarray(q, dtype=float).ravel())
+        else:
+            points = self._flatten_points(np.atleast_2d(q))
+            # Outside the domain of a box all functions are NaN.
+            values = self._evaluate_group(0, points.coordinates)
+            is_inside = np.isfinite(values[:, 0])
         return np.where(is_inside, Status.OK, Status.OUT_OF_REACH).astype(np.int8)
 
     def pole(self, name: str, x: ArrayLike) -> Floats:
@@ -377,7 +425,8 @@ class StoredModel:
         """Return the coordinates (k,) at which a pair variable has a certain value.
 
         The model has one coordinate, along the curve of configurations: the arc length of
-        this curve or the variable of the input. The result is in rising order.
+        this curve or the variable of the input. The result is in rising order. On a closed
+        curve it covers one lap, and both ends are the same place.
 
         Parameters
         ----------
@@ -391,7 +440,7 @@ class StoredModel:
         Raises
         ------
         SolveError
-            If there is no such variable.
+            If there is no such variable, or the value is not finite.
         """
         heading = self.heading
         # Stored functions are in groups. Group 0 has the functions of the motion.
@@ -400,6 +449,11 @@ class StoredModel:
             raise SolveError(
                 f'{heading.mechanism}: "{variable}" is not a pair variable'
                 f"{choices(variable, heading.variables, 'Variables')}"
+            )
+        if not np.isfinite(value):
+            raise SolveError(
+                f"{heading.mechanism}: the value of {variable} must be finite, found "
+                f"{value}"
             )
         # Columns of the variable and of its derivative with respect to the coordinate.
         variable_columns = self._indices_in_group((variable, heading.derivative(variable)))
@@ -428,8 +482,13 @@ class StoredModel:
         # Zeros are sought between neighbouring positions of this grid, which has several
         # positions in each cell (interval with a series of its own).
         search_grid = series.spread_positions(ZERO_SEARCH_DIVISIONS)
-        return find_zeros(evaluate_distance, search_grid).places
+        zeros = find_zeros(evaluate_distance, search_grid)
+        if heading.periodic:
+            # Both ends of a closed curve are the same configuration.
+            zeros = zeros.merge_seam(heading.high[0])
+        return zeros.places
 
+    @checked(ModelError)
     def with_torque(self, torque: str | Mapping[str, str]) -> "StoredModel":
         """Return a copy of the model with further loads: torques (N m) at inputs.
 
@@ -446,8 +505,8 @@ class StoredModel:
         Raises
         ------
         ModelError
-            If an expression breaks the grammar, if there is no such input, or if an input
-            has such a torque already.
+            If an expression is no text or breaks the grammar, if there is no such input,
+            or if an input has such a torque already.
         """
         heading = self.heading
         if isinstance(torque, str):
@@ -610,10 +669,19 @@ class StoredModel:
             self._single_functions[names] = self.combine_functions(group, factors)
         return self._single_functions[names]
 
-    def _is_single(self, x: Any) -> bool:
-        """Return whether `x` is one point, and not an array of many points."""
-        # Over a box a single point is a sequence of numbers.
-        return isinstance(x if self.heading.is_curve else x[0], SINGLE_TYPES)
+    def _is_single(self, *points: Any) -> bool:
+        """Return whether all arguments are one point, and not arrays of many points."""
+        if self.heading.is_curve:
+            return all(isinstance(x, SINGLE_TYPES) for x in points)
+        # Over a box a single point is a sequence of m numbers.
+        m = len(self.heading.by)
+        try:
+            for x in points:
+                if not (len(x) == m and isinstance(x[0], SINGLE_TYPES)):
+                    return False
+        except TypeError:  # a number has no length
+            return False
+        return True
 
     def _flatten_points(
         self, coordinates: ArrayLike, *derivatives: ArrayLike, t: ArrayLike = 0.0
@@ -629,15 +697,16 @@ class StoredModel:
             The coordinates (rad): (...) if the model is along a curve, which has a single
             coordinate, and (..., m) if the m inputs are the coordinates.
         derivatives
-            Rates and accelerations of the coordinates, or none, with the same axes.
+            Rates and accelerations of the coordinates, or none, with the same axes, or one
+            number for all.
         t
             Times, s.
 
         Raises
         ------
         SolveError
-            If the array of m inputs has a wrong shape, or has a single point that is
-            outside the domain.
+            If the array of m inputs, or of their derivatives, has a wrong shape, or if a
+            single point is outside the domain.
         """
         arrays = [np.asarray(x, dtype=float) for x in (coordinates, *derivatives)]
         if self.heading.is_curve:
@@ -645,6 +714,14 @@ class StoredModel:
             arrays = [array[..., None] for array in arrays]
         else:
             self._check_inputs(arrays[0])
+            m = len(self.heading.by)
+            for array in arrays[1:]:
+                # NumPy would repeat a single rate for all inputs.
+                if array.ndim > 0 and array.shape[-1] != m:
+                    raise SolveError(
+                        f"{self.heading.mechanism}: rates and accelerations must be given "
+                        f"as arrays of shape (n, {m}), found the shape {array.shape}"
+                    )
         # A last axis of length 1, so that the time is the same for all m coordinates.
         times = np.asarray(t, dtype=float)[..., None]
         shape = np.broadcast_shapes(times.shape, *(array.shape for array in arrays))
@@ -775,9 +852,9 @@ class StoredModel:
                 return cell_sums.evaluate(find_cell(q), q).tolist()  # type: ignore[no-any-return]
 
             return evaluate_in_box
-        # Combine the series along the curve. The heading has the largest absolute value of
-        # each function. A bound of each sum follows from these: the scale relative to which
-        # the precision of the polynomials of the sum is judged.
+        # Combine the series along the curve. The heading has the scale of each function.
+        # The scale of each sum follows from these: the precision of the polynomials of the
+        # sum is judged relative to it.
         functions = heading.groups[group]
         largest_values = np.array([function.largest for function in functions])
         scales = largest_values @ np.abs(factors)
@@ -805,12 +882,20 @@ class StoredModel:
         return evaluate_on_curve
 
     def _indices_in_group(self, names: Iterable[str]) -> list[int]:
-        """Return the indices of functions within their group."""
-        indices: list[int] = []
-        for name in names:
-            _, index = self.heading.locate_function(name)
-            indices.append(index)
-        return indices
+        """Return the indices of functions within their group.
+
+        Raises
+        ------
+        SolveError
+            If the functions do not belong to one group.
+        """
+        locations = [self.heading.locate_function(name) for name in names]
+        if len({group for group, _ in locations}) > 1:
+            raise SolveError(
+                f"{self.heading.mechanism}: the functions {listing(names)} are not stored "
+                "in one group; evaluate the functions of each pole separately"
+            )
+        return [index for _, index in locations]
 
     def _find_cell(self, q: Sequence[float]) -> int:
         """Return the index of the cell of a box that contains a point q (m,), rad.

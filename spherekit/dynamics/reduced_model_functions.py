@@ -34,7 +34,7 @@ class FunctionKind(Enum):
     inputs. "Derivative" means a derivative with respect to a coordinate, and "velocity"
     means a velocity per unit rate of a coordinate.
 
-    Every model has these kinds:
+    Models along a curve and models over a box can have these kinds:
 
     - `ANGLE` is the angle of an R pair, and `ANGLE_DERIVATIVE` its derivative.
     - `CONTACT_ARC` is the arc length along a profile to its contact, and

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.arrays import Floats
+from spherekit.arrays import Bools, Floats
 from spherekit.conventions import Names
 from spherekit.errors import SolveError
 from spherekit.mechanism.load import TorqueTable
@@ -38,8 +38,10 @@ class StoredFunction:
     name, unit
         Name and unit of the function.
     largest
-        Largest absolute value of the function. The components of a vector share the value
-        of the largest component.
+        Scale of the function: its largest absolute value at many samples. The components of
+        a vector share the value of the largest component. A function that is small compared
+        with others of its kind has a larger scale, and a function that is zero has the
+        scale 1 if all of its kind are zero.
     error
         Largest measured error of the stored series, relative to `largest`.
     """
@@ -498,19 +500,27 @@ class StoredHeading:
         """
         (low,) = self.low
         (high,) = self.high
-        period = high - low
-        laps = np.zeros(len(x))
-        is_valid = np.isfinite(x)
-        if self.periodic:
-            laps = np.floor((x - low) / period)
-        else:
-            # A coordinate that was computed may exceed an end by rounding.
-            slack = RANGE_SLACK_RATIO * period
-            is_valid &= (x >= low - slack) & (x <= high + slack)
+        is_valid = self.is_in_domain(x)
         if not np.all(is_valid):
             first_invalid = float(x[~is_valid][0])
             raise self._domain_error(first_invalid)
-        return laps
+        if self.periodic:
+            return np.floor((x - low) / (high - low))
+        return np.zeros(len(x))
+
+    def is_in_domain(self, x: Floats) -> Bools:
+        """Return whether coordinates x (n,), rad, are in the domain of a curve.
+
+        They must be finite, and within the range if the curve is not periodic.
+        """
+        is_valid = np.isfinite(x)
+        if not self.periodic:
+            (low,) = self.low
+            (high,) = self.high
+            # A coordinate that was computed may exceed an end by rounding.
+            slack = RANGE_SLACK_RATIO * (high - low)
+            is_valid &= (x >= low - slack) & (x <= high + slack)
+        return is_valid
 
     def _domain_error(self, x: float) -> SolveError:
         """Return the error for a coordinate x that is outside the domain of a curve."""

@@ -103,10 +103,10 @@ def reduced_model(
 
     Raises
     ------
-    PlanError, SolveError
+    ModelError, PlanError, SolveError
         If the mechanism has several degrees of freedom, there is no such assembly mode or
-        pole, a pole axis has no direction somewhere on the curve, or the tolerance is
-        outside its range.
+        pole, a pole axis has no direction somewhere on the curve, friction depends on the
+        reactions, or the tolerance is outside its range.
     """
     mechanism = _check_request(mechanism, tolerance, MIN_CURVE_TOLERANCE)
     position_analysis = PositionAnalysis(mechanism, input_pair, assembly_mode)
@@ -219,7 +219,7 @@ def reduced_grid_model(
     ----------
     mechanism
         The mechanism. Its masses and loads are stored if it has any. The ranges of its
-        inputs bound the domain.
+        inputs bound the domain; joint limits do not.
     assembly_mode
         Number of the assembly mode, as in runs over a grid of the inputs.
     poles
@@ -229,10 +229,10 @@ def reduced_grid_model(
 
     Raises
     ------
-    PlanError, SolveError
+    ModelError, PlanError, SolveError
         If the mechanism does not have one degree of freedom for each input, there is no
-        such assembly mode or pole, the tolerance is outside its range, or no part of the
-        ranges can be fitted.
+        such assembly mode or pole, friction depends on the reactions, the tolerance is
+        outside its range, or no part of the ranges can be fitted.
     """
     mechanism = _check_request(mechanism, tolerance, MIN_BOX_TOLERANCE)
     # The assembly mode is computed on a coarse grid first. Its configurations are the
@@ -244,7 +244,7 @@ def reduced_grid_model(
     position_analysis = PositionAnalysis(
         mechanism, None, assembly_mode, samples=samples_per_input, grid=True
     )
-    pole_numbers = tuple(parse_pole(mechanism, text) for text in poles)
+    pole_numbers = tuple(dict.fromkeys(parse_pole(mechanism, text) for text in poles))
     sampler = BoxSampler(position_analysis, pole_numbers)
     heading = sampler.make_heading(assembly_mode)
     labels = sampler.label_functions(heading)
@@ -316,7 +316,7 @@ def _check_request(
             f"{min_tolerance:g} to 1e-2"
         )
     # The `ModelError` has the message "its friction depends on the reaction of pair 41,
-    # which a stored model has not".
+    # which a stored model does not compute".
     check_no_reaction_friction(mechanism, "a stored model")
     return mechanism
 

@@ -912,7 +912,7 @@ class BoxSampler(Sampler):
         is_closed = closed.linearisation.closure_residual < CLOSURE_TOLERANCE
         has_contacts = motion.status == Status.OK
         # Near a singularity, variables move fast at unit rates of the inputs.
-        # `determinacy` is the reciprocal of their largest rate.
+        # `determinacy` is the reciprocal of the norm of their rates.
         is_regular = determinacy(motion.rates) >= MIN_DETERMINACY
         # A configuration of the same mode is near this prediction from its node.
         prediction = self._predict_by_trapezoidal_rule(closed, motion.rates)
@@ -986,7 +986,7 @@ def _compute_grid_nodes(
     # (n, inputs, inputs, variables) second derivatives, not finite at a singularity.
     is_regular = all_finite(configurations.second, (1, 2, 3))
     # Near a singularity, variables move fast at unit rates of the inputs. `determinacy` is
-    # the reciprocal of their largest rate.
+    # the reciprocal of the norm of their rates.
     is_regular &= determinacy(configurations.rates) >= MIN_DETERMINACY
     if not np.any(is_regular):
         raise SolveError(

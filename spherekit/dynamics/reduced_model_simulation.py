@@ -12,7 +12,7 @@ with the generalised inertia B(x) and the generalised force Q of all loads.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from math import sqrt
+from math import isfinite, sqrt
 
 import numpy as np
 
@@ -31,9 +31,11 @@ The errors of steps add up. Larger: the final error exceeds the tolerance more o
 Smaller: more steps.
 """
 
-MIN_STEP_TOLERANCE = 1e-14
-"""Smallest tolerance of a step. With a smaller one, rounding errors would decide whether
-steps are accepted."""
+MIN_REDUCED_TOLERANCE_RAD = 1e-12
+"""Smallest tolerance of a motion. LSODA refuses the steps of much smaller ones."""
+
+MAX_REDUCED_TOLERANCE_RAD = 1e-2
+"""Largest tolerance of a motion."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,7 @@ def simulate_reduced(
         configurations) and its rate at the start, in `angle_unit`, by default rad and
         rad/s.
     tolerance
-        Intended error of x, rad.
+        Intended error of x, from 1e-12 to 1e-2 rad.
     switches
         Times (s) at which expressions of loads have kinks. The kinks of torque tables need
         not be given.
@@ -120,8 +122,9 @@ def simulate_reduced(
     Raises
     ------
     SolveError
-        If times do not increase, the model has no inertia or several inputs, x is outside
-        the curve, or the integrator gives up.
+        If times do not increase, the tolerance is out of its range, the model has several
+        inputs, its inertia is or becomes zero, x is outside the curve, or the integrator
+        gives up.
     """
     x = to_radians(x, angle_unit)
     dx = to_radians(dx, angle_unit)
@@ -132,8 +135,15 @@ def simulate_reduced(
             f"{name}: the model has several inputs, but a simulation needs a model with "
             "one input"
         )
+    # The texts in the message are the two constants.
+    if not MIN_REDUCED_TOLERANCE_RAD <= tolerance <= MAX_REDUCED_TOLERANCE_RAD:
+        raise SolveError(
+            f"{name}: tolerance: found {tolerance:g}, expected a number from 1e-12 to 1e-2"
+        )
+    if not isfinite(dx):
+        raise SolveError(f"{name}: dx: found {dx:g}, expected a finite number")
     t = np.atleast_1d(np.asarray(times, dtype=float))
-    if len(t) < 2 or not (all_finite(t) and np.all(np.diff(t) > 0.0)):
+    if t.ndim > 1 or len(t) < 2 or not (all_finite(t) and np.all(np.diff(t) > 0.0)):
         raise SolveError(f"{name}: give two or more finite, increasing times")
     # A function that returns the inertia B, dB/dx and the other functions on which the
     # torque depends.
@@ -147,6 +157,9 @@ def simulate_reduced(
             "infinite acceleration; store a model of a mechanism with masses"
         )
 
+    # Times at which the integrator tried coordinates beyond the ends of an open curve.
+    outside_times: list[float] = []
+
     def state_rates(time: float, state: Floats) -> tuple[float, float, float]:
         """Return the time derivatives of the state: coordinate x, momentum p and work W.
 
@@ -158,37 +171,60 @@ def simulate_reduced(
         curve of configurations. The rates beyond an end are the rates at this end.
         """
         coordinate, momentum, _ = state.tolist()
-        if not heading.periodic:
+        if not heading.periodic and not low <= coordinate <= high:
+            outside_times.append(time)
             coordinate = min(max(coordinate, low), high)
         # The inertia B, dB/dx, and the functions on which loads depend.
         configuration_values = evaluate_configuration(coordinate)
+        if not configuration_values[0] > 0.0:
+            raise SolveError(
+                f"{name}: the inertia goes to zero near t = {time:.6g} s, so the speed "
+                "would become infinite; give mass to links that move"
+            )
         inverse_root = 1.0 / sqrt(configuration_values[0])
         speed = momentum * inverse_root
         force = _generalised_force(model, configuration_values, coordinate, speed, time)
         return speed, force * inverse_root, force * speed
 
-    # The integrator stops at kinks of loads, and starts anew.
-    step_tolerance = max(STEP_TOLERANCE_RATIO * tolerance, MIN_STEP_TOLERANCE)
+    # The integrator does not step over kinks of loads.
     start = float(t[0])
     end = float(t[-1])
     knots = [table.knots(start, end) for table in heading.tables]
     kinks = sorted(time for time in {*chain(switches, *knots)} if start < time < end)
     from scipy.integrate import odeint
 
-    states, report = odeint(
-        state_rates,
-        [x, sqrt(start_inertia) * dx, 0.0],
-        t,
-        tfirst=True,
-        rtol=step_tolerance,
-        atol=step_tolerance,
-        mxstep=100_000,
-        tcrit=kinks or None,
-        full_output=True,
-    )
-    if report["message"] != "Integration successful.":
-        raise SolveError(f"{name}: {report['message']}")
-    return _tabulate_motion(model, t, states, int(report["nfe"][-1]))
+    def integrate(state_times: Floats) -> tuple[Floats, int]:
+        """Return the states (n, 3) at n times, and the number of evaluations."""
+        # SciPy can step over a kink that is not one of the times.
+        all_times = np.union1d(state_times, kinks)
+        states, report = odeint(
+            state_rates,
+            [x, sqrt(start_inertia) * dx, 0.0],
+            all_times,
+            tfirst=True,
+            rtol=STEP_TOLERANCE_RATIO * tolerance,
+            atol=STEP_TOLERANCE_RATIO * tolerance,
+            mxstep=100_000,
+            tcrit=kinks or None,
+            full_output=True,
+        )
+        if report["message"] != "Integration successful.":
+            raise SolveError(f"{name}: {report['message']}")
+        states = states[np.searchsorted(all_times, state_times)]
+        return states, int(report["nfe"][-1])
+
+    states, evaluations = integrate(t)
+    # The motion may leave an open curve and return between two of the times. It is then
+    # outside at some of the times at which the integrator was outside.
+    tried_times = [time for time in outside_times if start < time < end]
+    if tried_times:
+        more_times = np.union1d(t, tried_times)
+        more_coordinates = integrate(more_times)[0][:, 0]
+        is_outside = more_coordinates < low - tolerance
+        is_outside |= more_coordinates > high + tolerance
+        if np.any(is_outside):
+            states[t >= more_times[np.argmax(is_outside)]] = np.nan
+    return _tabulate_motion(model, t, states, evaluations)
 
 
 def _generalised_force(
@@ -235,8 +271,8 @@ def _tabulate_motion(
         (n,) times, s.
     states
         (n, 3) coordinate x along the curve (rad), momentum sqrt(B) dx/dt with the inertia
-        B, and work of the loads (J). Rows after the end of an open curve are set to NaN in
-        place.
+        B, and work of the loads (J). Rows after the end of an open curve are NaN, or are
+        set to NaN in place.
     evaluations
         Number of evaluations of the right-hand side.
     """
@@ -245,8 +281,8 @@ def _tabulate_motion(
     message = ""
     if not heading.periodic:
         coordinates = states[:, 0]
-        is_outside = (coordinates < heading.low[0]) | (coordinates > heading.high[0])
-        outside_rows = np.flatnonzero(is_outside)
+        is_inside = (coordinates >= heading.low[0]) & (coordinates <= heading.high[0])
+        outside_rows = np.flatnonzero(~is_inside)
         if len(outside_rows):
             first_outside = outside_rows[0]
             message = f"the curve ends before t = {t[first_outside]:.6g} s"

@@ -46,8 +46,8 @@ class PathStates(ArrayRows):
     Attributes
     ----------
     states, rates
-        (n, states) states and their time derivatives. The pair variables are reduced by
-        whole revolutions.
+        (n, states) states and their time derivatives. The whole revolutions `turns` are
+        subtracted from the pair variables.
     rate_weights
         (n, m, variables) the weights: the matrix W in u = W v'.
     turns
@@ -155,8 +155,8 @@ def make_collocation_path(
     steps
         The steps in order of time.
     turns
-        (variables,) how many whole revolutions each pair variable (joint angle) has made.
-        The states of the steps do not contain these revolutions.
+        (variables,) how many whole revolutions were subtracted from each pair variable
+        (joint angle) at the start. The states of the steps do not contain these.
     max_closure_residual
         Largest closure residual (opening of a loop) that was removed by corrections of the
         configuration between steps, rad.
@@ -189,8 +189,9 @@ class MomentumConversion(Protocol):
     """Converts states of the compiled engine to states of a simulation.
 
     A state has the pair variables (joint angles), the momenta of m coordinates, and the
-    work of each load. The compiled engine defines the momenta in its own way. The states of
-    a simulation do not depend on the engine.
+    work of each load. The compiled engine defines the momenta in its own way. Momenta of a
+    simulation are p = R u; see `PathStates`. With several degrees of freedom, the engines
+    choose different coordinates, so their momenta differ.
     """
 
     def convert_momenta(self, states: Floats, state_rates: Floats) -> None:

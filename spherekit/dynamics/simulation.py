@@ -70,7 +70,8 @@ class Event:
           several inputs, surfaces) of configurations cross.
         - "rest": a mechanism with one input stands still.
         - "joint_limit": a pair (joint) reached its limit.
-        - "switch": a load changes abruptly, for example where it is switched on.
+        - "switch": a load changes abruptly, for example where it is switched on. The times
+          in the argument `switches`, and knots of torque tables, are reported, too.
         - "lift_off": a one-sided contact loses its pressure.
     t
         The time, s.
@@ -138,7 +139,8 @@ class Checks:
         Largest difference between the rate of the kinetic energy and the power of the
         loads, W.
     momentum
-        Largest error of the momenta that a step adds, relative to the largest momentum.
+        Largest error of the momenta that a step adds, relative to the largest momentum, or
+        to the momentum at coordinate rates of 1 rad/s if this is larger.
         This error is the length of the step times the error of dp/dt: the rate in the
         computed path minus the rate by the equation of motion.
     closure
@@ -164,7 +166,9 @@ class History(InputMotion):
     Some quantities belong to the m coordinates of the integration, where m is the number of
     degrees of freedom. With one degree of freedom the coordinate is the arc length of the
     curve of configurations in the space of all pair variables (joint angles). With several
-    degrees of freedom, each coordinate is a weighted sum of pair variables.
+    degrees of freedom, the rate of each coordinate is a weighted sum of the rates of the
+    pair variables. Each engine chooses these weights itself, and may change them on the
+    way. So `speed`, `M` and `Q` depend on the engine; `kinetic`, `power` and `work` do not.
 
     Attributes
     ----------
@@ -314,7 +318,7 @@ class Simulation:
         Raises
         ------
         SolveError
-            If a time is outside of this range.
+            If a time is outside of this range, or if t has more than one dimension.
         """
         equation = self.equation
         times = np.atleast_1d(np.asarray(t, dtype=float))
@@ -451,10 +455,16 @@ class Simulation:
         Raises
         ------
         SolveError
-            If a time is outside of the simulation. Rounding errors are tolerated.
+            If a time is outside of the simulation, or if `t` is not one-dimensional.
+            Rounding errors are tolerated.
         """
         low = self.start
         high = self.end.t
+        if t.ndim != 1:
+            raise SolveError(
+                f"{self.mechanism.name}: times: found an array of shape {t.shape}, "
+                "expected a one-dimensional array of times in s"
+            )
         slack = TIME_SLACK_RATIO * max(abs(high), 1.0)
         if not np.all((t >= low - slack) & (t <= high + slack)):
             raise SolveError(

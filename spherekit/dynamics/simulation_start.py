@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 
@@ -21,7 +22,11 @@ from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.mechanism.cache import MechanismCache
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.load import TorqueFunction, TorqueTable
-from spherekit.mechanism.load_kinds import DRIVE_LOAD_NAME, PairTorque
+from spherekit.mechanism.load_kinds import (
+    DRIVE_LOAD_NAME,
+    PairTorque,
+    joint_limit_roundings,
+)
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.number_text import degree_range_text, degrees_text
 from spherekit.planning.assembly_plan import driven_at
@@ -272,6 +277,11 @@ def _read_rates(
             f"{counted(len(rates), 'rate')}, expected one for each of "
             f"{counted(len(inputs), 'input')} ({listing(inputs)})"
         )
+    if len(set(pairs)) < len(pairs):
+        raise SolveError(
+            f"{name}: the start has several rates of the same pair: {listing(pairs)}; name "
+            "each pair once"
+        )
     return pairs, rates
 
 
@@ -366,7 +376,13 @@ def make_input_torques(mechanism: Mechanism, torque: Torques | None) -> list[Pai
                 "uses; give the load another name"
             )
         # A number becomes an expression. Functions and expressions remain as they are.
-        law = repr(float(law)) if isinstance(law, int | float) else law
+        if isinstance(law, int | float | Real):
+            if not np.isfinite(law):
+                raise SolveError(
+                    f"{mechanism.name}: the torque at {pair} is {law} N m; give a finite "
+                    "number"
+                )
+            law = repr(float(law))
         loads.append(PairTorque(name, pair, law))
     return loads
 
@@ -596,10 +612,14 @@ def _count_turns(
 
 
 def _check_joint_limits(mechanism: Mechanism, values: Floats) -> None:
-    """Raise `SolveError` if variables (variables,), in rad, exceed joint limits."""
+    """Raise `SolveError` if variables (variables,), in rad, exceed joint limits.
+
+    Rounding errors are tolerated.
+    """
     for limit in mechanism.joint_limits:
         value = values[variable_of(mechanism, limit.pair)]
-        if not limit.low <= value <= limit.high:
+        low_rounding, high_rounding = joint_limit_roundings(limit)
+        if not limit.low - low_rounding <= value <= limit.high + high_rounding:
             raise SolveError(
                 f"{mechanism.name}: pair {limit.pair} starts at {degrees_text(value)} deg "
                 f"({value:.6g} rad), outside its joint limits "

@@ -39,7 +39,7 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
     - x is a parameter of the curve of configurations, with the rate u = dx/dt. The
       derivative of the input q is dq/dx = D, the determinant of the velocity equations for
       the rates of all variables but q. With this choice, tau is finite at dead centres of
-      q, and contains no division.
+      q, and is not divided by D.
     - B is the generalised inertia: the kinetic energy is B u^2 / 2.
     - p = sqrt(B) u is the momentum: the kinetic energy is p^2 / 2.
     - Q_k is the generalised force of load k at x, and W_k its work.

@@ -58,7 +58,7 @@ def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
     The load may change abruptly where x is zero, or nearly zero at an extremum. A step is
     probed at three kinds of places:
 
-    - evenly spaced places,
+    - evenly spaced places, and one beside each end of the step,
     - the zeros and extrema of steep arguments,
     - the middle between each two neighbours among these zeros and extrema.
 
@@ -82,7 +82,9 @@ def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
     arguments = argument_rows.reshape(step_count, len(even_places), argument_rows.shape[1])
 
     # Zeros and extrema of the arguments, and the middles between them.
-    critical = _find_critical_places(probe, arguments, even_places)
+    # Arguments can be infinite, and the difference of two infinities is NaN.
+    with np.errstate(invalid="ignore"):
+        critical = _find_critical_places(probe, arguments, even_places)
     critical_errors, _ = probe(critical.steps, critical.places)
 
     steps = np.append(steps, critical.steps)

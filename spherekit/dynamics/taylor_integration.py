@@ -19,6 +19,7 @@ from spherekit.dynamics.compiled_equation import CompiledEquation
 from spherekit.dynamics.motion_expressions import EquationLayout
 from spherekit.dynamics.step_probes import find_first_errors
 from spherekit.mechanism.load import TorqueTable
+from spherekit.mechanism.load_kinds import joint_limit_roundings
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.progress import ProgressReporter
 from spherekit.symbolic.taylor_integrator import (
@@ -425,7 +426,10 @@ class TaylorIntegration:
         self.tables = [x for x in mechanism.loads if isinstance(x, TorqueTable)]
         self.limit_values: list[float] = []
         for limit in mechanism.joint_limits:
-            self.limit_values += [limit.low, limit.high]
+            # heyoka misses a limit at which a step starts exactly, if the angle then rests
+            # or comes back in this step. So limits are wider by a rounding error.
+            low_rounding, high_rounding = joint_limit_roundings(limit)
+            self.limit_values += [limit.low - low_rounding, limit.high + high_rounding]
         self.variable_count = len(start.values)
         self.is_angle = np.isin(
             np.arange(self.variable_count), [*mechanism.angles.values()]
@@ -721,8 +725,8 @@ class TaylorIntegration:
         """Return the reason why the run ends at the last event."""
         number, _ = integrator.seen_events[-1]
         kind = integrator.events[number].kind
-        # A run ends at a switch of a load if there are too many switches, or if the load
-        # would switch back at once.
+        # A run ends at a switch of a load if there are too many events of any kind, or if
+        # the load would switch back at once.
         if kind == "switch":
             has_too_many = len(integrator.seen_events) >= CHATTERING_EVENT_COUNT
             return "too_many" if has_too_many else "sticking"
@@ -880,8 +884,8 @@ def _list_events(
 def _linear_piece(table: TorqueTable, start: float, end: float) -> tuple[float, float]:
     """Return value at the start, and slope, of a torque table, linear in an interval.
 
-    The table is read inside the interval, at 1/4 and 3/4 of it. A periodic table may jump
-    at the ends, where its value is not unique.
+    The table is read inside the interval, at 1/4 and 3/4 of it. The ends are rounded, so
+    they can lie outside the table or in the next piece of it.
 
     Parameters
     ----------
