@@ -227,6 +227,26 @@ def test_findings_of_blocks_are_joined():
     assert result.summary["analyses"][0]["findings"] == {"rows": 50}
 
 
+@dataclass(frozen=True)
+class FailsLater(Counting):
+    """An analysis that states a finding of its first block and fails in the second one."""
+
+    name: ClassVar = "failing_later"
+
+    def findings(self, batch):
+        if batch.sample[0] > 0:
+            raise ValueError("a later block")
+        return Findings({"rows": 1}, warnings=("One.",), remarks=("One.",))
+
+
+def test_an_analysis_that_fails_in_a_later_block_leaves_no_findings():
+    """Findings of the first samples would be read as results of the whole motion."""
+    result = sk.run(sk.load("four_bar"), FailsLater(), samples=8, block=4)
+    assert "a later block" in result.failures["failing_later"]
+    assert result.summary["analyses"][0]["findings"] == {}
+    assert result.summary["remarks"] == result.summary["warnings"] == []
+
+
 def test_findings_that_differ_between_blocks_need_a_way_to_join_them():
     """An analysis without `joined` fails if its findings differ between blocks of samples.
 

@@ -1,7 +1,8 @@
 """The conformance check of plugins, and runs with plugins that do not pass it."""
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -16,7 +17,9 @@ from spherekit.plugin.checks.case_checks import ROTATION
 from spherekit.plugin.checks.suite import ConformanceSuite
 from spherekit.plugin.checks.variants import rename_links, rotate_mechanism
 from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.runs.contract import Findings
 from spherekit.runs.registry import analysis_names
+from spherekit.tables.table import Column, Table
 
 BROKEN_AT_IMPORT = {
     "raises_at_import": ("raises_at_import:Thing", "RuntimeError: not today"),
@@ -184,3 +187,98 @@ def test_shipped_analyses_conform(asked):
     # The main table of poses has rows of samples, and these analyses read none.
     empty = {"tables"} if asked.startswith("inverse_kinematics") else set()
     assert left_out <= {"blocks", "failed rows"} | empty, str(report)
+
+
+def line_of(name, **changes):
+    """Return a line of the report of `Sound` with changed attributes."""
+    changed = type("Changed", (Sound,), {"__module__": __name__, **changes})
+    return ConformanceSuite(changed, ["four_bar"], 5).report()[name]
+
+
+def test_a_dataclass_without_docstring_fails_the_line_metadata():
+    """Python gives such a class the signature of its constructor as docstring."""
+
+    @dataclass(frozen=True)
+    class Undocumented(Sound):
+        pass
+
+    report = ConformanceSuite(Undocumented, ["four_bar"], 5).report()
+    assert "the class has no docstring" in report["metadata"].note
+
+
+def test_an_analysis_without_tables_is_checked_without_a_traceback():
+    line = line_of("tables", tables=(), compute=lambda self, batch: {})
+    assert (line.verdict, line.note) == ("not checked", "four_bar: it has no tables")
+
+
+def test_parameters_that_the_class_computes_are_not_renamed():
+    @dataclass(frozen=True)
+    class Computing(Sound):
+        """A parameter that the constructor does not take."""
+
+        extra: int = field(init=False, default=3)
+
+    report = ConformanceSuite(Computing, ["four_bar"], 5).report()
+    assert report["names"].verdict == "holds", str(report)
+
+
+def test_a_constructor_that_knows_names_of_links_fails_the_line_names():
+    @dataclass(frozen=True)
+    class Knowing(Sound):
+        """Accepts only one name of a link."""
+
+        of: str = "2"
+
+        def __post_init__(self):
+            if self.of != "2":
+                raise ValueError("unknown link")
+
+    line = ConformanceSuite(Knowing, ["four_bar"], 5).report()["names"]
+    assert line.verdict == "FAILS"
+    assert "its constructor raises ValueError: unknown link" in line.note
+
+
+def test_a_row_more_with_other_names_fails_the_line_names():
+    def compute(self, batch):
+        links = batch.mechanism.links
+        return {"links": {"link": [*links, "another"] if links[0] != "1" else [*links]}}
+
+    table = Table("links", "of a test", (Column("link", "", "a link", "text"),))
+    line = line_of("names", rowwise=False, tables=(table,), compute=compute)
+    assert "table links has 5 rows instead of 4" in line.note
+
+
+def test_figures_in_any_mapping_can_be_compared_in_blocks():
+    findings = Findings(figures=MappingProxyType({"number": 1.0}))
+    line = line_of("blocks", findings=lambda self, batch: findings)
+    assert line.verdict == "holds", line.note
+
+
+def test_the_part_of_findings_that_depends_on_blocks_is_named():
+    def findings(self, batch):
+        return Findings(remarks=(f"{len(batch)} rows.",))
+
+    note = line_of("blocks", findings=findings).note
+    assert "remarks of the findings in blocks of 1 sample are ['2 rows.'" in note
+
+
+def test_no_mechanism_is_not_called_a_refusal():
+    with pytest.raises(PluginError, match="the list of mechanisms is empty"):
+        conformance(Sound, mechanisms=[])
+
+
+def test_columns_named_by_links_are_compared_under_other_names():
+    """The arc lengths of a contact have the names of its links in their columns."""
+
+    def compute(self, batch):
+        table = columns_table.of(batch.mechanism)
+        return {"columns": {column.name: np.zeros(1) for column in table.columns}}
+
+    variable = Column("value", "", "a variable", per_passive=True)
+    columns_table = Table("columns", "of a test", (variable,))
+    changes = {"rowwise": False, "tables": (columns_table,), "compute": compute}
+    changed = type("Changed", (Sound,), {"__module__": __name__, **changes})
+    names = [column.name for column in columns_table.of(sk.load("roller_cam")).columns]
+    assert "s_contact_cam" in names
+    line = ConformanceSuite(changed, ["roller_cam"], 3).report()["names"]
+    assert line.verdict == "holds", line.note

@@ -43,6 +43,7 @@ def make_table(*columns: Column, name: str = "small") -> Table:
     [
         (make_table(replace(SOME_COLUMN, kind="float")), 'kind: found "float"'),
         (make_table(replace(SOME_COLUMN, unit=None)), "unit is None"),
+        (make_table(replace(SOME_COLUMN, unit="10")), "'10' is not a unit"),
         (make_table("height"), "each item is a Column"),
         (replace(make_table(), name=3), "name is 3"),
     ],

@@ -241,3 +241,13 @@ def test_rows_of_configurations_out_of_reach_are_no_failures_of_an_analysis(name
     """The summary of the run counts no failed row of the analysis."""
     (analysis,) = run_partly_out_of_reach(name, samples).summary["analyses"]
     assert analysis["failed_rows"] == {}
+
+
+def test_rows_out_of_reach_do_not_count_in_the_fractions_of_computed_rows():
+    """The five-bar has regular configurations, or none, at the samples of this grid."""
+    full_turns = {"21": (0.0, 360.0), "51": (0.0, 360.0)}
+    mechanism = sk.load("five_bar").with_inputs(ranges=full_turns, angle_unit="deg")
+    summary = sk.run(mechanism, "poles", samples=(5, 4)).summary
+    assert summary["status"].keys() == {"OK", "OUT_OF_REACH"}
+    assert summary["errors_reached"]["fraction_by_kernel"] == 1.0
+    assert summary["errors_reached"]["fraction_by_velocity_equations"] == 0.0

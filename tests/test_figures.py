@@ -702,6 +702,7 @@ def test_an_angle_that_jumps_by_a_turn_interrupts_its_curve():
         ),
         (("q", "ux"), {"where": {"link": "5"}}, r"no row has link = '5'\. Values: 2, 3, 4"),
         (("q", "ux"), {"where": {"lnk": "4"}}, r'no column "lnk"; did you mean "link"\?'),
+        (("q", "ux"), {"where": {"link": ["3", "4"]}}, r"link is of type list; give one"),
         (("q", "ux"), {"table": "polse"}, r'no table "polse"; did you mean "poles'),
         (("q",), {"where": {"link": "4"}}, r"give the columns x and y"),
     ],

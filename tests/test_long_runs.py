@@ -5,6 +5,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -27,6 +28,7 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError, OutputError
 from spherekit.runs import batch_runner, resource_checks, table_store
+from spherekit.runs.contract import Findings
 from spherekit.runs.run_folder import WORK, RunFolder
 from spherekit.scenes.scene import Scene, Series
 from spherekit.symbolic.compiler import available
@@ -371,6 +373,59 @@ def test_work_of_another_run_is_refused_with_what_differs(tmp_path):
         run_four_bar().write(tmp_path)
     run_four_bar(tmp_path, samples=61, unfinished="discard")
     assert contents(tmp_path)["summary.json"]["samples"] == 61
+
+
+def test_the_first_difference_of_long_options_is_in_the_message(tmp_path):
+    """The analyses of both runs as JSON begin with the same 60 characters."""
+    options = {"samples": 20, "block": 10, "folder": tmp_path}
+    with pytest.raises(KeyboardInterrupt):
+        interrupt = interrupt_after(1)
+        sk.run("four_bar", "poles:only=31+42,chart=x", progress=interrupt, **options)
+    with pytest.raises(OutputError, match=r'"chart": "x".* there, .*"chart": "y".* now'):
+        sk.run("four_bar", "poles:only=31+42,chart=y", **options)
+
+
+def test_other_rates_at_the_same_times_are_named(tmp_path):
+    """The laws t and t^3 have the same values at the times 0 and 1, but other rates."""
+    options = {"samples": 2, "block": 1, "duration": 1.0, "folder": tmp_path}
+    with pytest.raises(KeyboardInterrupt):
+        law = {"21": sk.Polynomial((0.0, 1.0))}
+        sk.run("four_bar", "poles", laws=law, progress=interrupt_after(1), **options)
+    law = {"21": sk.Polynomial((0.0, 0.0, 0.0, 1.0))}
+    with pytest.raises(OutputError, match=r"run \(other times .* or rates of the inputs\)"):
+        sk.run("four_bar", "poles", laws=law, **options)
+
+
+@pytest.mark.parametrize("figures", [{10: 1, 2: 3}, {1: 2, "b": 3}])
+def test_findings_with_numbers_as_keys_are_resumed(figures, tmp_path):
+    @dataclass(frozen=True, kw_only=True)
+    class Numbered(MinimalAnalysis):
+        """Analysis for tests with numbers as keys of its findings."""
+
+        name: ClassVar = "numbered"
+        rowwise: ClassVar = True
+        tables: ClassVar = (Table("t", "of a test", (Column("x", "", "a number"),)),)
+
+        def compute(self, batch):
+            return {"t": {"x": np.zeros(len(batch))}}
+
+        def findings(self, batch):
+            return Findings({"count": figures})
+
+    options = {"samples": 20, "block": 10, "folder": tmp_path}
+    with pytest.raises(KeyboardInterrupt):
+        sk.run("four_bar", Numbered(), progress=interrupt_after(1), **options)
+    result = sk.run("four_bar", Numbered(), unfinished="resume", **options)
+    (entry,) = result.summary["analyses"]
+    assert json.loads(json.dumps(entry["findings"]["count"])) == {
+        str(key): number for key, number in figures.items()
+    }
+
+
+def test_a_folder_that_is_removed_during_a_run_is_an_error_in_words(tmp_path):
+    folder = tmp_path / "run"
+    with pytest.raises(OutputError, match="cannot be written"):
+        run_four_bar(folder, progress=lambda done, total: shutil.rmtree(folder))
 
 
 @pytest.mark.parametrize(

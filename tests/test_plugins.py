@@ -223,3 +223,107 @@ def test_one_class_under_two_names_of_its_distribution_is_one(tmp_path, monkeypa
     assert load_analysis("poles").name == "poles"
     assert len(sk.mechanisms()) == len(set(sk.mechanisms()))
     assert sk.load("four_bar").name == "four_bar"
+
+
+def test_an_inner_block_gives_an_analysis_back_to_the_outer_block():
+    @final
+    @dataclass(frozen=True, kw_only=True)
+    class OtherSwing(Swing):
+        """Another analysis with the name of `Swing`."""
+
+    with registered(Swing):
+        with registered(OtherSwing):
+            assert load_analysis("swing") is OtherSwing
+        assert load_analysis("swing") is Swing
+    assert "swing" not in analysis_names()
+
+
+def test_a_faulty_class_of_this_process_is_refused_in_words():
+    class Unnamed(MinimalAnalysis):
+        pass
+
+    class Unfrozen(Swing):
+        pass
+
+    Unfrozen.__dataclass_params__ = None
+    with pytest.raises(PluginError, match="`name` is missing"), registered(Unnamed):
+        pass
+    with registered(Unfrozen):
+        result = sk.run("four_bar", ["swing", "poles"], samples=3)
+        (record,) = [item for item in list_analyses() if item.name == "swing"]
+    assert "not a frozen dataclass" in result.failures["swing"]
+    assert "not a frozen dataclass" in record.error
+    assert len(result.frame("poles")) == 2 * 3 * 6
+
+
+def test_a_folder_of_packages_that_cannot_be_read_is_passed_over(monkeypatch):
+    """A name of 300 characters is too long for a folder."""
+    monkeypatch.syspath_prepend("a" * 300)
+    assert "poles" in analysis_names()
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class OneColumn(MinimalAnalysis):
+    """Analysis for tests: returns any values in a column of any kind, and any findings."""
+
+    name: ClassVar = "one_column"
+    values: ClassVar = ()
+    results: ClassVar = Findings()
+
+    def compute(self, batch: Batch):
+        return {"values": {"x": self.values}}
+
+    def findings(self, batch: Batch):
+        return self.results
+
+
+def failure_of_one_column(monkeypatch, kind, values, findings=None):
+    """Return why an analysis with these values in its only column fails; "" if it works."""
+    table = Table("values", "of a test", (Column("x", "", "a value", kind),))
+    monkeypatch.setattr(OneColumn, "tables", (table,), raising=False)
+    monkeypatch.setattr(OneColumn, "values", values)
+    monkeypatch.setattr(OneColumn, "results", findings or Findings())
+    return sk.run("four_bar", OneColumn(), samples=3).failures.get("one_column", "")
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "first"),
+    [
+        ("integer", [1.0, np.inf], "inf"),
+        ("integer", [1.0, 2.0**63], "9.223372036854775808e+18"),
+        ("integer", np.array([1, 2**64 - 1], np.uint64), "18446744073709551615"),
+        ("integer", [1.0, 2.5, 3.5], "2.5"),
+        ("status", [0, 300], "300"),
+        ("status", [0, -1], "-1"),
+        ("status", [0, 13], "13"),
+        ("number", [1.0, None], "None"),
+        ("text", np.array(["a", 3], object), "3"),
+    ],
+)
+def test_a_value_that_does_not_fit_its_column_is_refused_and_named(
+    kind, values, first, monkeypatch
+):
+    failure = failure_of_one_column(monkeypatch, kind, values)
+    number = failure.partition("but contains ")[2]
+    assert number == first or float(number) == float(first)
+
+
+@pytest.mark.parametrize(
+    "values", [[True, False], np.array([1, 2], np.float16), [-(2**63), 2**63 - 1]]
+)
+def test_whole_numbers_of_any_type_are_accepted(values, monkeypatch):
+    assert failure_of_one_column(monkeypatch, "integer", values) == ""
+
+
+def test_masked_values_are_refused(monkeypatch):
+    values = np.ma.array([1.0, 2.0], mask=[False, True])
+    assert "masked" in failure_of_one_column(monkeypatch, "number", values)
+
+
+@pytest.mark.parametrize(
+    "findings", [{"remarks": "a sentence"}, {"warnings": (3,)}, {"tables": 5}]
+)
+def test_findings_of_another_type_are_refused(findings, monkeypatch):
+    failure = failure_of_one_column(monkeypatch, "number", [1.0], Findings(**findings))
+    assert f"{next(iter(findings))} has to be a tuple of" in failure

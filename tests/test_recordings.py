@@ -22,7 +22,7 @@ from spherekit.display.rerun.recorder import RerunRecorder
 from spherekit.display.rerun.screenshot import check_picture, check_version
 from spherekit.errors import OutputError, SolveError
 from spherekit.scenes.colours import HEAT_COLOURS, heat_colours
-from spherekit.scenes.plot_layout import choose_plot_range
+from spherekit.scenes.plot_layout import choose_plot_range, quantity_scale
 from spherekit.scenes.scene import Axis, Diagram, InputMarks, Series, Trace
 
 
@@ -113,6 +113,35 @@ def test_plot_ranges_have_a_margin_except_for_colours():
     values = np.array([np.nan, 1.0, 3.0])
     assert choose_plot_range(values, 3.0) == pytest.approx((0.9, 3.1))
     assert choose_plot_range(values, 3.0, shown_by="colours") == (1, 3)
+
+
+@pytest.mark.parametrize("unit", ["rad", "N m"])
+def test_plot_ranges_do_not_cut_off_peaks_above_rounding_errors(unit):
+    """Most values are 0 up to rounding, and 5 % are 1. The range is that of all values."""
+    values = 1e-16 * np.sin(np.arange(200.0))
+    values[:10] = 1.0
+    low, high = choose_plot_range(values, quantity_scale(values, unit))
+    assert (low, high) == pytest.approx((-0.05, 1.05))
+
+
+def test_plot_ranges_cut_off_huge_values():
+    """All values but one are from 0 to 1, and so the range is not much longer."""
+    values = np.append(np.linspace(0.0, 1.0, 200), 1e12)
+    _, high = choose_plot_range(values, quantity_scale(values, "rad"))
+    assert 1.0 < high < 3.0
+
+
+def test_plots_over_time_have_every_angle_of_the_table_of_the_motion():
+    """A crank with 7 rad/s turns by more than half a turn between samples."""
+    listener = SceneListener()
+    laws = {"21": sk.ConstantSpeed(7.0)}
+    result = sk.run(
+        "four_bar", "poles", laws=laws, duration=2.0, samples=5, recorder=listener
+    )
+    plots = listener.primitives(Series, page=0)
+    motion = result.frame("motion").query("assembly_mode == 0")
+    for name in ("theta_21", "theta_32", "theta_43", "theta_41"):
+        assert np.array_equal(plots[f"plots/variable/{name}"].values, motion[name])
 
 
 def test_ticks_are_round_numbers():

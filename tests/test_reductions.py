@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.runs.reductions import REDUCTION_BY_NAME, reduce_samples, sample_weights
 
@@ -61,6 +62,28 @@ def test_derivatives_by_the_values_are_central_differences(name):
 @pytest.mark.parametrize("name", REDUCTION_BY_NAME)
 def test_no_value_at_all_gives_nan(name):
     assert np.isnan(reduce(name, np.full(7, np.nan)))
+
+
+@pytest.mark.parametrize("name", ["max", "mean", "rms", "range", "sum"])
+def test_an_infinite_value_makes_the_number_infinite(name):
+    assert reduce(name, np.append(VALUES[:-1], np.inf)) == np.inf
+
+
+@pytest.mark.parametrize(("name", "value"), [("argmin", np.inf), ("argmax", -np.inf)])
+def test_a_single_infinite_value_has_its_input(name, value):
+    values = np.full(7, np.nan)
+    values[4] = value
+    assert reduce(name, values) == Q[4]
+
+
+@pytest.mark.slow
+def test_a_mean_of_a_sweep_includes_infinite_values():
+    """1/q is infinite at the first of the samples 0, pi/2, pi, 3 pi/2, 2 pi."""
+    figures = ["mean=mean(1/q)", "inverse=mean(1/(q+1))"]
+    rows = sk.sweep("four_bar", {"links.2.arc": [20.0]}, figures, samples=5).frame()
+    expected = np.mean(1 / (np.arange(5) * np.pi / 2 + 1))
+    assert np.all(rows["mean"] == np.inf)
+    assert np.allclose(rows["inverse"], expected, rtol=1e-12)
 
 
 def test_the_help_of_sweep_lists_every_reduction(capsys):

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from helpers.broken_plugins import Sound
 from helpers.scene_listener import SceneListener
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.errors import OutputError
+from spherekit.errors import AnalysisError, FileError, OutputError
 from spherekit.scenes.link_scenes import link_shapes
 from spherekit.tables.table_files import read_parquet
 
@@ -223,3 +224,70 @@ def test_links_with_coinciding_axes_are_drawn_with_finite_curves():
     """In a bevel differential several axes of a link are one line."""
     for shape in link_shapes(sk.load("bevel_differential")):
         assert all(np.isfinite(curve).all() for curve in shape.curves)
+
+
+def test_a_result_of_a_run_with_a_folder_can_be_written_to_any_folder(tmp_path):
+    """The summary there does not repeat facts about the files in the folder of the run."""
+    first, copied = tmp_path / "first", tmp_path / "copied"
+    sk.run("four_bar", "poles", samples=5, folder=first)
+    result = sk.run("four_bar", "poles", samples=7, folder=first)
+    assert "replaced_files" in result.summary
+    result.write(first)
+    result.write(copied, formats=["csv"])
+    summary = json.loads((copied / "summary.json").read_text())
+    assert "replaced_files" not in summary
+    for stem, cost in summary["cost"]["tables"].items():
+        assert cost["csv_bytes"] == (copied / f"{stem}.csv").stat().st_size
+        assert "parquet_bytes" not in cost
+    written = pd.read_csv(copied / "poles.csv", dtype={"link": str})
+    np.testing.assert_array_equal(written["ux"], result.frame()["ux"])
+
+
+def test_writing_a_result_does_not_change_it(tmp_path):
+    result = sk.run("four_bar", "poles", samples=5)
+    summary = json.dumps(result.summary)
+    result.write(tmp_path / "out")
+    assert json.dumps(result.summary) == summary
+
+
+@pytest.mark.parametrize("change", ["more samples", "other input", "degrees"])
+def test_a_result_never_has_the_tables_of_a_later_run_in_its_folder(change, tmp_path):
+    result = sk.run("four_bar", "poles", samples=5, folder=tmp_path)
+    if change == "more samples":
+        sk.run("four_bar", "poles", samples=6, folder=tmp_path)
+    elif change == "other input":
+        sk.run("four_bar", "poles", samples=5, input_pair="41", folder=tmp_path)
+    else:
+        sk.run("four_bar", "poles", samples=5).write(tmp_path, degrees=True)
+    for name in ("motion", "poles"):
+        with pytest.raises(FileError, match="has been replaced"):
+            result.frame(name)
+
+
+def test_a_result_can_be_read_after_its_tables_are_written_again(tmp_path):
+    result = sk.run("four_bar", "poles", samples=5, folder=tmp_path)
+    before = result.frame()
+    result.write(tmp_path)
+    sk.run("four_bar", "poles", samples=5, folder=tmp_path)
+    pd.testing.assert_frame_equal(result.frame(), before)
+
+
+def test_a_run_without_motion_says_so_if_its_motion_is_read():
+    result = sk.run("four_bar", "inverse_kinematics:poses=21=10")
+    with pytest.raises(AnalysisError, match="motion has no table in this run"):
+        result.frame("motion")
+
+
+def test_the_default_frame_of_a_failed_first_analysis_is_its_error():
+    """Otherwise the tables of another analysis are taken for those of the failed one."""
+
+    class Failing(Sound):
+        """An analysis that always fails."""
+
+        def compute(self, batch):
+            raise ZeroDivisionError
+
+    result = sk.run("four_bar", [Failing(), "poles"], samples=5)
+    with pytest.raises(AnalysisError, match="analysis sound failed"):
+        result.frame()
+    assert len(result.frame("poles"))

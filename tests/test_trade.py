@@ -651,3 +651,60 @@ def test_a_folder_without_a_trade_is_refused(text, capsys, tmp_path):
     assert "write one with: spherekit trade" in error_text
     assert main(arguments) == 1
     assert "with --tol T" in capsys.readouterr().err
+
+
+def test_a_long_run_without_a_trade_does_not_call_itself_short(monkeypatch):
+    """Settings cannot be compared for `singularities`, however many samples there are."""
+    monkeypatch.setattr("spherekit.runs.trade_choice.MIN_SAMPLES_FOR_TRADE", 20)
+    four_bar = sk.load("four_bar")
+    reasons = [
+        choose(
+            Study("four_bar", four_bar, samples=samples),
+            [create_analysis("singularities", "rad")],
+            1e-9,
+        )[1]["why"]
+        for samples in (19, 20)
+    ]
+    assert "fewer than 20 samples" in reasons[0]
+    assert reasons[1] == "nothing was measured, since no settings could be compared"
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"made_for": None},
+        {"settings": [{"error": "small"}]},
+        {"settings": [{"setting": {"engine": "steam"}}]},
+        {"settings": [{"setting": {"fuel": "coal"}}]},
+    ],
+)
+def test_a_damaged_trade_is_refused_with_the_name_of_its_file(changed, stored, tmp_path):
+    """In the file of a trade, one value or the first setting is damaged."""
+    content = json.loads((Path(stored) / "trade.json").read_text())
+    for key, value in changed.items():
+        content[key] = [content[key][0] | value[0]] if key == "settings" else value
+    file = tmp_path / "trade.json"
+    file.write_text(json.dumps(content))
+    with pytest.raises(
+        AnalysisError, match="not a trade that this version can read"
+    ) as info:
+        read_trade(file)
+    assert str(info.value).startswith(str(file))
+
+
+def test_a_trade_file_of_endless_brackets_is_refused(tmp_path):
+    file = tmp_path / "trade.json"
+    file.write_text("[" * 100_000)
+    with pytest.raises(AnalysisError, match="not a trade that this version can read"):
+        read_trade(file)
+
+
+def test_advice_about_the_file_of_a_trade_names_its_folder(stored, tmp_path, capsys):
+    """`spherekit trade -o` takes a folder, `--trade` also takes the file in it."""
+    arguments = ["run", "four_bar", "--samples", "201", "--tol", "1e-5", "--trade"]
+    assert main([*arguments, str(Path(stored) / "trade.json")]) == 1
+    assert f"-o {stored} and the options" in capsys.readouterr().err
+    file = tmp_path / "trade.json"
+    file.write_text("{}")
+    assert main([*arguments, str(file)]) == 1
+    assert capsys.readouterr().err.strip().endswith(f"-o {tmp_path}")

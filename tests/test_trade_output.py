@@ -229,3 +229,9 @@ def test_output_paths_are_refused_before_anything_is_measured(tmp_path, capsys):
         assert message in error_text
     assert list(tmp_path.iterdir()) == [file]
     assert file.read_text() == "mine"
+
+
+def test_the_heading_of_a_trade_of_one_sample_is_in_the_singular():
+    heading = as_text(replace(make_trade(), samples=1, checked=1, rows=1)).splitlines()[0]
+    assert "m, poles: 1 sample, " in heading
+    assert "timed at 1 sample, 1 row compared with truth" in heading

@@ -500,3 +500,69 @@ def test_references_that_cannot_be_computed_do_not_lose_the_run(monkeypatch):
     summary = sk.run(sk.load("four_bar"), samples=3, verify=2).summary
     assert "does not converge" in format_verification(summary["verified"])[0]
     assert "no row was verified" in summary["warnings"][0]
+
+
+@pytest.mark.parametrize("samples_before", [4, 8])
+def test_the_verification_of_a_resumed_run_names_the_samples_it_leaves_out(
+    samples_before, tmp_path
+):
+    """A run of 8 samples is interrupted after some of them, and resumed with `verify`.
+
+    The earlier samples are not verified. If these are all samples, nothing is verified, and
+    a warning says why.
+    """
+
+    def interrupt(done, total):
+        if done == samples_before:
+            raise KeyboardInterrupt
+
+    options = {"samples": 8, "block": 4, "folder": tmp_path}
+    with pytest.raises(KeyboardInterrupt):
+        sk.run(sk.load("four_bar"), **options, progress=interrupt)
+    summary = sk.run(sk.load("four_bar"), **options, unfinished="resume", verify=3).summary
+    lines = format_verification(summary["verified"])
+    if samples_before == 8:
+        reason = "all samples were computed before the run was resumed"
+        assert lines == [f"not verified: {reason}"]
+        assert summary["warnings"] == [f"verify: no row was verified: {reason}"]
+    else:
+        assert lines[0].startswith("verified 3 rows")
+        assert lines[-1].strip().startswith("samples before 4 are not verified")
+        assert summary["verified"]["worst"]["sample"] >= 4
+        assert summary["warnings"] == []
+
+
+@pytest.mark.parametrize("first_row", [1, -2])
+def test_a_table_that_has_other_rows_with_reference_values_is_not_verified(first_row):
+    """An analysis of whole motions keeps two rows, or in its last calculation others.
+
+    These are one row or two other rows. The last calculation is that with the reference
+    values. The run keeps its table, and the pair variables are still verified.
+    """
+
+    @dataclass(frozen=True)
+    class KeepsOtherRows(MinimalAnalysis):
+        name: ClassVar = "kept"
+        tables: ClassVar = (
+            Table("kept", "", (SAMPLE, ASSEMBLY_MODE, Column("angle", "rad", ""))),
+        )
+        call_count: ClassVar = 0
+
+        def needs(self, mechanism):
+            return Needs(continued_values=frozenset(["32"]))
+
+        def compute(self, batch):
+            KeepsOtherRows.call_count += 1
+            rows = slice(0, 2)
+            if KeepsOtherRows.call_count == 3:
+                rows = slice(first_row, None) if first_row < 0 else slice(first_row, 2)
+            columns = with_row_columns(batch, angle=batch.continued_value("32"))
+            return {"kept": {name: values[rows] for name, values in columns.items()}}
+
+    result = sk.run(sk.load("four_bar"), KeepsOtherRows(), samples=5, verify=10)
+    assert KeepsOtherRows.call_count == 3
+    assert len(result.frame()) == 2
+    assert not result.failures
+    verification = result.summary["verified"]
+    assert verification["not_verified"] == ["kept"]
+    assert {column["table"] for column in verification["columns"]} == {"motion"}

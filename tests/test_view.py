@@ -37,7 +37,7 @@ from spherekit.display.rerun.timelines import input_ticks, input_timeline, ticks
 from spherekit.display.rerun.viewer_program import free_ports
 from spherekit.errors import OutputError
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.scenes.link_scenes import link_bodies
+from spherekit.scenes.link_scenes import link_bodies, link_curves
 from spherekit.scenes.recording_head import RecordingHead
 from spherekit.scenes.scene import Arrow, Scene, sample_rows
 
@@ -632,6 +632,22 @@ def test_names_of_links_do_not_cover_each_other():
     for (first_centre, first_half), (second_centre, second_half) in combinations(boxes, 2):
         distance = np.abs(first_centre - second_centre)
         assert np.any(distance >= first_half + second_half)
+
+
+@pytest.mark.parametrize("azimuths_deg", [range(0, 360, 60), (0, 240, 70, 150, 310)])
+def test_sides_of_a_link_on_a_great_circle_follow_it_once(azimuths_deg):
+    """The axes of a link are on a great circle, in any order, with gaps below 180 degrees.
+
+    The sides are the great circle, so that their lengths sum to one turn.
+    """
+    azimuths = np.radians(azimuths_deg)
+    joints = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(len(azimuths))], axis=1)
+    tilted = Rotation.from_rotvec([0.0, 0.7, 0.0]).apply(joints)
+    points = np.concatenate(link_curves(tilted))
+    assert np.linalg.norm(points, axis=1) == pytest.approx(1.0)
+    lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    assert np.max(lengths) < np.radians(2.01)  # an arc begins where the last one ended
+    assert np.sum(lengths) == pytest.approx(2.0 * np.pi, rel=1e-3)
 
 
 @pytest.mark.slow

@@ -166,7 +166,7 @@ def _closing_place(mode: Any, entry: Any, overview: Any, place_text: PlaceText) 
     has_input_or_time = overview["is_path"] and place_text.kind in ("input", "time")
     if has_input_or_time:
         spans_with_mode = entry["closes"]  # first and last place of each span
-        return place_text.named_spans(spans_with_mode)
+        return place_text.named_spans(spans_with_mode, entry["unlisted_closing_spans"])
     sample_count_by_status = mode["status"]
     sample_count = sum(sample_count_by_status.values())
     # At a singularity the loops close, too.

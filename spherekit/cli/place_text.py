@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from spherekit.number_text import degrees_text, number_text
-from spherekit.wording import listing
 
 MAX_LISTED_PLACES = 4
 """Largest number of places, such as inputs at which an output rests, in a cell or line."""
@@ -147,19 +146,27 @@ class PlaceText:
             return f"sample {place:.0f}"
         return f"{self.named} = {self.value(place)} {self.unit}"
 
-    def spans(self, spans: Sequence[Sequence[float]]) -> str:
-        """Return spans as text, such as ``0 to 137, 220 to 360``."""
+    def spans(self, spans: Sequence[Sequence[float]], further: int = 0) -> str:
+        """Return spans as text, such as ``0 to 137, 220 to 360``.
+
+        `further` is the number of spans that follow, but are not in the list.
+        """
         texts = [
             self.value(first)
             if first == last
             else f"{self.value(min(first, last))} to {self.value(max(first, last))}"
             for first, last in spans
         ]
-        return listing(texts, MAX_LISTED_PLACES)
+        omitted = max(len(texts) - MAX_LISTED_PLACES, 0) + further
+        text = ", ".join(texts[:MAX_LISTED_PLACES])
+        return f"{text} and {omitted} more" if omitted else text
 
-    def named_spans(self, spans: Sequence[Sequence[float]]) -> str:
-        """Return spans with name and unit, such as ``at input 21 = 0 to 137 deg``."""
-        text = self.spans(spans)
+    def named_spans(self, spans: Sequence[Sequence[float]], further: int = 0) -> str:
+        """Return spans with name and unit, such as ``at input 21 = 0 to 137 deg``.
+
+        `further` is the number of spans that follow, but are not in the list.
+        """
+        text = self.spans(spans, further)
         if self.kind == "sample":
             return f"at the samples {text}"
         return f"at {self.named} = {text} {self.unit}"

@@ -652,7 +652,8 @@ def _row_warnings(summary: Any) -> Lines:
             spans = entry.get("statuses", {}).get(status)
             if not spans:
                 continue
-            place = f" {place_text.named_spans(spans)}" if has_places else ""
+            further = entry["unlisted_spans"].get(status, 0)
+            place = f" {place_text.named_spans(spans, further)}" if has_places else ""
             modes_by_place.setdefault(place, []).append(mode["number"])
         places = [
             f"{'mode' if len(numbers) == 1 else 'modes'} {number_list(numbers)}{place}"

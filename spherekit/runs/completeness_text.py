@@ -36,13 +36,13 @@ def describe_completeness(position_analysis: PositionAnalysis) -> str:
         method.description for method in position_analysis.methods if method is not None
     )
     how = f" ({listing(methods)})" if methods else ""
+    # Some claims have a sentence of their own.
+    if claim.sentence:
+        return claim.sentence
     has_searched = position_analysis.probe_count > 0  # number of samples of the search
     if not has_searched:
         # The sentence is "Only the mode of the reference pose was computed. ...".
         return f"Only {claim.reason} was computed. Others were not searched."
-    # Some claims have a sentence of their own.
-    if claim.sentence:
-        return claim.sentence
     if claim.guarantee in (Guarantee.CERTIFIED, Guarantee.COMPLETE):
         return f"All assembly modes were found{how}."
     return f"Assembly modes could be missed: {claim.reason}."

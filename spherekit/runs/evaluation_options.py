@@ -35,7 +35,7 @@ class Setting:
     route
         How the engine "numpy" computes poles (axes of relative rotation of two links). The
         routes "best" and "equations" solve the velocity equations of the whole mechanism,
-        "best" with more digits where needed. The routes "first" and "conditioned" intersect
+        with more digits where needed. The routes "first" and "conditioned" intersect
         two great circles, each of which goes through two poles that are already computed.
     integrator
         Name of the engine that solves a simulation.

@@ -215,10 +215,22 @@ class ExaminedRows:
             # At a dead centre a ratio can be infinite and the rate of the input zero, so
             # that their product is NaN.
             with np.errstate(invalid="ignore"):
-                speeds = np.sum(ratios * timing.dq[rows], axis=1, keepdims=True)
+                # (m, 1 or 3) the rate of the angle, or the velocity of the output.
+                rates_over_time = np.sum(jacobian * timing.dq[rows, :, None], axis=1)
+            rates_over_time[~is_ok] = np.nan
+            if output.variable is None:
+                # The velocities due to the inputs are added as vectors.
+                speeds = np.linalg.norm(rates_over_time, axis=1, keepdims=True)
+            else:
+                speeds = rates_over_time
             overview.widen_ratios(speeds)
+            velocities = rates_over_time[:, None]
         else:
             overview.widen_ratios(ratios)
+            velocities = jacobian
+        if self.plan.is_path and output.variable is None:
+            is_known = is_ok & np.all(np.isfinite(velocities), axis=(1, 2))
+            overview.add_reversals(np.where(is_known[:, None, None], velocities, np.nan))
         self._add_jacobians(overview, output, rows, jacobian, places)
 
         if output.variable is None:
@@ -272,9 +284,6 @@ class ExaminedRows:
         """
         input_count, component_count = jacobian.shape[1:]
         is_known = self.is_ok[rows] & np.all(np.isfinite(jacobian), axis=(1, 2))
-        # Over time, the ranges are ranges of the speed, to which all inputs contribute.
-        if self.plan.is_path and output.variable is None and not self.plan.moves_over_time:
-            overview.add_reversals(np.where(is_known[:, None, None], jacobian, np.nan))
         if not np.any(is_known):
             overview.last_determinant = None
             return

@@ -11,15 +11,17 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, SmallIntegers
 from spherekit.conventions import Facts
+from spherekit.positions.assembly_mode import has_configuration
 from spherekit.runs.smooth_extremes import SmoothExtremes
 from spherekit.status import Status
 
 MAX_LIST_ENTRIES = 32
 """Number of entries that each list of an overview has at most.
 
-The lists are the spans of samples with one status, and for each output the places of rest,
-the uncertain places, and the places of type I singularities. Further items are counted
-only. Larger: more items are listed, and the stored state of a run is larger.
+The lists are the spans of samples with one status, the spans of samples at which a mode
+closes, and for each output the places of rest, the uncertain places, and the places of type
+I singularities. Further items are counted only. Larger: more items are listed, and the
+stored state of a run is larger.
 """
 
 REVERSAL_SHARE = 0.02
@@ -59,7 +61,7 @@ class OutputOverview:
     lowest_ratio, highest_ratio
         For each input the range of the velocity ratio: rate of the angle per unit rate of
         the input. For outputs without a fixed axis it is the magnitude of the velocity.
-        In a simulation there is one entry, the rate in rad/s.
+        In a simulation there is one entry: the rate or this magnitude in rad/s.
     rests
         Places at which the rate of the output changes its sign.
     uncertain_rests
@@ -93,8 +95,8 @@ class OutputOverview:
         it.
     last_velocities
         The velocity of the output per rate of each input in the last examined row of a
-        path, (inputs, 3). None if the velocity is unknown, or if the output has signed
-        ratios. The next block needs it.
+        path, (inputs, 3). In a simulation it is the velocity itself, (1, 3). None if the
+        velocity is unknown, or if the output has signed ratios. The next block needs it.
     first_pose
         The first rotation (9,), direction (3,) or angle (1,), from which the following
         rows are measured. None for an angle along a path.
@@ -228,7 +230,7 @@ class OutputOverview:
         if self.gain is None:
             self.gain = [least, float(places[row]), largest]
             return
-        if least < self.gain[0]:
+        if least < self.gain[0] - EQUAL_MINIMA_TOLERANCE:
             self.gain[:2] = [least, float(places[row])]
         self.gain[2] = max(self.gain[2], largest)
 
@@ -243,7 +245,7 @@ class OutputOverview:
         ----------
         velocities
             (m, inputs, 3) velocity of the output per unit rate of each input at successive
-            samples. NaN at samples without one.
+            samples. In a simulation (m, 1, 3) velocities. NaN at samples without one.
         """
         # The last sample of the block before is compared, too.
         if self.last_velocities is not None:
@@ -363,6 +365,42 @@ def _passes_zero(before: Floats, after: Floats) -> Bools:
 
 
 @dataclass
+class SampleSpans:
+    """Spans of successive samples, which are added in ascending order, block after block.
+
+    The result does not depend on how the samples are divided into blocks (groups of
+    successive samples).
+
+    Attributes
+    ----------
+    listed
+        The numbers of the first and the last sample of each span, for the first
+        `MAX_LIST_ENTRIES` spans.
+    unlisted_count
+        Number of the spans that are not listed.
+    last_sample
+        The last sample of the last span, listed or not. None if there is no span.
+    """
+
+    listed: list[list[int]] = field(default_factory=list)
+    unlisted_count: int = 0
+    last_sample: int | None = None
+
+    def add(self, first: int, last: int) -> None:
+        """Add the samples from `first` to `last`; they can continue the last span."""
+        # Counted spans are later than all listed spans, so a listed span can only continue
+        # as long as there are none.
+        if self.last_sample is not None and first == self.last_sample + 1:
+            if not self.unlisted_count:
+                self.listed[-1][1] = last
+        elif len(self.listed) < MAX_LIST_ENTRIES:
+            self.listed.append([first, last])
+        else:
+            self.unlisted_count += 1
+        self.last_sample = last
+
+
+@dataclass
 class ModeOverview:
     """Where an assembly mode closes, and how its outputs move.
 
@@ -372,11 +410,9 @@ class ModeOverview:
     Attributes
     ----------
     spans
-        Spans of successive samples with the same status, by the name of the status: the
-        indices of the first and the last sample. At most `MAX_LIST_ENTRIES` are stored for
-        each status.
-    unlisted_spans
-        Number of the spans that are not stored, by status.
+        Spans of successive samples with the same status, by the name of the status.
+    closing_spans
+        Spans of successive samples at which the mode closes.
     transmission
         The least transmission angle of all dyads of the mechanism, as a list of three: the
         angle (rad), the name of the middle pair of its dyad, and the place. The place is
@@ -386,16 +422,20 @@ class ModeOverview:
         The overview of each output.
     """
 
-    spans: dict[str, list[list[int]]] = field(default_factory=dict)
-    unlisted_spans: dict[str, int] = field(default_factory=dict)
+    spans: dict[str, SampleSpans] = field(default_factory=dict)
+    closing_spans: SampleSpans = field(default_factory=SampleSpans)
     transmission: list[Any] | None = None
     outputs: list[OutputOverview] = field(default_factory=list)
 
     @classmethod
     def from_json(cls, entries: Facts) -> Self:
         """Return the overview of a mode from the data of `dataclasses.asdict`."""
-        outputs = [OutputOverview.from_json(output) for output in entries["outputs"]]
-        return cls(**(entries | {"outputs": outputs}))
+        return cls(
+            spans={name: SampleSpans(**spans) for name, spans in entries["spans"].items()},
+            closing_spans=SampleSpans(**entries["closing_spans"]),
+            transmission=entries["transmission"],
+            outputs=[OutputOverview.from_json(output) for output in entries["outputs"]],
+        )
 
     def add_status(self, codes: SmallIntegers, first_sample: int) -> None:
         """Add the statuses of successive samples to the spans of samples with equal status.
@@ -415,18 +455,12 @@ class ModeOverview:
         stops = [*changes, len(codes)]
         for start, stop in zip(starts, stops, strict=True):
             status_name = Status(int(codes[start])).name
-            spans = self.spans.setdefault(status_name, [])
+            spans = self.spans.setdefault(status_name, SampleSpans())
             first = first_sample + start
             last = first_sample + stop - 1
-            if spans and spans[-1][1] == first - 1:
-                # The last span of this status continues.
-                spans[-1][1] = last
-            elif len(spans) < MAX_LIST_ENTRIES:
-                spans.append([first, last])
-            else:
-                # The list is full, so the span is only counted.
-                count = self.unlisted_spans.get(status_name, 0)
-                self.unlisted_spans[status_name] = count + 1
+            spans.add(first, last)
+            if has_configuration(codes[start]):
+                self.closing_spans.add(first, last)
 
 
 def first_minimum(values: Floats) -> int:

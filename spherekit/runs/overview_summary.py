@@ -34,10 +34,11 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
     - ``outputs``: their labels, links, whether they turn about a fixed axis, and the pair
       at which their transmission angle is taken.
     - ``modes``: for each mode, keyed by index: the places between which the mechanism
-      closes, the places with other statuses, the least transmission angle of all dyads, and
-      for each output the range of its angle, its velocity ratios, its least transmission
-      angle and measure, how near it is to singularities of type I, and where it comes to
-      rest. ``excess_between_samples`` has estimates by how much these extremes are exceeded
+      closes, the places with statuses other than OK, the numbers of spans of samples that
+      these lists leave out, the least transmission angle of all dyads, and for each output
+      the range of its angle, its velocity ratios, its least transmission angle and measure,
+      how near it is to singularities of type I, and where it comes to rest.
+      ``excess_between_samples`` has estimates by how much these extremes are exceeded
       between samples: the angle in rad, the ratio, and the transmission angle in rad (or
       the measure, if there is no such angle).
     """
@@ -62,21 +63,21 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
         if mode.transmission is not None:
             angle, pair, place = mode.transmission
             least_of_all_dyads = _summarize_transmission(plan, angle, pair, place)
-        closing = _join_spans(
-            [
-                *mode.spans.get(Status.OK.name, ()),
-                *mode.spans.get(Status.AT_SINGULARITY.name, ()),
-            ]
-        )
+        closing = mode.closing_spans
         modes[number] = {
-            "closes": place_spans(closing),
-            "closes_everywhere": closing == [[0, sample_count - 1]],
+            "closes": place_spans(closing.listed),
+            "closes_everywhere": closing.listed == [[0, sample_count - 1]],
+            "unlisted_closing_spans": closing.unlisted_count,
             "statuses": {
-                name: place_spans(spans)
+                name: place_spans(spans.listed)
                 for name, spans in mode.spans.items()
                 if name != Status.OK.name
             },
-            "unlisted_spans": mode.unlisted_spans,
+            "unlisted_spans": {
+                name: spans.unlisted_count
+                for name, spans in mode.spans.items()
+                if spans.unlisted_count
+            },
             "least_transmission": least_of_all_dyads,
             "outputs": [
                 {
@@ -114,7 +115,7 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
         "place": {"kind": plan.place_kind, "name": place_name, "unit": place_unit},
         "place_range": [float(places[0]), float(places[-1])] if sample_count else [],
         "is_path": plan.is_path,
-        "examined_samples": len(range(0, sample_count, plan.step)),
+        "examined_samples": len(plan.examined_samples(0, sample_count)),
         "ratio": "rad/s" if plan.moves_over_time else "",
         "outputs": [
             {
@@ -216,14 +217,3 @@ def _inputs_at(plan: OverviewPlan, place: float) -> list[float]:
         places = places[::-1]
         inputs = inputs[::-1]
     return [float(np.interp(place, places, column)) for column in inputs.T]
-
-
-def _join_spans(spans: Sequence[Sequence[int]]) -> list[list[int]]:
-    """Return spans of samples in ascending order, with adjacent spans joined."""
-    joined: list[list[int]] = []
-    for first, last in sorted(map(tuple, spans)):
-        if joined and first <= joined[-1][1] + 1:
-            joined[-1][1] = max(joined[-1][1], last)
-        else:
-            joined.append([first, last])
-    return joined

@@ -32,14 +32,14 @@ class SampledValues:
     ----------
     q
         (k,) the input (rad) at each sample, which is reported as the place of an extreme.
-        With several inputs, the user may name one of them; by default the first one is
-        reported.
+        With several inputs, the user names one of them for this purpose.
     values
         (k, n) the values in n assembly modes (ways to assemble the mechanism). NaN where a
         mode cannot be assembled.
     is_closed_path
         Whether the samples are a path that ends where it began. The inputs of the last
-        sample then equal the inputs of the first sample, apart from whole revolutions.
+        sample then equal the inputs of the first sample, apart from whole revolutions. Only
+        the swing uses this; a mean counts both samples.
     """
 
     q: Floats
@@ -59,7 +59,7 @@ class Reduction:
         Its meaning in a few words.
     reduce
         Function that returns the reduced value (n,) of each mode. It ignores NaN, and
-        returns NaN if all values are NaN.
+        returns NaN if all values are NaN. Infinite values count, except for the swing.
     weights
         Function that returns the derivatives (k,) of the number with respect to the values
         at the k samples, for a single mode. Its arguments are the values and the number.
@@ -99,7 +99,7 @@ def reduce_samples(
 
     Returns
     -------
-    (n,) numbers, NaN if no value is finite.
+    (n,) numbers, NaN if all values are NaN.
     """
     if not len(values):
         return nans(values.shape[1])
@@ -160,21 +160,22 @@ def _range(samples: SampledValues) -> Floats:
 
 
 def _sum(samples: SampledValues) -> Floats:
-    is_finite = np.isfinite(samples.values)
-    total = np.sum(samples.values, axis=0, where=is_finite)
-    return np.where(np.sum(is_finite, axis=0) > 0, total, np.nan)
+    # An infinite value counts. Without it, the finite sum would look correct.
+    is_known = ~np.isnan(samples.values)
+    total = np.sum(samples.values, axis=0, where=is_known)
+    return np.where(np.any(is_known, axis=0), total, np.nan)
 
 
 def _mean(samples: SampledValues) -> Floats:
-    is_finite = np.isfinite(samples.values)
-    total = np.sum(samples.values, axis=0, where=is_finite)
-    return np.asarray(total / np.sum(is_finite, axis=0))
+    is_known = ~np.isnan(samples.values)
+    total = np.sum(samples.values, axis=0, where=is_known)
+    return np.asarray(total / np.sum(is_known, axis=0))
 
 
 def _root_mean_square(samples: SampledValues) -> Floats:
-    is_finite = np.isfinite(samples.values)
-    total = np.sum(samples.values * samples.values, axis=0, where=is_finite)
-    return np.sqrt(total / np.sum(is_finite, axis=0))
+    is_known = ~np.isnan(samples.values)
+    total = np.sum(samples.values * samples.values, axis=0, where=is_known)
+    return np.sqrt(total / np.sum(is_known, axis=0))
 
 
 def _swing(samples: SampledValues) -> Floats:
@@ -187,8 +188,9 @@ def _only_value(samples: SampledValues) -> Floats:
 
 
 def _input_at_least(samples: SampledValues) -> Floats:
+    # `nan_to_num` also makes infinite values finite, so NaN is larger than each of them.
     row = np.argmin(np.nan_to_num(samples.values, nan=np.inf), axis=0)
-    has_value = np.any(np.isfinite(samples.values), axis=0)
+    has_value = np.any(~np.isnan(samples.values), axis=0)
     return np.where(has_value, samples.q[row], np.nan)
 
 
@@ -238,7 +240,7 @@ def _swing_weights(samples: SampledValues, figure: float) -> Floats:
 REDUCTION_BY_NAME: Mapping[str, Reduction] = {
     "min": Reduction("the least value", _least, _least_weights),
     "max": Reduction("the greatest value", _greatest, _greatest_weights),
-    "mean": Reduction("the mean over the samples", _mean, _mean_weights),
+    "mean": Reduction("the mean over the rows", _mean, _mean_weights),
     "rms": Reduction(
         "the root of the mean square", _root_mean_square, _root_mean_square_weights
     ),

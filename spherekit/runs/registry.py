@@ -30,14 +30,32 @@ _registered_classes: dict[str, type[AbstractAnalysis]] = {}
 
 @contextmanager
 def registered(*classes: type[AbstractAnalysis]) -> Iterator[None]:
-    """Make analyses known for the length of a `with` block, for notebooks and tests."""
+    """Make analyses known for the length of a `with` block, for notebooks and tests.
+
+    An analysis of the same name is not available in the block.
+
+    Raises
+    ------
+    PluginError
+        If a class has no name.
+    """
+    for cls in classes:
+        if not hasattr(cls, "name"):
+            raise PluginError(f"{cls!r} cannot be registered: {find_class_fault(cls)}")
     class_by_name = {cls.name: cls for cls in classes}
+    # An outer block may have registered the same names.
+    outer_classes = {
+        name: _registered_classes[name]
+        for name in class_by_name
+        if name in _registered_classes
+    }
     _registered_classes.update(class_by_name)
     try:
         yield
     finally:
         for name in class_by_name:
             _registered_classes.pop(name, None)
+        _registered_classes.update(outer_classes)
 
 
 def _find_entry_points() -> Mapping[str, list[EntryPoint]]:
@@ -47,15 +65,22 @@ def _find_entry_points() -> Mapping[str, list[EntryPoint]]:
     points are listed again only if a folder of packages has changed, because listing takes
     long.
     """
-    folder_states = [
-        (folder, Path(folder).exists() and Path(folder).stat().st_mtime_ns)
-        for folder in sys.path
-    ]
+    folder_states = [(folder, _change_time(folder)) for folder in sys.path]
     return _list_entry_points(*folder_states)
 
 
+def _change_time(folder: str) -> int | None:
+    """Return when a folder was changed (ns), None if it is missing or cannot be read."""
+    try:
+        return Path(folder).stat().st_mtime_ns
+    except (OSError, ValueError):
+        return None
+
+
 @lru_cache(maxsize=1)
-def _list_entry_points(*_folder_states: tuple[str, int]) -> Mapping[str, list[EntryPoint]]:
+def _list_entry_points(
+    *_folder_states: tuple[str, int | None],
+) -> Mapping[str, list[EntryPoint]]:
     """Return the entry points by name; listing them takes long.
 
     Results are cached. The arguments serve only as the key of the cache: folders of
@@ -114,7 +139,12 @@ def list_analyses() -> list[AnalysisRecord]:
     """
     # Classes that this process has registered itself, without an installed package.
     analysis_records = [
-        AnalysisRecord(name, origin="this process", class_name=cls.__name__, error="")
+        AnalysisRecord(
+            name,
+            origin="this process",
+            class_name=cls.__name__,
+            error=find_class_fault(cls),
+        )
         for name, cls in _registered_classes.items()
     ]
     # Analyses of installed packages, which declare them as entry points.
@@ -147,7 +177,10 @@ def load_analysis(name: str) -> type[AbstractAnalysis]:
     # Either this process has registered the class, or an installed package declares the
     # class as an entry point.
     if name in _registered_classes:
-        return _registered_classes[name]
+        registered_class = _registered_classes[name]
+        if fault := find_class_fault(registered_class):
+            raise PluginError(f"analysis {name} of this process: {fault}")
+        return registered_class
     entries = _find_entry_points().get(name, [])
     if not entries:
         raise AnalysisError(

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.arrays import Array
+from spherekit.arrays import Array, Indices
 from spherekit.errors import PluginError
 from spherekit.numerics.lazy_columns import Interleaved
 from spherekit.runs.analysis_faults import convert_plugin_errors
@@ -17,17 +17,21 @@ from spherekit.runs.batch import Batch
 from spherekit.runs.contract import AbstractAnalysis, Findings
 from spherekit.scenes.scene import Scene
 from spherekit.scenes.scene_checks import check_scene
+from spherekit.status import Status
 from spherekit.tables.screen_table import ScreenTable
 from spherekit.tables.table import DTYPE_BY_KIND, Column, Table, TableData, row_count
 from spherekit.wording import listing
 
 WORDS_BY_KIND = {
     "number": "numbers",
-    "integer": "whole numbers",
+    "integer": "whole numbers of 64 bits",
     "status": "codes of Status",
     "text": "texts",
 }
 """Words for the kinds of columns in messages."""
+
+VALUE_RANGES = {"integer": range(-(2**63), 2**63), "status": range(len(Status))}
+"""Values that a column of each kind of whole numbers can have."""
 
 
 def compute_checked_tables(
@@ -149,11 +153,17 @@ def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
     Raises
     ------
     PluginError
-        If the values have another type or shape.
+        If the values have another type or shape, or if some of them are masked.
     """
     kind = column.kind
     if isinstance(data, Interleaved) and _has_type_of_kind(data, kind):
         return data
+    if np.ma.is_masked(data):
+        # The conversion to an array would show the numbers under the mask.
+        raise PluginError(
+            f"{where} has masked values; return an array without a mask, with NaN where a "
+            "number is missing"
+        )
     try:
         values = np.asarray(data)
     except ValueError:
@@ -164,9 +174,10 @@ def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
         raise PluginError(
             f"{where} has the shape {values.shape}, but needs one value in each row"
         )
-    # An empty array fits to any kind.
-    if len(values) and not _has_values_of_kind(values, kind):
-        (first,) = values[:1].tolist()
+    # An empty array fits any kind.
+    unsuitable_rows = _find_unsuitable_rows(values, kind)
+    if len(unsuitable_rows):
+        (first,) = values[unsuitable_rows[:1]].tolist()
         raise PluginError(
             f"{where} was declared to contain {WORDS_BY_KIND[kind]}, but contains {first!r}"
         )
@@ -180,8 +191,8 @@ def _has_type_of_kind(column: Interleaved, kind: str) -> bool:
     return bool(column.dtype == DTYPE_BY_KIND[kind])
 
 
-def _has_values_of_kind(values: Array, kind: str) -> bool:
-    """Return whether values (n,) can be converted to the kind of a column.
+def _find_unsuitable_rows(values: Array, kind: str) -> Indices:
+    """Return the indices of values (n,) that cannot be converted to the kind of a column.
 
     The kinds are ``number`` (float), ``integer``, ``text`` and ``status`` (a whole number).
     Texts may also be Python objects. Floats without a fraction are accepted as whole
@@ -191,10 +202,23 @@ def _has_values_of_kind(values: Array, kind: str) -> bool:
     # booleans, and U for texts.
     type_letter = values.dtype.kind
     if kind == "text":
-        return type_letter == "U" or all(isinstance(text, str) for text in values)
-    if kind != "number" and type_letter == "f":
-        return bool(np.all(values == np.floor(values)))
-    return type_letter in "fiub"
+        if type_letter == "U":
+            return np.zeros(0, np.intp)
+        return np.flatnonzero([not isinstance(text, str) for text in values])
+    if type_letter not in "fiub":
+        # An array of another type is refused, even if all its values are numbers.
+        is_other = [not isinstance(value, int | float) for value in values]
+        return np.flatnonzero(is_other if any(is_other) else np.ones(len(values), bool))
+    if kind == "number" or type_letter == "b":
+        return np.zeros(0, np.intp)
+    if type_letter == "f":
+        values = values.astype(np.float64)  # short floats cannot be compared with 2**63
+    allowed = VALUE_RANGES[kind]
+    # The conversion of other values would change them without an error.
+    is_suitable = (values >= allowed.start) & (values < allowed.stop)
+    if type_letter == "f":
+        is_suitable &= values == np.floor(values)
+    return np.flatnonzero(~is_suitable)
 
 
 def compute_findings(
@@ -217,7 +241,8 @@ def compute_findings(
     Raises
     ------
     PluginError
-        If a method of the analysis fails, or if its values cannot be written as JSON.
+        If a method of the analysis fails, or if its values have another type or cannot be
+        written as JSON.
     """
     with convert_plugin_errors(analysis.name, "findings"):
         findings = analysis.findings(batch)
@@ -229,10 +254,15 @@ def compute_findings(
             f"{analysis.name}: findings returned a {type(findings).__name__}; it has to "
             "return Findings(...)"
         )
-    if not all(isinstance(table, ScreenTable) for table in findings.tables):
-        raise PluginError(
-            f"{analysis.name}: findings: tables has to be a tuple of ScreenTable"
-        )
+    for key, item_type in (("warnings", str), ("remarks", str), ("tables", ScreenTable)):
+        items = getattr(findings, key)
+        # A single text is a sequence of texts, too.
+        is_sequence = isinstance(items, Sequence) and not isinstance(items, str)
+        if not is_sequence or not all(isinstance(item, item_type) for item in items):
+            type_name = "texts" if item_type is str else item_type.__name__
+            raise PluginError(
+                f"{analysis.name}: findings: {key} has to be a tuple of {type_name}"
+            )
     for table in findings.tables:
         for cell in (cell for row in table.rows for cell in row):
             if not isinstance(cell, str):

@@ -25,9 +25,9 @@ def count_evaluations(request: Request) -> dict[str, int]:
     Returns
     -------
     dict
-        - ``poles``: pole axes, of three kinds: ``primary`` (axes of pairs), ``secondary``
-          (intersections of two great circles) or ``irreducible`` (solved from the velocity
-          equations of a part that great circles cannot resolve).
+        - ``poles``: pole axes, of three kinds: ``primary`` (axes and contact lines of
+          pairs), ``secondary`` (intersections of two great circles) or ``irreducible``
+          (solved from the velocity equations of a part that great circles cannot resolve).
         - ``great_circles``: circles that are compared for secondary poles.
         - ``link_rates``: links with computed angular velocities.
         - ``axis_derivatives``, ``rate_derivatives``: axes and angular velocities with a

@@ -196,6 +196,8 @@ class RunFolder:
 
     def write_journal(self, entries: Mapping[str, Any]) -> None:
         """Write the journal. If this is interrupted, the earlier journal stays."""
+        # The checksum is computed from the entries as they are read again: keys are texts.
+        entries = json.loads(json.dumps(entries))
         content = {"sha256": _checksum(entries), "state": entries}
         write_bytes(self._journal, json.dumps(content).encode())
 
@@ -207,7 +209,9 @@ class RunFolder:
         """
         with suppress(OSError):
             self._journal.unlink(missing_ok=True)
-        for path in self.work.iterdir():
+        # Someone may have removed the folder during the run.
+        paths = [*self.work.iterdir()] if self.work.is_dir() else []
+        for path in paths:
             if path.name == LOCK:
                 continue
             with suppress(OSError):
@@ -326,7 +330,7 @@ def _signed_summary(path: Path) -> dict[str, Any]:
 
 
 def _file_size(path: Path) -> int:
-    """Return the size of a regular file in bytes, -1 if it is a link or missing."""
+    """Return the size of a regular file in bytes, -1 if there is no regular file."""
     try:
         status = path.lstat()
     except OSError:

@@ -17,7 +17,7 @@ MAX_VALUE_LENGTH = 60
 CHECKSUM_TITLES = {
     "mechanism_hash": "contents of the mechanism file",
     "input_values": "values of the inputs",
-    "times": "times of the samples",
+    "times": "times of the samples or rates of the inputs",
 }
 """What has changed if a checksum of an identity differs, by the key of the checksum."""
 
@@ -25,9 +25,9 @@ CHECKSUM_TITLES = {
 def code_identity() -> dict[str, str]:
     """Return the versions of the software and the kind of machine, by name.
 
-    Two runs with the same options and the same identity have the same results, bit for bit.
-    A run may continue the stored work of another run only if both have the same options and
-    identity.
+    Two runs with the same options and the same identity on one machine have the same
+    results, bit for bit. A run may continue the stored work of another run only if both
+    have the same options and identity.
     """
     # The library heyoka compiles expressions if it is installed. Otherwise NumPy evaluates
     # them.
@@ -71,12 +71,36 @@ def differences(stored: Mapping[str, Any], current: Mapping[str, Any]) -> str:
                 changes.append(f"other {title}")
                 continue
             title = key.replace("_", " ")
-            changes.append(f"{title}: {_shortened(old)} there, {_shortened(new)} now")
+            old_text = _value_text(old)
+            new_text = _value_text(new)
+            # A long value is cut so that the first difference stays in the message.
+            characters = zip(old_text, new_text, strict=False)
+            is_different = [
+                old_letter != new_letter for old_letter, new_letter in characters
+            ]
+            first_difference = [*is_different, True].index(True)
+            start = first_difference - MAX_VALUE_LENGTH // 2
+            changes.append(
+                f"{title}: {_shortened(old_text, start)} there, "
+                f"{_shortened(new_text, start)} now"
+            )
     return listing(changes, limit=4)
 
 
-def _shortened(value: object) -> str:
-    text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+def _value_text(value: object) -> str:
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+def _shortened(text: str, start: int) -> str:
+    """Return a text, or if it is long, a part of it that begins near `start`."""
     if len(text) <= MAX_VALUE_LENGTH:
         return text
-    return text[: MAX_VALUE_LENGTH - 3] + "..."
+    # Near its end, the text is shown from further left.
+    start = min(start, len(text) - MAX_VALUE_LENGTH)
+    beginning = ""
+    if start > 0:
+        beginning = "..."
+        text = text[start + len(beginning) :]
+    if len(beginning + text) > MAX_VALUE_LENGTH:
+        text = text[: MAX_VALUE_LENGTH - len(beginning) - 3] + "..."
+    return beginning + text

@@ -308,8 +308,8 @@ class RunPlan:
     ) -> None:
         """Store the rows of a table for a block of samples, and count them.
 
-        Failed rows are counted as failures of the analysis. A row is no failure if the
-        mechanism has no configuration (position) at the sample of the row.
+        Failed rows are counted as failures of the analysis, with the exceptions that
+        `RunState.count_rows` lists.
 
         Parameters
         ----------
@@ -671,8 +671,7 @@ def extract_needed_part(study: Study, analyses: Analyses) -> Mechanism:
         If an analysis reads the whole mechanism, or the motion follows from loads, which
         can act on any link.
     PlanError
-        If the number of degrees of freedom of the mechanism differs from the number of
-        inputs.
+        If an input is a contact, or if no pairs connect some links to the ground.
     """
     mechanism = study.mechanism
     # Only a motion that follows from loads has a start (initial state).

@@ -1,5 +1,6 @@
 """The result of a run in memory, and how it is written to a folder."""
 
+import copy
 import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,6 +21,7 @@ from spherekit.runs.run_cost import TABLES
 from spherekit.runs.run_folder import (
     FILE_BYTES,
     FINISHED,
+    SIGNATURE,
     SUMMARY,
     RunFolder,
     sign_summary,
@@ -69,8 +71,8 @@ class AnalysisResult:
         The declared tables: names, units and meanings of their columns.
     data
         The columns of each table, by name of the table. If the run wrote to a folder, a
-        column is read from the Parquet file when it is first used. If the run stored no
-        tables, the mapping is empty.
+        column is read from the Parquet file each time it is used. If the run stored no
+        tables, or its folder has no Parquet files, the mapping is empty.
     """
 
     name: str
@@ -158,17 +160,23 @@ class RunResult:
         table
             Name of the table. By default the first table of the analysis.
         degrees
-            Whether angles are in degrees instead of rad.
+            Whether angles, their rates and accelerations are in degrees instead of rad.
 
         Raises
         ------
         AnalysisError
             If there is no such result, the analysis failed, or no tables were kept.
+        FileError
+            If the run wrote to a folder, and the file there is missing, damaged or
+            replaced.
         """
         from spherekit.tables.table_files import to_frame
 
-        analysis_names = [item for item in self.results if item != MOTION]
-        name = analysis or (analysis_names[0] if analysis_names else MOTION)
+        # The summary has failed analyses too.
+        analysis_names = [item["name"] for item in self.summary.get("analyses", ())]
+        analysis_names += [item for item in self.results if item != MOTION]
+        default_name = analysis_names[0] if analysis_names else MOTION
+        name = default_name if analysis is None else analysis
         if name in self.failures:
             raise AnalysisError(describe_failure(name, self.failures[name]))
         if name not in self.results:
@@ -176,8 +184,15 @@ class RunResult:
                 f'this run has no result "{name}"{choices(name, self.results, "Results")}'
             )
         result = self.results[name]
+        if not result.tables:
+            raise AnalysisError(
+                f"{name} has no table in this run; a run computes the motion only if an "
+                "analysis reads it, such as poles"
+                if name == MOTION
+                else f"{name} has no table in this run"
+            )
         tables = {item.name: item for item in result.tables}
-        table_name = table or result.tables[0].name
+        table_name = result.tables[0].name if table is None else table
         if table_name not in tables:
             raise AnalysisError(
                 f'{name} has no table "{table_name}"{choices(table_name, tables, "Tables")}'
@@ -287,7 +302,8 @@ class RunResult:
             Name of the column on the vertical axis.
         where
             With `y`: the rows to draw, by column and value, such as
-            ``{"link": "4", "relative_to": "1"}``. By default all rows are drawn.
+            ``{"link": "4", "relative_to": "1"}``. Angles are in degrees, or in rad with
+            ``degrees=False``. By default all rows are drawn.
         table
             With `y`: the table that has both columns, by table name or as
             ``"analysis/table"``. By default it is the first table with both columns, and
@@ -445,9 +461,11 @@ class RunResult:
         ------
         AnalysisError
             If no tables were kept.
+        FileError
+            If the run wrote to a folder, and a file there is missing, damaged or replaced.
         OutputError
             If the folder cannot be made or written, another run writes there or has left
-            unfinished work, or the disk is full.
+            unfinished work, files there belong to no run, or the disk is full.
         """
         declared = {name: result.tables for name, result in self.results.items()}
         # The rows of each table in parts, by the name of its file without the ending.
@@ -493,7 +511,7 @@ def _select_rows(
     Raises
     ------
     AnalysisError
-        If a column is unknown, or no row is left.
+        If a column is unknown, a value is a list or another collection, or no row is left.
     """
     names = [column.name for column in table.columns]
     for name, value in where.items():
@@ -501,6 +519,11 @@ def _select_rows(
             raise AnalysisError(
                 f'plot: where: the table {table.name} has no column "{name}"'
                 f"{choices(name, names, 'Columns', MAX_LISTED_COLUMNS)}"
+            )
+        if not np.isscalar(value):
+            raise AnalysisError(
+                f"plot: where: {name} is of type {type(value).__name__}; give one value, "
+                "a number or a text"
             )
         rows = frame[frame[name] == value]
         if not len(rows):
@@ -653,7 +676,17 @@ def write_results(
 
     start = time.perf_counter()
     tables_by_stem = tables_by_file_stem(declared)
+    # The summary may come from another folder. Facts about the files there are left out.
+    summary = {
+        name: value
+        for name, value in summary.items()
+        if name not in (SIGNATURE, "replaced_files")
+    }
+    summary["cost"] = copy.deepcopy(summary["cost"])
     cost_by_stem = summary["cost"]["tables"]
+    for cost in cost_by_stem.values():
+        for table_format in TABLE_FORMATS.values():
+            cost.pop(f"{table_format.ending}_bytes", None)
     # The size of the tables decides whether CSV files are written by default.
     memory_bytes = 0
     for stem, (_, table) in tables_by_stem.items():

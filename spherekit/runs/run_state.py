@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from spherekit.arrays import Array, Floats, Indices, Integers, SmallIntegers
+from spherekit.arrays import Array, Bools, Floats, Indices, Integers, SmallIntegers
 from spherekit.conventions import Facts, Names
 from spherekit.numerics.lazy_columns import Interleaved
 from spherekit.positions.angle_unwrapping import LastAngles
@@ -58,7 +58,9 @@ ROWS = "rows"
 """First part of the key ``ROWS, analysis, table``: rows of a table."""
 
 EVALUATED = "judged"
-"""Key of the number of rows at which poles were evaluated, for all moving inputs."""
+"""Key of the number of configurations at which poles were evaluated, for all moving inputs.
+
+Rows without a configuration do not count."""
 
 BY_EQUATIONS = "by_equations"
 """Key of the number of these rows whose velocities were computed by the velocity equations
@@ -207,7 +209,7 @@ class RunState:
         self._note_error(CLOSURE_RESIDUAL, motion.residual)
         # The error of a configuration has a meaning only if its loops are closed.
         self._note_error(CONFIGURATION_ERROR, motion.configuration_error[is_assembled])
-        self._count_poles(pole_fields)
+        self._count_poles(pole_fields, is_assembled)
 
         if self.mobility_by_rank is None and np.any(is_assembled):
             closure = position_analysis.solver.closure
@@ -222,7 +224,7 @@ class RunState:
             pair_names = motion.mechanism.names_of(pairs)
             self.redundant_constraints = {"count": count, "pairs": pair_names}
 
-    def _count_poles(self, pole_fields: PoleFields) -> None:
+    def _count_poles(self, pole_fields: PoleFields, is_assembled: Bools) -> None:
         """Count the statuses of the poles of a block, and record their error bounds.
 
         A block has the rows (configurations) of successive samples. A pole is the axis
@@ -236,6 +238,9 @@ class RunState:
         pole_fields
             The poles of the block, for each input that moves while the other inputs are
             locked.
+        is_assembled
+            (n,) rows with a configuration. Only these are counted by how their velocities
+            were computed.
         """
         has_several_inputs = len(pole_fields) > 1
         for pole_field in pole_fields:
@@ -258,15 +263,14 @@ class RunState:
             for attribute, key in POLE_ERROR_KEYS.items():
                 self._note_error(key, np.array([errors[attribute]]))
             # Only certified rows, with small error bounds, count as computed by the kernel.
-            is_quad_precision = pole_field.is_quad_precision
-            row_counts = {
-                EVALUATED: len(is_quad_precision),
-                BY_EQUATIONS: int(np.count_nonzero(is_quad_precision)),
-                BY_KERNEL: int(np.count_nonzero(pole_field.is_certified)),
+            rows_by_count = {
+                EVALUATED: is_assembled,
+                BY_EQUATIONS: is_assembled & pole_field.is_quad_precision,
+                BY_KERNEL: is_assembled & pole_field.is_certified,
             }
-            for name, count in row_counts.items():
+            for name, rows in rows_by_count.items():
                 count_key = (name,)  # keys of `counts` are tuples
-                self.counts[count_key] += count
+                self.counts[count_key] += int(np.count_nonzero(rows))
 
     def _count_statuses(
         self,
@@ -316,8 +320,8 @@ class RunState:
         A row fails if it has a status other than OK, with two exceptions that are no
         failures of the analysis:
 
-        - The mechanism has no configuration at the sample of the row. The row then has the
-          same status as the configuration.
+        - The mechanism has no configuration at the sample of the row, or no finite rates.
+          The row then has the same status as the row of the motion.
         - A pole (axis of the relative rotation of two links) does not exist or is
           ill-conditioned. `count_block` counts such poles.
 
@@ -362,8 +366,8 @@ class RunState:
         A row is one sample of one assembly mode. A status tells whether its computation
         succeeded.
 
-        The keys of `counts` are tuples of texts that end with a status. All keys that begin
-        with `key_start` are added up, such as ("mode", "0") for the rows of mode 0.
+        These keys of `counts` are tuples of texts that end with a status. All keys that
+        begin with `key_start` are added up, such as ("mode", "0") for the rows of mode 0.
         """
         counts: StatusCounts = Counter()
         for key, number in self.counts.items():
@@ -395,10 +399,10 @@ class RunState:
         Returns
         -------
         The largest error of each kind by name, None if no row has one. Two further entries
-        tell how velocities were computed: the fraction of rows by velocity equations in
-        quad precision, and the fraction by a kernel (compiled functions for many rows). The
-        rest was computed in float64 without a kernel. The fractions are None if no
-        velocities were computed.
+        tell how velocities were computed: the fraction of configurations by velocity
+        equations in quad precision, and the fraction by a kernel (compiled functions for
+        many rows). The rest was computed in float64 without a kernel. The fractions are
+        None if no velocities were computed.
         """
         keys = (CLOSURE_RESIDUAL, CONFIGURATION_ERROR, *POLE_ERROR_KEYS.values())
         errors = {key: self.error_maxima.get(key) for key in keys}

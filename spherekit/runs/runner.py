@@ -42,7 +42,10 @@ from spherekit.runs.summary import measure_cost, summarize_run
 from spherekit.runs.table_scenes import table_scenes
 from spherekit.runs.table_store import StoredTables, TableStore
 from spherekit.runs.verification import Verifier
-from spherekit.runs.verification_text import verification_failures
+from spherekit.runs.verification_text import (
+    describe_resumption,
+    verification_failures,
+)
 from spherekit.scenes.scene import Scene
 from spherekit.symbolic.compiler import ENGINE_CHOICES
 from spherekit.tables.table import COLUMNS, Table, TableData
@@ -96,6 +99,8 @@ def run(
         Before any sample is computed, if a name is unknown, the mechanism cannot be
         assembled, the times do not fit together, or an analysis that reads all samples at
         once needs more memory than there is.
+    EngineError
+        If a compiled engine is chosen and heyoka is not installed.
     FileError
         If a study file has an invalid value. The message gives the file and the line.
     OutputError
@@ -214,6 +219,8 @@ def run_study(
                     )
                 recording_session.use_final_sampling(sampling)
         verifier = Verifier(run_plan, study.verify) if study.verify else None
+        # Only samples from here on can be verified. It is 0 if no run is resumed.
+        resumed_at = run_state.samples_done
 
         with checkpointing(run_plan, run_folder, run_state, table_store) as save_checkpoint:
             blocks = run_plan.source.blocks(run_plan.block_size, run_state.samples_done)
@@ -261,6 +268,7 @@ def run_study(
             summary["cost"] = measure_cost(run_plan, run_state, timer, recorder)
             if verifier is not None:
                 verification = verifier.verify(run_state.failures)
+                verification |= describe_resumption(resumed_at, len(sampling))
                 summary["verified"] = verification
                 summary["warnings"] += verification_failures(verification)
             if execution.accuracy is not None:
@@ -308,7 +316,8 @@ def evaluate_block(
 ) -> tuple[PoleFields, ContinuedAngles]:
     """Evaluate all analyses for one block of samples, and store and record their results.
 
-    An analysis that fails is noted in `run_state.failures` and skipped in later blocks.
+    An analysis that fails is noted in `run_state.failures` and skipped in later blocks. Its
+    findings in earlier blocks are removed.
 
     Parameters
     ----------
@@ -375,6 +384,8 @@ def evaluate_block(
             raise  # a full disk ends the run
         except SpherekitError as error:
             run_state.failures[name] = str(error)
+            # Findings in earlier blocks do not hold for the whole run.
+            run_state.findings.pop(name, None)
             continue
 
         # All parts of the analysis have succeeded for this block. Store and count its rows.

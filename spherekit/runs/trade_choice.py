@@ -18,7 +18,7 @@ from spherekit.runs.sampling import make_sampling
 from spherekit.runs.simulation_measurement import make_analysis_plan
 from spherekit.runs.table_deviation import Deviation, find_largest_deviation
 from spherekit.runs.trade import trade
-from spherekit.runs.trade_files import describe_run, read_trade
+from spherekit.runs.trade_files import describe_run, folder_of_trade, read_trade
 from spherekit.runs.trade_measurement import measure_run, reads_motion_quantities
 from spherekit.runs.trade_record import (
     MARGIN,
@@ -64,8 +64,9 @@ def choose(
     A trade is a measurement: the time and the error of each setting (way to compute the
     run). If there are stored trades, the setting is chosen from them. Without stored
     trades, a short trade is made if the run has at least `MIN_SAMPLES_FOR_TRADE` samples. A
-    run with fewer samples has the ordinary setting. If no setting meets the tolerance, the
-    most accurate one is used, and the key ``met`` of the record is false.
+    run with fewer samples has the ordinary setting, and so has a run without settings to
+    compare. A setting must meet the tolerance with the margin `MARGIN`. If none does, the
+    most accurate one is used.
 
     Parameters
     ----------
@@ -85,7 +86,9 @@ def choose(
     record
         For the summary of the run: the setting, why it was chosen, the largest error that a
         trade measured, and the error at some rows of the run itself. None stands for an
-        unknown error. No rows of a simulation are checked.
+        unknown error. No rows of a simulation are checked. The key ``met`` says whether the
+        error at these rows is known and within the tolerance. Without such rows, the error
+        of the trade decides.
 
     Raises
     ------
@@ -115,10 +118,10 @@ def choose(
     if trades:
         choice = _choose_from_trades(trades, tolerance, "stored" if stored else "short")
     else:
-        reason = (
-            f"nothing was measured, since there are fewer than {MIN_SAMPLES_FOR_TRADE} "
-            "samples"
-        )
+        cause = "no settings could be compared"
+        if study.count < MIN_SAMPLES_FOR_TRADE:
+            cause = f"there are fewer than {MIN_SAMPLES_FOR_TRADE} samples"
+        reason = f"nothing was measured, since {cause}"
         choice = SettingChoice(ORDINARY, np.nan, reason)
 
     # The error that the chosen setting reaches at some rows of the run.
@@ -192,8 +195,8 @@ def read_stored_trades(
             raise AnalysisError(
                 f"{path}: the trade was made for another run ({differing}); make it for "
                 f"this one with: spherekit trade {run_description['mechanism']} -a "
-                f"{run_description['analysis']} -o {path} and the options of the run, or "
-                "leave --trade out"
+                f"{run_description['analysis']} -o {folder_of_trade(path)} and the "
+                "options of the run, or leave --trade out"
             )
         # A trade can also compare values of a parameter of the analysis, without settings.
         has_settings = any(
@@ -237,13 +240,13 @@ class SettingChoice:
 def _choose_from_trades(
     trades: Sequence[Trade], tolerance: float, kind: str
 ) -> SettingChoice:
-    """Return the cheapest setting that meets a tolerance in all trades.
+    """Return the cheapest setting that meets a tolerance with a margin in all trades.
 
     A trade is a measurement of speed against accuracy, for one analysis: the settings of a
     run (ways to compute it), each with its time and error. Measured times scatter, so
     settings that are about as fast as the fastest one count as equally cheap. Of these the
-    most accurate one is returned. If no setting meets the tolerance, the most accurate of
-    all is returned.
+    most accurate one is returned. If no setting meets the tolerance with the margin
+    `MARGIN`, the most accurate of all is returned.
 
     Parameters
     ----------
@@ -287,5 +290,8 @@ def _choose_from_trades(
         reason = f"the cheapest {origin}"
     else:
         setting = min(costs, key=lambda candidate: costs[candidate].error)
-        reason = f"no setting {origin} meets the tolerance; the most accurate"
+        reason = (
+            f"no setting {origin} meets the tolerance with a margin of {MARGIN:g}; "
+            "the most accurate"
+        )
     return SettingChoice(setting, costs[setting].error, reason)

@@ -20,6 +20,9 @@ from spherekit.version import __version__
 TRADE_FILE = "trade.json"
 """Name of the file with a trade in a folder."""
 
+NUMBER_FIELDS = tuple(item.name for item in fields(Measured) if item.type is float)
+"""Attributes of `Measured` that are times and errors."""
+
 
 def describe_run(study: Study, analysis: AbstractAnalysis) -> Facts:
     """Return the facts about a run on which the measured times and errors depend.
@@ -70,6 +73,11 @@ def describe_run(study: Study, analysis: AbstractAnalysis) -> Facts:
     }
 
 
+def folder_of_trade(path: AnyPath) -> Path:
+    """Return the folder to which a trade is written, from its path or that of its file."""
+    return Path(path).parent if Path(path).is_file() else Path(path)
+
+
 def read_trade(path: AnyPath) -> Trade:
     """Read the trade that the command `spherekit trade -o` has written.
 
@@ -87,7 +95,7 @@ def read_trade(path: AnyPath) -> Trade:
         If there is no trade, or if it cannot be read.
     """
     file = Path(path)
-    advice = f"write one with: spherekit trade FILE -a NAME -o {path}"
+    advice = f"write one with: spherekit trade FILE -a NAME -o {folder_of_trade(path)}"
     try:
         if file.is_dir():
             file = file / TRADE_FILE
@@ -96,10 +104,14 @@ def read_trade(path: AnyPath) -> Trade:
                 f"{file}: is not a regular file; give the folder or the file that was "
                 "written by: spherekit trade FILE -a NAME -o DIR"
             )
-        return _make_trade(json.loads(file.read_bytes()))
+        text = file.read_bytes()
     except FileNotFoundError:
         raise AnalysisError(f"{file}: contains no trade; {advice}") from None
-    except (OSError, KeyError, TypeError, ValueError) as problem:
+    except (OSError, ValueError) as problem:
+        raise AnalysisError(f"{file}: cannot be read ({problem}); {advice}") from None
+    try:
+        return _make_trade(json.loads(text))
+    except (AnalysisError, KeyError, TypeError, ValueError, RecursionError) as problem:
         missing = isinstance(problem, KeyError)
         reason = f"the key {problem} is missing" if missing else str(problem)
         raise AnalysisError(
@@ -109,6 +121,8 @@ def read_trade(path: AnyPath) -> Trade:
 
 def _make_trade(data: Facts) -> Trade:
     """Return a trade from the data of `Trade.as_dict`."""
+    if not isinstance(data["made_for"], dict):
+        raise TypeError("made_for is not an object")
     return Trade(
         columns=tuple(
             tuple(column[key] for key in COLUMN_KEYS) for column in data["columns"]
@@ -124,5 +138,7 @@ def _make_measured(row: Facts) -> Measured:
         item.name: np.nan if row[item.name] is None else row[item.name]
         for item in fields(Measured)
     }
+    for name in NUMBER_FIELDS:
+        values[name] = float(values[name])
     values["setting"] = None if row["setting"] is None else Setting(**row["setting"])
     return Measured(**values)

@@ -51,7 +51,7 @@ def measure_run(run_plan: RunPlan) -> tuple[list[Deviation], int]:
     deviations
         The largest deviation of each column of numbers.
     row_count
-        Number of compared rows (samples in all assembly modes).
+        Number of rows (samples in all assembly modes), with those that failed.
     """
     sample_count = len(run_plan.sampling)
     samples = np.arange(sample_count)

@@ -137,8 +137,8 @@ class Trade:
     floor
         Error of the reference values.
     derivatives
-        Order of the derivatives of the rates that the analysis reads; None if it reads no
-        rates.
+        1 if the analysis reads derivatives with respect to the input, otherwise 0. None if
+        values of a parameter were measured.
     columns
         Name, words about the scale, and scale of the errors of each column.
     settings

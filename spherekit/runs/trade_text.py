@@ -5,7 +5,7 @@ import numpy as np
 from spherekit.conventions import Names
 from spherekit.runs.trade_record import MARGIN, Measured, Trade, format_seconds
 from spherekit.tables.table_files import format_csv
-from spherekit.wording import without_numbers
+from spherekit.wording import counted, without_numbers
 
 HEADINGS = ("", "setting", "error", "worst column", "time", "median", "compiling")
 """Headings of the columns of the text."""
@@ -101,16 +101,17 @@ def make_heading(trade: Trade) -> str:
         return f"{subject}: values of its parameters, compared with {trade.reference}"
     orders = "rates and derivatives" if trade.derivatives else "rates, no derivatives"
     return (
-        f"{subject}: {trade.samples} samples, {orders}; {trade.checked} samples were "
-        f"timed, and {trade.rows} rows were compared with {trade.reference}"
+        f"{subject}: {counted(trade.samples, 'sample')}, {orders}; timed at "
+        f"{counted(trade.checked, 'sample')}, {counted(trade.rows, 'row')} compared with "
+        f"{trade.reference}"
     )
 
 
 def advise(trade: Trade, tolerance: float) -> str:
     """Return a sentence that recommends a setting (way to compute a run) for a tolerance.
 
-    The sentence recommends the fastest setting with an error within the tolerance. The
-    error is multiplied by a margin, and the time includes compiling. If no setting meets
+    The sentence recommends the setting that `Trade.cheapest` returns. The error is
+    multiplied by a margin, and the time includes compiling. If no setting meets
     the tolerance, the sentence says how accurate the best one is.
     """
     best = trade.cheapest(tolerance)

@@ -357,7 +357,9 @@ class Verifier:
         Parameters
         ----------
         failed
-            Names of analyses that failed in the run. They are not verified.
+            Names of analyses that failed in the run. They are not verified. The same holds
+            for analyses that fail here, that find configurations themselves, or that have
+            other rows with the reference values.
 
         Returns
         -------
@@ -463,6 +465,11 @@ class Verifier:
         Returns
         -------
         For each declared table its columns by the run, and by the reference.
+
+        Raises
+        ------
+        AnalysisError
+            If a table has other samples or assembly modes with the reference values.
         """
         # `_whole` has all rows of the run. None if no analysis needs them.
         if analysis.at_once and self._whole is not None:
@@ -470,6 +477,17 @@ class Verifier:
             selected = self._whole
         tables = self._compute_tables(analysis, selected)
         reference_tables = self._compute_tables(analysis, reference_rows)
+        # An analysis of whole motions may choose rows by their values. With reference
+        # values these can be other rows, which cannot be compared.
+        for table in self._run_plan.tables_of(analysis):
+            both = [arrays(tables[table.name]), arrays(reference_tables[table.name])]
+            if table.in_assembly_modes and not all(
+                np.array_equal(both[0][key.name], both[1][key.name])
+                for key in (SAMPLE, ASSEMBLY_MODE)
+            ):
+                raise AnalysisError(
+                    f"{analysis.name}: {table.name} has other rows with reference values"
+                )
         return [
             _TablePair(
                 analysis.name, table, tables[table.name], reference_tables[table.name]

@@ -43,21 +43,28 @@ def format_verification(verification: Facts) -> list[str]:
     lines state, one after another:
 
     - how many rows were verified;
-    - the largest deviation in each column, also in roundings: divided by the rounding error
-      of the number and by the condition number of the closure equations in its row;
+    - the largest deviation in each column that deviates, of pair variables only the worst;
+      also the largest deviation in roundings, perhaps in another row: divided by the
+      rounding error of the number and by the condition number of the closure equations;
     - for each quantity with error bounds, how many errors are within their bound;
     - the rows that could not be computed in many digits, the worst row, and the analyses
-      that were not verified.
+      and samples that were not verified.
 
     Parameters
     ----------
     verification
-        The result of `Verifier.verify`. It has a key "problem" if nothing was verified.
+        The result of `Verifier.verify`, with `describe_resumption` for a resumed run. It
+        has a key "problem" if the verification was not possible.
     """
     if "problem" in verification:
         return [f"not verified: {verification['problem']}"]
+    # Samples that were computed before the run was resumed are not verified.
+    resumed_at = verification.get("resumed_at", 0)
     if not verification["rows"]:
-        return ["verified: nothing, because no row has a configuration and finite rates"]
+        start = f" from sample {resumed_at} on" if resumed_at else ""
+        return [
+            f"verified: nothing, because no row{start} has a configuration and finite rates"
+        ]
     lines = [
         f"verified {verification['rows']} rows in {verification['digits']} digits "
         f"({verification['seconds']:.1f} s): configurations within "
@@ -70,9 +77,10 @@ def format_verification(verification: Facts) -> list[str]:
             lines.append(
                 f"  {item['table']}.{item['column']}: off by {item['deviation']:.1e}"
                 f"{unit} at {_describe_row(item)} "
-                f"({item['in_roundings']:.2g} times the expected rounding error)"
+                f"(all rows: at most {item['in_roundings']:.2g} times the expected "
+                "rounding error)"
             )
-    # `over_bound` is the largest ratio of an error to its bound; it should be below 1.
+    # `over_bound` is the largest ratio of an error to its bound; it should be at most 1.
     for name, quantity in BOUNDED_QUANTITIES.items():
         facts = verification[name]
         if facts["count"]:
@@ -99,7 +107,35 @@ def format_verification(verification: Facts) -> list[str]:
             "  not verified, because they failed or search for configurations themselves: "
             + ", ".join(verification["not_verified"])
         )
+    if resumed_at:
+        lines.append(
+            f"  samples before {resumed_at} are not verified, because they were computed "
+            "before the run was resumed"
+        )
     return lines
+
+
+def describe_resumption(resumed_at: int, sample_count: int) -> Facts:
+    """Return what the verification of a resumed run states about earlier samples.
+
+    Parameters
+    ----------
+    resumed_at
+        Number of samples that were computed before the run was resumed. They cannot be
+        verified. It is 0 if no run was resumed.
+    sample_count
+        Number of samples of the whole run.
+
+    Returns
+    -------
+    Entries to add to the verification, none if no run was resumed.
+    """
+    if not resumed_at:
+        return {}
+    facts: Facts = {"resumed_at": resumed_at}
+    if resumed_at == sample_count:
+        facts["problem"] = "all samples were computed before the run was resumed"
+    return facts
 
 
 def _columns_to_show(columns: list[Facts]) -> list[Facts]:
@@ -124,7 +160,8 @@ def verification_failures(verification: Facts) -> list[str]:
     Parameters
     ----------
     verification
-        The result of `Verifier.verify`. It has a key "problem" if nothing was verified.
+        The result of `Verifier.verify`. It has a key "problem" if the verification was not
+        possible.
     """
     sentences = []
     if "problem" in verification:

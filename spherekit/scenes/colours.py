@@ -1,7 +1,8 @@
-"""Colours on the dark background, which are told apart with any kind of colour vision.
+"""Colours on the dark background, most of which are told apart with colour blindness, too.
 
-The link colours are the set of Okabe and Ito (2008), lightened for a dark background. Its
-yellow and orange are left out, since they are used for the pole axes.
+The first link colours after the grey of the ground are five of the set of Okabe and Ito
+(2008), in part lightened for a dark background. Its yellow and orange are left out, since
+pole axes have similar colours. Three further colours follow.
 """
 
 from collections.abc import Sequence
@@ -119,7 +120,8 @@ def series_colour(link: int | None, used_colours: Sequence[Colour]) -> Colour:
     ----------
     link
         Index of the link to which the curve belongs. The curve gets the colour of this
-        link. With None the curve gets a colour that the plot does not have yet.
+        link. With None the curve gets a colour that the plot does not have yet, if there is
+        one.
     used_colours
         Colours of the curves that are already in the plot.
     """

@@ -48,8 +48,15 @@ Larger: sides of nearly symmetric links are ordered about their first axis. Smal
 direction may be rounding.
 """
 
+COPLANAR_EXTENT = 1e-6
+"""Extent of the axes of a link out of a plane below which they are on one great circle.
+
+It is the root of the sum of squared distances. Larger: flat polygons may be ordered as if
+they were on a great circle. Smaller: the order on a great circle may be rounding.
+"""
+
 POINT_ARC_SINE = 1e-12
-"""Sine of an arc below which it has no plane and is drawn as two points."""
+"""Sine of an arc below which it has no plane and is drawn as a straight line."""
 
 
 def link_shapes(mechanism: Mechanism) -> list[Body]:
@@ -283,13 +290,18 @@ def link_curves(joints: Floats) -> list[Floats]:
 def _order_corners(corners: Floats) -> Floats:
     """Return the corners (k, 3) of a spherical polygon in convex order, as unit vectors.
 
-    The corners are sorted by their azimuth about the middle, the direction of their sum. If
-    the corners cancel each other, there is no middle. The first corner then takes the place
-    of the middle, so that the order is at least determined.
+    The corners are sorted by their azimuth about the middle, the direction of their sum.
+    Corners on one great circle are sorted about the normal of its plane. Other corners that
+    cancel each other have no middle. The first corner then takes its place, so that the
+    order is at least determined.
     """
+    # The direction in which the corners extend least: the normal, if they are in a plane.
+    _, extents, directions = np.linalg.svd(corners)
     vector_sum = corners.sum(axis=0)
     length = np.linalg.norm(vector_sum)
-    if length > MIN_MEAN_LENGTH:
+    if extents[-1] < COPLANAR_EXTENT:
+        middle = directions[-1]
+    elif length > MIN_MEAN_LENGTH:
         middle = vector_sum / length
     else:
         middle = corners[0]
@@ -303,7 +315,10 @@ def _order_corners(corners: Floats) -> Floats:
 
 
 def great_arc(a: Floats, b: Floats) -> Floats:
-    """Return points (k, 3) along the shorter great-circle arc between unit vectors."""
+    """Return points (k, 3) along the shorter great-circle arc between unit vectors.
+
+    Coincident or opposite vectors have no such arc: only these two points are returned.
+    """
     if np.linalg.norm(np.cross(a, b)) < POINT_ARC_SINE:
         return np.array([a, b])
     angle = arc(a, b)

@@ -3,9 +3,6 @@
 The moving links are in `spherekit.scenes.link_scenes`.
 """
 
-import numpy as np
-
-from spherekit.arrays import Floats
 from spherekit.positions.motion import Motion
 from spherekit.scenes.scene import Series
 
@@ -47,14 +44,8 @@ def _variable_plots(motion: Motion, rows: slice) -> list[Series]:
             path=f"plots/variable/{name}",
             label=name,
             group="pair variables",
-            values=_break_at_jumps(values),
+            values=values,
             unit="rad",
         )
         for name, values in variables
     ]
-
-
-def _break_at_jumps(values: Floats) -> Floats:
-    """Return angles (n,) rad, NaN where they jump by about a turn."""
-    jumps = np.abs(np.diff(values, prepend=values[:1])) > np.pi
-    return np.where(jumps, np.nan, values)

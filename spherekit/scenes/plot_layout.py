@@ -78,7 +78,8 @@ def choose_plot_range(
     """Return the least and the greatest value that a plot shows.
 
     A constant quantity gets a range in which rounding errors are not visible. A few values
-    that are very far from the rest, for example near a singularity, are cut off.
+    that are very far from the rest, for example near a singularity, are cut off, unless the
+    rest is constant.
 
     Parameters
     ----------
@@ -105,7 +106,11 @@ def choose_plot_range(
     # range about the inner values is shown.
     inner_low, inner_high = np.quantile(finite, INNER_QUANTILES)
     inner_extent = inner_high - inner_low
-    if 0.0 < OUTLIER_RATIOS[shown_by] * inner_extent < high - low:
+    # Inner values that differ by rounding only are no range. Their rounding errors are not
+    # relative to outliers, which may be huge near a singularity.
+    inner_scale = max(abs(inner_low), abs(inner_high), min(scale, 1.0))
+    has_inner_range = inner_extent > resolution * inner_scale
+    if has_inner_range and OUTLIER_RATIOS[shown_by] * inner_extent < high - low:
         low = max(low, inner_low - inner_extent)
         high = min(high, inner_high + inner_extent)
     margin = PLOT_MARGIN * (high - low) if shown_by == "curves" else 0.0

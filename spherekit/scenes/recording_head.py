@@ -24,8 +24,9 @@ class RecordingHead:
         pairs, texts.
     inputs : array (n,) rad, or None
         All input values of the run. The steps of the input timeline, degrees or decimal
-        parts of a degree, are chosen such that all inputs are whole numbers of steps. None
-        if the run does not have exactly one input.
+        parts of a degree, are chosen such that all inputs are whole numbers of steps. If
+        thousandths of a degree do not suffice, inputs are rounded. None if the samples are
+        times, or if the run does not have exactly one input.
     assembly_modes : mapping
         Number and title of each assembly mode (way to assemble the mechanism). The viewer
         shows one page for each mode, in this order. A missing mode gets its page when its

@@ -208,7 +208,9 @@ class Series:
     link : int, or None
         Index of the link to which the curve belongs, for its colour. None without a link.
     resolution : float
-        Smaller changes count as rounding errors, and are not visible in the plot.
+        Changes below `resolution` times the scale of the quantity (its largest magnitude;
+        for angles and pure numbers at least 1) count as rounding errors, and are not
+        visible in the plot.
     """
 
     path: str
@@ -419,7 +421,8 @@ class SphereMap:
 class Surface:
     """A triangulated surface in a space with named axes, such as the space of three inputs.
 
-    Without triangles the vertices are drawn as points, coloured by `values`.
+    Without triangles the vertices are drawn as points, coloured by `values` if there are
+    values. A surface with triangles has the colour of its tone.
 
     Attributes
     ----------
@@ -434,7 +437,7 @@ class Surface:
     axes : three texts
         Names of the axes.
     tone : int
-        Number of the colour in the list of colours, used if there are no values.
+        Number of the colour in the list of colours, unused for points with values.
     unit : str
         Unit of all three axes.
     values : array (v,), or None
@@ -639,7 +642,10 @@ def title_with_unit(label: str, unit: str) -> str:
 
 
 def convert_to_degrees(scene: Scene) -> Scene:
-    """Return a scene (drawing) with angles, angular rates and accelerations in degrees."""
+    """Return a scene (drawing) with angles, angular rates and accelerations in degrees.
+
+    The `readings` of a `Diagram`, which states no unit, stay in rad.
+    """
     # Marked inputs are in the units of the axes. Without axes they are angles.
     axis_factors = [_degrees_of_unit(axis.unit)[0] for axis in scene.over]
     factors = np.array(axis_factors or [np.degrees(1.0)])

@@ -13,7 +13,10 @@ _SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 _ANY_SYMBOL = f"({'|'.join(UNIT_SYMBOLS)})"
 
-_PRODUCT = rf"{_ANY_SYMBOL}\d?( {_ANY_SYMBOL}\d?)*"
+# The pure number 1 has no exponent: 12 is not a unit.
+_POWER = rf"(?!1\d){_ANY_SYMBOL}[2-9]?"
+
+_PRODUCT = rf"{_POWER}( {_POWER})*"
 
 _UNIT = re.compile(rf"{_PRODUCT}(/{_PRODUCT})?")
 

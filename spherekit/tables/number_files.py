@@ -15,6 +15,7 @@ from spherekit.errors import FileError
 from spherekit.files.toml_document import read_pipe
 from spherekit.tables.table import COLUMNS
 from spherekit.tables.table_files import read_csv, read_parquet
+from spherekit.wording import listing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,10 +56,19 @@ def columns_of(path: Path) -> dict[str, str]:
     Raises
     ------
     FileError
-        If the file cannot be read, or is neither CSV nor Parquet.
+        If the file cannot be read, is neither CSV nor Parquet, or has a column in two
+        units.
     """
-    headers = map(str, _read_cells(path).columns)
-    return {_UNIT_IN_HEADER.sub("", header): header for header in headers}
+    header_by_name: dict[str, str] = {}
+    for header in map(str, _read_cells(path).columns):
+        name = _UNIT_IN_HEADER.sub("", header)
+        first_header = header_by_name.setdefault(name, header)
+        if header != first_header:
+            raise FileError(
+                f"{path}: the columns {listing([first_header, header])} have the same "
+                "name; remove or rename one of them"
+            )
+    return header_by_name
 
 
 def read_numbers(path: Path, names: Sequence[str]) -> FileNumbers:
@@ -78,9 +88,16 @@ def read_numbers(path: Path, names: Sequence[str]) -> FileNumbers:
     Raises
     ------
     FileError
-        If the file cannot be read, or if a cell is not a finite number.
+        If the file cannot be read, if several columns have one of the names, or if a cell
+        is not a finite number.
     """
     cells = _read_cells(path)[list(names)]
+    if cells.shape[1] > len(names):
+        repeated = sorted(set(cells.columns[cells.columns.duplicated()]))
+        raise FileError(
+            f"{path}: several columns have the name {listing(repeated)}; remove or rename "
+            "one of them"
+        )
     if path.suffix == PARQUET_SUFFIX:
         row_word = "row"
         first_number = 1
@@ -117,7 +134,8 @@ def _read_units_of_folder(path: Path) -> dict[str, str]:
     The units are in the file `COLUMNS` beside the tables. The dictionary is empty if there
     is no such file, or if it does not have this table.
     """
-    with suppress(FileError, KeyError):
+    # The file may be another program's: without these columns, or with two of a name.
+    with suppress(FileError, KeyError, ValueError):
         descriptions = _read_cells(path.with_name(COLUMNS)).set_index("table")
         columns = descriptions.loc[[path.stem]]
         return dict(zip(columns["column"], columns["unit"], strict=True))
@@ -161,4 +179,5 @@ def _read_cells(path: Path) -> "pd.DataFrame":
             "CSV or Parquet file"
         ) from None
     except ValueError as error:
-        raise FileError(f"{path}: is not a CSV file with a header: {error}") from None
+        reason = str(error).strip()
+        raise FileError(f"{path}: is not a CSV file with a header: {reason}") from None

@@ -115,7 +115,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Declaration of a table that has one row for each sample, assembly mode and subject.
+    """Declaration of a table, often with a row for each sample, assembly mode and subject.
 
     A subject is what a row is about, such as a pole or a pair. An assembly mode is one of
     the ways to assemble the mechanism.

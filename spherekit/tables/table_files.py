@@ -1,4 +1,4 @@
-"""Tables as pandas frames and as CSV and Parquet files; the only module that uses pandas.
+"""Tables as pandas frames and as CSV and Parquet files; only this module imports pandas.
 
 A Parquet file has checksums of its pages, and one of its headings and notes, so changes in
 it are noticed. Files are written completely or not at all.
@@ -231,7 +231,7 @@ def write_table(
     Raises
     ------
     OutputError
-        If a file cannot be written; no file of this table is then left.
+        If a file cannot be written; it is then absent, or the older file is unchanged.
     """
     import pyarrow.csv as pc
 
@@ -442,15 +442,24 @@ def _open_parquet_file(path: Path) -> Iterator[Any]:
         raise FileError(f"{path}: {reason}") from None
 
 
-def _read_arrow_table(path: Path, columns: Sequence[str] | None = None) -> "pa.Table":
+def _read_arrow_table(
+    path: Path,
+    columns: Sequence[str] | None = None,
+    metadata: "pq.FileMetaData | None" = None,
+) -> "pa.Table":
     """Return columns of a Parquet file, by default all.
 
     Raises
     ------
     FileError
-        If the file is missing or damaged.
+        If the file is missing or damaged, or has other metadata than the given ones.
     """
     with _open_parquet_file(path) as file:
+        if metadata is not None and not file.metadata.equals(metadata):
+            raise FileError(
+                f"{path}: the file has been replaced since the run wrote it; do the run "
+                "again, in a folder of its own"
+            )
         table = file.read(columns=columns)
         table.validate(full=True)
         return table
@@ -581,7 +590,8 @@ def read_frame(
 ) -> "pd.DataFrame":
     """Return the rows of several Parquet files as one pandas frame.
 
-    The `attrs` of the frame are the notes (facts about the table) in the first file.
+    The `attrs` of the frame are the notes (facts about the table) in the first file. The
+    index of a frame that pandas has written becomes a column.
 
     Parameters
     ----------
@@ -612,7 +622,10 @@ def read_frame(
             )
         tables.append(table)
     rows = pa.concat_tables(tables)
-    frame: pd.DataFrame = rows.to_pandas(strings_to_categorical=True)
+    # pandas stores in its files which columns are the index. Here they stay columns.
+    frame: pd.DataFrame = rows.to_pandas(strings_to_categorical=True, ignore_metadata=True)
+    # Files that pandas has written from such a frame have its `attrs`.
+    frame.attrs.update((rows.schema.pandas_metadata or {}).get("attributes") or {})
     frame.attrs.update(_decode_notes(rows.schema))
     return frame
 
@@ -625,8 +638,9 @@ def read_parquet(path: Path) -> "pd.DataFrame":
 def read_csv(source: Path | io.BytesIO) -> "pd.DataFrame":
     """Return the cells of a CSV file as strings, in a pandas frame.
 
-    The index of the frame is the number of the line after the header, from 0, for messages.
-    Blank lines are left out, so their numbers are missing in the index.
+    The index of the frame is the number of the row after the header, from 0, for messages.
+    Blank lines are left out, so their numbers are missing in the index. Two columns may
+    have the same name.
 
     Parameters
     ----------
@@ -636,22 +650,67 @@ def read_csv(source: Path | io.BytesIO) -> "pd.DataFrame":
     Raises
     ------
     OSError, ValueError
-        If the file cannot be read, or is not a CSV file.
+        If the file cannot be read, is not a CSV file, or has a row with more cells than the
+        header.
     """
     import pandas as pd
 
-    # If every row ends with a comma, pandas drops the empty last column and warns of it.
-    with warnings.catch_warnings(action="ignore", category=pd.errors.ParserWarning):
-        frame = pd.read_csv(
-            source,
-            dtype=str,
-            keep_default_na=False,
-            skip_blank_lines=False,
-            index_col=False,
-            encoding="utf-8-sig",
-        )
-    frame.columns = frame.columns.str.strip()
+    # Read separately, because pandas numbers headers that occur again: `q`, `q.1`.
+    header_row = _read_csv_rows(source, row_limit=1)
+    headers = header_row.iloc[0].fillna("").str.strip()
+    width = len(headers)
+    # If the first row has more cells than the header, pandas drops cells and warns of it.
+    with warnings.catch_warnings(action="error", category=pd.errors.ParserWarning):
+        try:
+            frame = _read_csv_rows(source, header=0)
+        except pd.errors.ParserWarning:
+            frame = _read_csv_rows(source, skipped_rows=1)
+            surplus_cells = frame.iloc[:, width:].fillna("")
+            # Every row may end with a comma. Then the cell after the comma is empty.
+            if (surplus_cells != "").any(axis=None):
+                raise ValueError(
+                    f"a row has more cells than the header, which has {width}; write "
+                    "numbers with a decimal point"
+                ) from None
+            frame = frame.iloc[:, :width]
+    frame.columns = pd.Index(headers)
     return frame[(frame != "").any(axis=1)]
+
+
+def _read_csv_rows(
+    source: Path | io.BytesIO,
+    header: int | None = None,
+    skipped_rows: int = 0,
+    row_limit: int | None = None,
+) -> "pd.DataFrame":
+    """Return rows of a CSV file as strings.
+
+    Parameters
+    ----------
+    source
+        The path of the file, or its content.
+    header
+        The row with the names of the columns. By default the columns are numbered.
+    skipped_rows
+        Number of rows at the beginning of the file that are left out.
+    row_limit
+        Largest number of rows, by default all.
+    """
+    import pandas as pd
+
+    if isinstance(source, io.BytesIO):
+        source.seek(0)
+    return pd.read_csv(
+        source,
+        header=header,
+        skiprows=skipped_rows,
+        nrows=row_limit,
+        dtype=str,
+        keep_default_na=False,
+        skip_blank_lines=False,
+        index_col=False,
+        encoding="utf-8-sig",
+    )
 
 
 def _replace_codes_by_texts(rows: "pa.Table") -> "pa.Table":
@@ -699,7 +758,8 @@ class ParquetColumns(Mapping[str, Array]):
     """The columns of a Parquet file by name. A column is read when it is used.
 
     The file was written by `write_table`. If angles in the file are in degrees, they are
-    converted to rad. A status column has names in the file, and is returned as codes.
+    converted to rad. A status column has names in the file, and is returned as codes. If a
+    later run has replaced the file, reading a column raises `FileError`.
 
     Parameters
     ----------
@@ -712,8 +772,11 @@ class ParquetColumns(Mapping[str, Array]):
     """
 
     def __init__(self, path: Path, table: Table, degrees: bool) -> None:
-        """Keep the path and the declarations; nothing is read yet."""
+        """Keep the path, the declarations and the metadata; no column is read yet."""
         self._path = path
+        # Names, sizes and extreme values of the columns show if the file is replaced.
+        with _open_parquet_file(path) as file:
+            self._metadata = file.metadata
         self._degrees = degrees
         self._columns = {column.name: column for column in table.columns}
 
@@ -727,7 +790,8 @@ class ParquetColumns(Mapping[str, Array]):
         """Read a column: status codes, texts, or numbers with angles in rad."""
         column = self._columns[name]
         header = column.header(self._degrees)
-        series = _read_arrow_table(self._path, [header]).to_pandas()[header]
+        rows = _read_arrow_table(self._path, [header], self._metadata)
+        series = rows.to_pandas()[header]
         if column.kind == "status":
             return np.asarray(series.cat.codes)
         if column.kind == "text":

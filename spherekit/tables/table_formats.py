@@ -11,7 +11,7 @@ Format = Literal["csv", "parquet"]
 """Names of the file formats of tables: the keys of `TABLE_FORMATS`."""
 
 MAX_CSV_BYTES = 1e8
-"""Size of a CSV file up to which it is written without being requested.
+"""Size of all CSV files of a run up to which they are written without being requested.
 
 Larger: long runs write large text files. Smaller: more runs write Parquet files only.
 """

@@ -25,8 +25,8 @@ from spherekit.tables.table import (
 class MemoryTables:
     """The tables of a run in memory, as blocks of rows in the order of computation.
 
-    A run adds one block after another. The rows are sorted when a table is read. Columns of
-    a block can be lazy: their numbers are computed when they are read.
+    A run adds one block after another. The rows of several blocks are sorted when a table
+    is read. Columns of a block can be lazy: their numbers are computed when they are read.
     """
 
     def __init__(self) -> None:
@@ -38,14 +38,14 @@ class MemoryTables:
         self._blocks[analysis, table.name].append(data)
 
     def pieces(self, analysis: str, table: Table) -> Iterator[TableArrays]:
-        """Yield all rows of a table in pieces of `CHUNK_ROWS`, mode after mode."""
+        """Yield all rows of a table in pieces of `CHUNK_ROWS`, in the order of `table`."""
         return split_into_chunks(table, self.table(analysis, table))
 
     def table(self, analysis: str, table: Table) -> "JoinedBlocks":
-        """Return all rows of a table, sorted by assembly mode and sample.
+        """Return all rows of a table; several blocks are sorted by mode and sample.
 
-        An assembly mode is one of the ways to assemble the mechanism. A table without
-        columns for mode and sample keeps the order of its rows.
+        An assembly mode (mode) is one of the ways to assemble the mechanism. A single block
+        and a table without columns for mode and sample keep the order of their rows.
         """
         return JoinedBlocks(self._blocks[analysis, table.name], table)
 
@@ -53,8 +53,8 @@ class MemoryTables:
 class JoinedBlocks(Mapping[str, Array]):
     """The columns of a table whose rows are in several blocks.
 
-    Rows are sorted by assembly mode, then by sample, if the table has these columns. The
-    blocks of a column are joined when the column is first read.
+    Rows of several blocks are sorted by assembly mode, then by sample, if the table has
+    these columns. The blocks of a column are joined when the column is first read.
 
     Parameters
     ----------
@@ -78,7 +78,8 @@ class JoinedBlocks(Mapping[str, Array]):
     def join(self, names: Iterable[str]) -> dict[str, Array]:
         """Return columns of a table, joined from all blocks of rows.
 
-        The rows are sorted by assembly mode (one of the ways to assemble the mechanism).
+        Rows of several blocks are sorted by assembly mode (one of the ways to assemble the
+        mechanism).
 
         Parameters
         ----------

@@ -37,17 +37,17 @@ def conformance(
     - `inputs`: it leaves its input arrays as they were.
     - `tables`: its tables have the declared columns.
     - `findings`: its findings are valid.
-    - `blocks`: rows do not depend on the blocks into which samples are divided.
-    - `failed rows`: a row of the motion that is NaN changes no results of other rows.
-    - `rotation`: results agree if the whole mechanism is rotated.
-    - `names`: results agree if links are renamed and renumbered.
+    - `blocks`: rows and findings do not depend on the blocks of samples.
+    - `failed rows`: a row of the motion that is NaN changes no table rows of other samples.
+    - `rotation`: tables agree if the whole mechanism is rotated.
+    - `names`: tables agree if links are renamed and renumbered.
     - `scene`: the viewer accepts the scene in its strict mode.
 
     Parameters
     ----------
     analysis
         The class; an object, if parameters have to be given; or, if it is installed, its
-        name as the command takes it, such as ``"poles:only=31"``. When the check `names`
+        name as the command takes it, such as ``"poles:only=3/1"``. When the check `names`
         renames links, it also renames parameters that name a link, or a pole by its two
         links (``"4/1"``).
     mechanisms

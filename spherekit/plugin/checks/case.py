@@ -164,7 +164,7 @@ class ConformanceCase:
         return tables, findings
 
     def hide_undeclared(self, motion: Motion) -> Motion:
-        """Return a motion with NaN for every quantity that the analysis has not declared.
+        """Return a motion with NaN for undeclared orientations and variables.
 
         An analysis declares the links whose orientations it reads, and the pairs whose
         variables it reads. If it reads others, its results become NaN, which a check

@@ -51,10 +51,11 @@ def check_reads(case: ConformanceCase) -> str:
     """Check that an analysis reads only quantities that it has declared as its needs.
 
     Reading an undeclared public attribute raises an error. To detect other ways of reading,
-    all undeclared quantities are replaced by NaN. The tables must then stay the same.
+    undeclared orientations of links and variables of pairs are replaced by NaN. The tables
+    must then stay the same.
 
     If an analysis declares that it needs the tracer (the position analysis, which can
-    compute any configuration), no quantity is undeclared.
+    compute any configuration), only the errors are checked.
 
     Returns
     -------
@@ -111,7 +112,7 @@ def check_tables(case: ConformanceCase) -> str:
     PluginError
         If a table is not as declared.
     NotApplicableError
-        If the main table has no rows.
+        If there is no table, or if the main table has no rows.
     """
     # `compute_tables` raises an error if columns or types are not those that were declared.
     # All samples are computed in one batch.
@@ -131,6 +132,8 @@ def check_tables(case: ConformanceCase) -> str:
                 f"table {table.name} does not have the same number of rows for every "
                 "sample of every assembly mode; keep rows that fail, with NaN in them"
             )
+    if not tables:
+        raise NotApplicableError("it has no tables")
     main_table = tables[0]
     if row_count(computed[main_table.name]) == 0:
         raise NotApplicableError(
@@ -171,21 +174,28 @@ def check_blocks(case: ConformanceCase) -> str:
         where = f"in blocks of {counted(block_size, 'sample')}"
         _require_same(case, expected_tables, tables, where)
         # `_comparable` rounds numbers to 8 digits.
-        if _comparable(findings) != _comparable(expected_findings):
-            raise PluginError(
-                f"findings {where} are {findings.figures}, but for all samples at once "
-                f"they are {expected_findings.figures}; both have to be the same"
-            )
+        comparable = _comparable(findings)
+        for part, expected in _comparable(expected_findings).items():
+            if comparable[part] != expected:
+                raise PluginError(
+                    f"{part} of the findings {where} are {comparable[part]}, but for all "
+                    f"samples at once they are {expected}; both have to be the same"
+                )
     return f"of {' and '.join(map(str, BLOCK_SIZES))} samples"
 
 
-def _comparable(findings: Findings) -> Any:
-    """Return findings as they are read from JSON, with numbers rounded to 8 digits."""
+def _comparable(findings: Findings) -> dict[str, Any]:
+    """Return findings as they are read from JSON, with numbers rounded.
+
+    Numbers keep 8 significant digits, and at most 9 decimal places.
+    """
 
     def read_rounded(text: str) -> float:
         """Return a number of a JSON text, rounded."""
         return float(f"{round(float(text), 9):.8g}")
 
+    # `asdict` copies no mapping that is not a dictionary.
+    findings = replace(findings, figures=dict(findings.figures))
     text = json.dumps(asdict(findings))
     return json.loads(text, parse_float=read_rounded, parse_constant=str)
 
@@ -196,8 +206,8 @@ def check_failed_rows(case: ConformanceCase) -> str:
     A row of the motion is one sample in one assembly mode (way to assemble the links). In
     a second computation one such row fails. The tables are compared with those of the first
     computation. In the table rows of the failed sample and mode, a number has to be NaN or
-    the same as before. Texts and whole numbers may change, because they have no NaN. All
-    other table rows have to stay the same.
+    the same as before. Texts, whole numbers and statuses may change, because they have no
+    NaN. All other table rows have to stay the same.
 
     Returns
     -------
@@ -226,7 +236,7 @@ def check_failed_rows(case: ConformanceCase) -> str:
             for column in table.columns:
                 values = computed[column.name]
                 # Values in the rows of the failed sample that are right whatever the first
-                # computation gave: numbers that are NaN, and all texts and whole numbers.
+                # computation gave: numbers that are NaN, and all values of other kinds.
                 is_allowed = is_failed
                 if column.kind == "number":
                     is_allowed = is_failed & np.isnan(values)
@@ -289,8 +299,19 @@ def check_names(case: ConformanceCase) -> str:
         )
         renamed_tables, _ = renamed_case.whole_results
         old_names = {new: old for old, new in new_names.items()}
-        for table in case.run_plan.tables_of(case.analysis):
-            compared = replace_words(renamed_tables[table.name], old_names)
+        for table, renamed_table in zip(
+            case.run_plan.tables_of(case.analysis),
+            renamed_case.run_plan.tables_of(renamed_case.analysis),
+            strict=True,
+        ):
+            # Names of columns can have names of links in them, such as "s_contact_cam".
+            renamed_columns = {
+                column.name: renamed_tables[table.name][renamed_column.name]
+                for column, renamed_column in zip(
+                    table.columns, renamed_table.columns, strict=True
+                )
+            }
+            compared = replace_words(renamed_columns, old_names)
             # Other indices of links can change the order of the rows. `match_rows` returns
             # both tables in the same order.
             expected, compared = match_rows(

@@ -30,7 +30,7 @@ class Report:
     Attributes
     ----------
     analysis
-        Name of the analysis.
+        Name of the class, or the text that named the analysis.
     lines
         The lines. ``report["blocks"]`` is the line with the name "blocks".
     """

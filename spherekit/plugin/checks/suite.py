@@ -149,7 +149,9 @@ class ConformanceSuite:
         for attribute in ("version", "summary"):
             if not getattr(self._class, attribute).strip():
                 raise PluginError(f"the class attribute `{attribute}` is empty")
-        if not inspect.getdoc(self._class):
+        docstring = inspect.getdoc(self._class) or ""
+        # Python gives a dataclass without a docstring its signature, "Name(...)", instead.
+        if not docstring or docstring.startswith(f"{self._class.__name__}("):
             raise PluginError(
                 "the class has no docstring; write one that describes its parameters"
             )
@@ -175,7 +177,7 @@ class ConformanceSuite:
 
         Returns
         -------
-        The needs that the analysis declares for the first mechanism, in words.
+        The needs that the analysis declares for the first mechanism that it accepts.
         """
         assert self._analysis is not None
         repr_before = repr(self._analysis)
@@ -246,6 +248,8 @@ class ConformanceSuite:
 
     def _accepted_cases(self) -> list[ConformanceCase]:
         """Return the cases that are not refused; `PluginError` if there are none."""
+        if not (self._cases or self._refusals):
+            raise PluginError("the list of mechanisms is empty")
         if not self._cases:
             raise PluginError(f"it refuses every mechanism: {'; '.join(self._refusals)}")
         return self._cases

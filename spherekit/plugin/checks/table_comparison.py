@@ -30,8 +30,8 @@ def describe_difference(
     """Return the first difference of two tables in words; an empty text if there is none.
 
     The checks of an analysis use it in two cases. Either both tables are of one mechanism,
-    but computed with blocks of different sizes. Or `compared` is the table of a variant:
-    the mechanism rotated as a whole, or with other names of links.
+    but computed with other blocks, with hidden data or with a failed row. Or `compared` is
+    the table of a variant: the mechanism rotated as a whole, or with other names of links.
 
     Parameters
     ----------
@@ -183,7 +183,8 @@ def match_rows(
     `compared` is the table of the same mechanism, computed with other names and indices of
     links. The old names have been put back. A row is identified by its key: its texts and
     whole numbers. If a key occurs twice, rows cannot be identified, and both tables are
-    returned unchanged.
+    returned unchanged. They are also returned unchanged if `compared` has more or fewer
+    rows, which `describe_difference` reports.
 
     A row about one link relative to another may be missing. With other numbers of links,
     the table may have a row about the second link relative to the first in its place.
@@ -228,6 +229,8 @@ def match_rows(
                 f"with other names or numbers of links, table {table.name} has no row of "
                 f"{', '.join(map(str, key))} any more"
             )
+    if row_count(expected) != row_count(compared):
+        return expected, compared
     expected_rows = [expected_row_of_key[key] for key in shared_keys]
     compared_rows = [compared_row_of_key[key] for key in shared_keys]
     return (

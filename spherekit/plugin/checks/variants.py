@@ -15,6 +15,7 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import pair_frames
 from spherekit.mechanism.sizes_from_frames import sizes_from_frames
 from spherekit.plugin.checks.report import NotApplicableError
+from spherekit.runs.analysis_faults import convert_plugin_errors
 from spherekit.runs.contract import AbstractAnalysis
 
 
@@ -36,9 +37,9 @@ def rotate_mechanism(mechanism: Mechanism, rotation: Floats) -> Mechanism:
     Raises
     ------
     NotApplicableError
-        If a contact has a profile that is not given by points. The arc length of such a
-        profile starts at a place that depends on the ground axes or link axes. The rotated
-        profile would therefore have other arc lengths.
+        If a rotated link has a profile that is not given by points. The arc length of such
+        a profile starts at a place that depends on the ground axes or link axes. The
+        rotated profile would therefore have other arc lengths.
     """
     geometry = mechanism.geometry
     rotated_links: Names = (mechanism.ground,)
@@ -137,6 +138,11 @@ def rename_parameters(
         The analysis.
     names
         The new name of each link, by its old name.
+
+    Raises
+    ------
+    PluginError
+        If the constructor of the analysis raises an error with the new names.
     """
 
     def rename(value: Any) -> Any:
@@ -148,6 +154,10 @@ def rename_parameters(
             return "/".join(names[link] for link in links)
         return value
 
-    parameters = fields(analysis)  # type: ignore[arg-type]
-    changes = {item.name: rename(getattr(analysis, item.name)) for item in parameters}
-    return replace(analysis, **changes)  # type: ignore[type-var]
+    changes = {
+        item.name: rename(getattr(analysis, item.name))
+        for item in fields(analysis)  # type: ignore[arg-type]
+        if item.init  # the class computes the others itself
+    }
+    with convert_plugin_errors(analysis.name, "its constructor"):
+        return replace(analysis, **changes)  # type: ignore[type-var]
