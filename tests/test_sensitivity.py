@@ -685,3 +685,112 @@ def test_a_tiny_mass_matters_to_the_equivalent_inertia():
 def test_a_small_part_of_lost_draws_is_not_said_to_be_none():
     record = {"spread": 1.0, "drawn": 1.0, "lost": 0.003}
     assert "0.3% of them cannot be assembled" in _describe_draws(record, "B")
+
+
+def cam_with_centre(x, y, z):
+    """Return the text of `roller_cam` with another centre of its cam, a unit vector."""
+    text = find("roller_cam").read_text()
+    old = "centre_lonlat = [90.0, 80.0]"
+    assert text.count(old) == 1
+    return text.replace(old, f"centre_xyz = [{x!r}, {y!r}, {z!r}]")
+
+
+def centre_sensitivity(folder, centre, component):
+    """Return the table of derivatives with respect to a component of the cam's centre."""
+    path = folder / "roller_cam.toml"
+    path.write_text(cam_with_centre(*centre))
+    text = f"sensitivity:draws=0,by={CAM}.centre_xyz.{component}"
+    return sk.run(path, text, samples=4).frame()
+
+
+@pytest.mark.slow
+def test_a_size_that_is_zero_up_to_rounding_has_the_derivative_of_zero(tmp_path):
+    """The cosine of 90 degrees is 6e-17, not 0."""
+    y, z = 0.17364817766693033, 0.984807753012208
+    expected = centre_sensitivity(tmp_path, (0.0, y, z), 0)
+    rounded = centre_sensitivity(tmp_path, (1.0632884247878863e-17, y, z), 0)
+    assert expected["derivative"].abs().max() > 0.5
+    assert np.allclose(rounded["derivative"], expected["derivative"], rtol=0.0, atol=1e-8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("component", [0, 1])
+def test_derivatives_by_the_centre_of_a_concentric_cam_are_right_or_missing(
+    component, tmp_path
+):
+    """The Euler angles of the contact jump from one side of the centre to the other."""
+    step = 1e-4
+    frame = centre_sensitivity(tmp_path, (0.0, 0.0, 1.0), component)
+    values = []
+    for sign in (-1.0, 1.0):
+        centre = np.array([0.0, 0.0, 1.0])
+        centre[component] = sign * step
+        near_frame = centre_sensitivity(tmp_path, centre.tolist(), 0)
+        values.append(near_frame["value"].to_numpy())
+    expected = (values[1] - values[0]) / (2.0 * step)
+    assert np.max(np.abs(expected)) > 0.5
+    is_right = np.isclose(frame["derivative"], expected, rtol=0.0, atol=1e-5)
+    assert np.all(is_right | (frame["status"] == "ILL_CONDITIONED"))
+    assert np.array_equal(frame["derivative"].isna(), frame["status"] == "ILL_CONDITIONED")
+
+
+@pytest.mark.slow
+def test_draws_of_wheels_are_assembled_after_whole_revolutions():
+    """A cone of radius R rolls another of radius r: the ratio is sin(R) / sin(r)."""
+    mechanism = sk.load("rolling_cones")
+    motion = sk.trace(mechanism, samples=4)
+    key = "pairs.contact.profiles.cone.radius"
+    sensitivity = Sensitivity(mechanism, [key], ["theta_roller_axis"])
+    deviations = np.array([0.0, 1e-3, -2e-3])
+    (angles,) = sensitivity.scattered(sample_rows(motion), motion.values, deviations[None])
+    ratios = np.sin(np.radians(50.0) + deviations) / np.sin(np.radians(20.0))
+    # Only the angles from the first configuration are known without the phase.
+    assert angles - angles[0] == pytest.approx(np.outer(motion.q, ratios), abs=1e-9)
+
+
+def test_no_rows_and_no_draws_give_empty_arrays():
+    mechanism = sk.load("four_bar")
+    motion = sk.trace(mechanism, samples=2)
+    samples = sample_rows(motion)
+    sensitivity = Sensitivity(mechanism)
+    size_count = len(sensitivity.keys)
+    no_draws = sensitivity.scattered(samples, motion.values, np.zeros((size_count, 0)))
+    assert no_draws.shape == (1, len(samples), 0)
+    two_draws = np.zeros((size_count, 2))
+    no_rows = sensitivity.scattered(samples[:0], motion.values[:0], two_draws)
+    assert no_rows.shape == (1, 0, 2)
+    values, gradients = sensitivity.at(samples[:0], motion.values[:0])
+    assert values.shape == (1, 0)
+    assert gradients.shape == (size_count, 1, 0)
+
+
+@pytest.mark.slow
+def test_a_deviation_of_a_component_of_a_centre_is_not_in_degrees():
+    """The file has degrees, but the component of a unit vector is a pure number."""
+    key = f"{CAM}.centre_xyz.0"
+    text = f"sensitivity:draws=0,by={key},deviations={key}:0.01"
+    run = sk.run("shaped_cam", text, samples=2)
+    derivative = run.frame("sensitivity")["derivative"]
+    spread = run.frame("sensitivity", "tolerances")["spread"]
+    assert spread.to_numpy() == pytest.approx(0.01 * np.abs(derivative.to_numpy()))
+    assert f"{key} by 0.01 (normal)" in run.summary["remarks"][-1]
+
+
+def test_a_zero_that_the_file_does_not_allow_to_vary_is_refused():
+    """The centre of a wheel is a unit vector, so its first number can only be zero."""
+    key = "pairs.output_planet.profiles.output.centre_xyz.0"
+    run = sk.run("planetary_bevel", f"sensitivity:by={key},draws=0", samples=3)
+    (message,) = run.failures.values()
+    assert "cannot be varied" in str(message)
+
+
+@pytest.mark.slow
+def test_no_draws_are_lost_where_an_euler_angle_of_a_contact_is_half_a_turn(tmp_path):
+    """Rounding decides whether such an angle is pi or -pi. Wheels turn as gears do."""
+    path = tmp_path / "three_wheels.toml"
+    path.write_text(mechanism_text("three_wheels"))
+    radius = "pairs.m1.profiles.2.radius"
+    sizes = "links.1.arcs.b+links.1.arcs.c+links.1.angle+links.3.arc"
+    text = f"sensitivity:by={sizes}+{radius},deviations={radius}:0,draws=16"
+    rows = sk.run(path, text, samples=2).frame("sensitivity", "tolerances")
+    assert (rows["lost"] == 0.0).all()

@@ -223,6 +223,29 @@ def test_a_failing_analysis_is_the_reason_of_its_design(tmp_path):
     assert set(result.table("motion")["design"]) == {0}
 
 
+@pytest.mark.parametrize(
+    ("name", "figure", "words"),
+    [
+        ("four_bar", "at(poles.poles: velocity_coefficient, 0)", "several for one sample"),
+        ("five_bar", "argmin(poles.poles: ux, 51)", "no column q_51"),
+        ("five_bar", "argmax(workspace.areas: size)", "no column of an input"),
+    ],
+)
+def test_a_figure_of_a_table_without_its_input_is_refused(name, figure, words):
+    """The first table has several poles at q = 0; the others lack the requested input."""
+    designs = sk.sweep(name, {"links.2.arc": [60.0]}, figure, samples=3).frame()
+    assert list(designs["status"]) == ["FAILED"]
+    assert words in designs["reason"].iloc[0]
+
+
+def test_a_figure_at_an_input_is_that_row_of_the_table():
+    figure = "x=at(poles.poles link=3 relative_to=1: velocity_coefficient, 90)"
+    designs = sk.sweep("four_bar", {"links.2.arc": [20.0]}, figure, samples=5).frame()
+    poles = sk.run("four_bar", "poles:only=31", samples=5).frame("poles")
+    expected = poles.loc[poles["sample"] == 1, "velocity_coefficient"]
+    assert np.allclose(designs["x"], expected, rtol=1e-12)
+
+
 @pytest.mark.slow
 def test_a_part_without_one_of_its_files_is_computed_again(tmp_path):
     """Three parts have three files each; the file that is made again is the same."""
@@ -325,3 +348,47 @@ def test_the_command_writes_tables_and_prints_their_folder(tmp_path, capsys):
     assert str(tmp_path / "tables" / "poles") in printed
     # 2 designs, 2 modes, 5 samples, 6 poles
     assert len(pd.read_parquet(tmp_path / "tables" / "poles")) == 120
+
+
+@pytest.mark.slow
+def test_a_singularity_at_which_modes_meet_counts_for_each_of_them():
+    """At the dead centres of this triple-rocker both assembly modes meet.
+
+    One figure comes from a kernel, the other from the table of singularities.
+    """
+    figures = [
+        "least=min(transmission_angle_43)",
+        "total=sum(singularities.singularities: q)",
+    ]
+    designs = sk.sweep("four_bar", {"links.2.arc": [100.0]}, figures, samples=5).frame()
+    mechanism = sk.load("four_bar").with_sizes(angle_unit="deg", arcs={"2": 100.0})
+    table = sk.run(mechanism, "singularities", samples=5).frame("singularities")
+    modes = table["assembly_mode"].astype(str)
+    assert "0+1" in set(modes)
+    assert list(designs["mode"]) == ["+", "-"]
+    for number, figure in enumerate(designs["total"]):
+        belongs = [str(number) in text.split("+") for text in modes]
+        assert figure == pytest.approx(np.degrees(table["q"][belongs].sum()), rel=1e-9)
+    assert designs["least"].notna().all()
+
+
+def test_a_figure_at_an_input_needs_a_table_with_inputs():
+    """The table of areas has no inputs; the number of a row is not an input."""
+    figure = "at(workspace.areas: size, 0)"
+    designs = sk.sweep("five_bar", {"links.2.arc": [60.0]}, figure, samples=3).frame()
+    assert list(designs["status"]) == ["FAILED"]
+    assert "no column of an input" in designs["reason"].iloc[0]
+
+
+@pytest.mark.slow
+def test_a_figure_at_an_input_is_refused_if_samples_of_a_grid_share_it():
+    """Poles have the moving input only; three samples of this grid have it in common."""
+    row = "poles.poles link=3 relative_to=1 moving=21"
+    sizes = {"links.2.arc": [60.0]}
+    figures = [f"at({row}: velocity_coefficient, 40)", f"at({row} sample=1: ux, 40)"]
+    refused, accepted = (
+        sk.sweep("five_bar", sizes, figure, samples=(3, 3)).frame() for figure in figures
+    )
+    assert list(refused["status"]) == ["FAILED"]
+    assert "one of the inputs" in refused["reason"].iloc[0]
+    assert list(accepted["status"]) == ["OK", "OK"]

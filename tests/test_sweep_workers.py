@@ -392,3 +392,16 @@ def test_killing_worker_processes_from_outside_does_not_change_a_sweep(tmp_path)
     assert len(killed) == 4
     # 160 designs with two assembly modes
     assert len(pd.read_parquet(tmp_path / "designs" / "designs")) == 2 * 160
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="closes a descriptor in a shell")
+def test_printed_text_does_not_disturb_workers_without_standard_error(tmp_path):
+    """The program starts with a closed standard error. Its three parts are computed."""
+    (tmp_path / "script.py").write_text(PROGRAM_WITH_ANALYSIS)
+    shell_command = ["sh", "-c", 'exec "$0" script.py 2>&-', sys.executable]
+    process = subprocess.run(
+        shell_command, cwd=tmp_path, stdout=subprocess.PIPE, text=True, check=False
+    )
+    assert process.returncode == 0
+    assert process.stdout.split() == ["3", "720.0"]

@@ -38,6 +38,7 @@ from spherekit.errors import DesignError, ModelError, OutputError
 from spherekit.files.library import find
 from spherekit.files.number_change import document_of
 from spherekit.files.study import Study
+from spherekit.files.time_law import ConstantSpeed, Polynomial
 from spherekit.runs.reductions import REDUCTION_BY_NAME
 
 SAMPLES = 25
@@ -289,6 +290,30 @@ def test_profiles_that_curve_into_each_other_are_impossible():
     )
 
 
+@pytest.mark.parametrize(
+    "old, new",
+    [
+        ("contact", "c" * 64),
+        ("follower_pivot", "centres_contact_cam"),
+        ("cam_shaft", "centres_contact_follower"),
+    ],
+)
+def test_names_of_pairs_do_not_change_a_sweep_of_a_cam(old, new, tmp_path):
+    """A link with two R pairs replaces the contact. Their names must be free and short."""
+    coefficients = []
+    for name in (old, new):
+        text = re.sub(rf"\b{old}\b", name, find("roller_cam").read_text())
+        path = tmp_path / "cam.toml"
+        path.write_text(text)
+        contact = name if old == "contact" else "contact"
+        vary = {f"pairs.{contact}.profiles.cam.radius": [24.0, 25.0]}
+        figure = "max(velocity_coefficient_frame_follower)"
+        frame = sk.sweep(path, vary, figure, samples=5).frame()
+        assert (frame["status"] == "OK").all()
+        coefficients.append(frame["max_velocity_coefficient_frame_follower"])
+    assert np.array_equal(*coefficients)
+
+
 def test_the_command_prints_a_word_for_each_design_and_each_reason_once(capsys):
     vary = ["--vary", "links.2.arc=20,0,190", "--vary", "links.4.arc=45,179"]
     assert main(["sweep", "four_bar", *vary, "--reduce", "max(q)", "--samples", "9"]) == 0
@@ -375,6 +400,39 @@ def test_masses_stated_by_sizes_follow_them(tmp_path):
         wanted = 0.02 * (0.5 - np.sin(2.0 * alpha) / (4.0 * alpha))
         rows = found[found["links_c_arc"] == arc]
         assert np.allclose(rows["max_B"], wanted, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ("10:40:100000000000000", "at most 1073741824"),
+        ("10:inf", "not a finite range"),
+        ("-1e308:1e308", "not a finite range"),
+        ([10**400], "LOW:HIGH:COUNT"),
+    ],
+)
+def test_values_of_a_sweep_that_are_too_many_or_too_large_are_refused(values, words):
+    with pytest.raises(DesignError, match=words):
+        sk.sweep("four_bar", {"links.2.arc": values}, "max(q)", samples=3)
+
+
+def test_a_grid_may_have_any_number_of_variables():
+    """The last variable changes first, as in nested loops. NumPy allows 64 variables."""
+    variations = [parse_variation(f"k{k}", "5", "deg") for k in range(70)]
+    variations[3] = parse_variation("k3", "1,2,4", "deg")
+    variations[69] = parse_variation("k69", "7,9", "deg")
+    designs = DesignSpace.from_variations(variations).compute_designs(0, 6)
+    expected = [(first, last) for first in (1.0, 2.0, 4.0) for last in (7.0, 9.0)]
+    assert [(design[3], design[69]) for design in designs.T] == expected
+    assert np.all(np.delete(designs, [3, 69], axis=0) == 5.0)
+
+
+@pytest.mark.parametrize("scheme", ["sobol", "latin", "random"])
+def test_designs_beyond_the_last_one_are_left_out(scheme):
+    variations = [parse_variation("a", "1:2", "deg")]
+    space = DesignSpace.from_variations(variations, 4, scheme)
+    assert space.compute_designs(2, 9).shape == (1, 2)
+    assert space.compute_designs(6, 9).shape == (1, 0)
 
 
 @pytest.mark.parametrize("scheme", ["grid", "sobol", "latin", "random"])
@@ -868,3 +926,82 @@ def test_the_help_lists_all_reductions(capsys):
     text = " ".join(capsys.readouterr().out.split())
     (names,) = re.findall(r"that a reduction \(([^)]*)\)", text)
     assert names.split(", ") == list(REDUCTION_BY_NAME)
+
+
+def test_figures_at_an_input_have_the_motion_of_the_time_law():
+    """The torque at one input is that of a run with the same time law.
+
+    At constant speed the driving torque differs from that at 1 rad/s.
+    """
+    law = ConstantSpeed(10.0)
+    study = Study("s", sk.load("four_bar"), samples=11, duration=1.0, laws={"21": law})
+    figures = ["rate=at(dq, 3rad)", "time=at(t, 3rad)", "torque=at(torque, 3rad)"]
+    rows = sk.sweep(study, {"links.2.arc": [20.0]}, figures).frame()
+    assert np.allclose(rows["rate"], 10.0)
+    assert np.allclose(rows["time"], 0.3)
+
+    run = sk.run(replace(study, analyses={"eksergian": {}})).frame()
+    torques_of_run = run[np.isclose(run["q"], 3.0)]["tau"]
+    assert np.allclose(np.sort(rows["torque"]), np.sort(torques_of_run), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("law", "place", "reason"),
+    [
+        (ConstantSpeed(10.0), "3.5rad", "no sample has the inputs 3.5 rad"),
+        (Polynomial((0.0, 1.0, -1.0)), "0", "several samples have the inputs 0 rad"),
+    ],
+)
+def test_a_figure_at_an_input_of_unknown_rate_is_refused(law, place, reason):
+    study = Study("s", sk.load("four_bar"), samples=11, duration=1.0, laws={"21": law})
+    sk.sweep(study, {"links.2.arc": [20.0]}, f"at(theta_41, {place})")
+    with pytest.raises(DesignError, match=reason):
+        sk.sweep(study, {"links.2.arc": [20.0]}, f"at(torque, {place})")
+
+
+@pytest.mark.parametrize("path", [[3.0, 2.0, 1.0], [2.0, 1.0, 3.0], [1.0, 2.0, 3.0]])
+def test_the_time_at_an_input_is_that_of_the_sample_with_this_input(path):
+    """On a path the time counts from the smallest input, in any order of the samples."""
+    study = Study("s", sk.load("four_bar"), path=np.array(path))
+    figures = ["there=at(t, 2rad)", "last=max(t)"]
+    rows = sk.sweep(study, {"links.2.arc": [20.0]}, figures).frame()
+    assert np.allclose(rows["there"], 1.0)
+    assert np.allclose(rows["last"], 2.0)
+
+
+def test_derivatives_of_a_root_mean_square_of_zeros_are_zero():
+    figures = ["zero=rms(theta_41 - theta_41)", "place=argmin(theta_41)"]
+    swept = sk.sweep("four_bar", {"links.2.arc": [19.0, 20.0]}, figures, samples=5)
+    figure_gradients = FigureGradients(swept.sweep.evaluator)
+    values = figure_gradients.evaluate(np.array([20.0]), SynthesisMode("+"))
+    # The derivatives of a place are not computed.
+    assert np.array_equal(values.gradients, [[0.0], [np.nan]], equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "other_key"),
+    [
+        ("four_bar", "pairs.41.value", "pairs.41.zero"),
+        ("double_butterfly", "pairs.C.zero", "pairs.C.value"),
+    ],
+)
+def test_an_angle_of_the_other_form_of_geometry_cannot_be_varied(name, key, other_key):
+    """A zero exists only with dimensions of links, a value only with a reference pose."""
+    with pytest.raises(DesignError, match=f"vary {other_key} instead"):
+        sk.sweep(name, {key: [0.0, 10.0]}, "max(q)", samples=3)
+    assert design_variable(document_of(name), other_key).is_angle
+
+
+def test_designs_with_loads_outside_the_file_format_are_impossible(tmp_path):
+    """A file may not state such a spring, so neither may a design."""
+    spring = (
+        '\n[loads.spring]\nkind = "spring"\npair = "41"\nstiffness = 0.5\nrest = 10.0\n'
+    )
+    path = tmp_path / "sprung.toml"
+    path.write_text(find("four_bar").read_text() + spring)
+    numbers = {"loads.spring.rest": [10.0, 2e6], "loads.spring.stiffness": [0.5, 1e101]}
+    frame = sk.sweep(path, numbers, "m=max(torque)", samples=2).frame()
+    assert set(frame["design"][frame["status"] == "OK"]) == {0}
+    reasons = list(frame["reason"][frame["design"] > 0])
+    assert len(reasons) == 3
+    assert all("expected at most" in reason for reason in reasons)

@@ -27,6 +27,7 @@ from spherekit.designs.figures_of_merit import (
     INERTIAL,
     NEVER_CLOSES,
     NEVER_CLOSES_REASON,
+    POINT_TOLERANCE_RAD,
     DesignSamples,
     DesignTable,
     KernelFigures,
@@ -95,9 +96,6 @@ COMPLETE_CLAIM = Guarantee.COMPLETE.value
 
 SAMPLED_CLAIM = Guarantee.SAMPLED.value
 """Claim for designs of which an assembly mode may be missing."""
-
-POINT_TOLERANCE_RAD = 1e-9
-"""Inputs (rad) that differ by less belong to the same sample."""
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """Runs of designs, one by one: tables of analyses, and figures of merit from these."""
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
@@ -24,11 +25,11 @@ from spherekit.numerics.angles import SAME_ANGLE_RAD, return_after_revolutions
 from spherekit.runs.contract import Analyses
 from spherekit.runs.execution import Execution
 from spherekit.runs.figure_of_merit import FigureOfMerit
-from spherekit.runs.reductions import reduce_samples
+from spherekit.runs.reductions import REDUCTION_BY_NAME, reduce_samples
 from spherekit.runs.run_result import MOTION, RunResult, tables_by_file_stem
 from spherekit.runs.runner import run_study
 from spherekit.status import Status
-from spherekit.tables.table import Table, TableArrays, Units
+from spherekit.tables.table import SAMPLE, Table, TableArrays, Units
 from spherekit.wording import choices, counted, listing
 
 if TYPE_CHECKING:
@@ -48,6 +49,10 @@ WORKING = "working_mode"
 
 MODE_COLUMNS = (ASSEMBLY, WORKING)
 """Columns of tables that say to which mode a row belongs."""
+
+
+_MEETING_MODES = re.compile(r"[0-9]+(\+[0-9]+)+")
+"""Text of a row that belongs to several assembly modes, such as ``0+1``."""
 
 
 class TableMode(NamedTuple):
@@ -472,6 +477,7 @@ class DesignRuns:
 
         - working modes (ways to assemble the mechanism at a fixed pose of the output) have
           no signs of dyads;
+        - the rows of the run belong to no known assembly mode;
         - the kernel may have no signs, or signs of links that replace contacts.
 
         Parameters
@@ -484,7 +490,7 @@ class DesignRuns:
             The modes of the run as in its summary, by their numbers. For each mode, the key
             "mode" has the text of its signs, such as "+-".
         """
-        if mode.column != ASSEMBLY:
+        if mode.column != ASSEMBLY or mode.label not in assembly_modes:
             return None
         evaluator = self.kernel_evaluator
         if evaluator is None or not evaluator.has_signs_of_runs:
@@ -509,6 +515,7 @@ class DesignRuns:
         Returns
         -------
         The figure by mode. The only key is `NO_TABLE_MODE` if the table has no such column.
+        Rows at which assembly modes meet, with a text such as ``0+1``, count for each.
         """
         rows = run.frame(*merit.of_table)
         # Conditions of the user select rows, such as those of one pair (joint).
@@ -516,12 +523,10 @@ class DesignRuns:
             rows = rows[rows[column].astype(str) == value]
         for column in MODE_COLUMNS:
             if column in rows:
-                labels = rows[column].astype(str)
+                rows_by_label = _row_numbers_by_label(rows[column].astype(str))
                 return {
-                    TableMode(column, label): self._reduce_rows(
-                        merit, rows[labels == label]
-                    )
-                    for label in labels.unique()
+                    TableMode(column, label): self._reduce_rows(merit, rows.iloc[numbers])
+                    for label, numbers in rows_by_label.items()
                 }
         return {NO_TABLE_MODE: self._reduce_rows(merit, rows)}
 
@@ -536,7 +541,8 @@ class DesignRuns:
         Raises
         ------
         DesignError
-            If a figure states another number of inputs than the table has.
+            If a figure states another number of inputs than the table has, needs or returns
+            an input that the table does not have, or needs one row of several at an input.
         """
         values = self._evaluate_expression(merit, rows)
         if _has_overflow(values, rows):
@@ -545,6 +551,11 @@ class DesignRuns:
             return np.inf
         inputs = self._inputs_of_rows(rows)  # (rows, inputs)
         input_count = inputs.shape[1]
+        if merit.point and not self._input_columns(rows):
+            raise DesignError(
+                f"{merit.name}: at(EXPRESSION, Q) needs inputs: the table has no column of "
+                "an input"
+            )
         if merit.point and len(merit.point) != input_count:
             raise DesignError(
                 f"{merit.name}: at(EXPRESSION, Q) needs {counted(input_count, 'input')} "
@@ -556,6 +567,20 @@ class DesignRuns:
         # The reduction "at" uses only the row at the inputs that the user states. All
         # others use all rows.
         is_used = _are_rows_used(merit, inputs)
+        if merit.point and SAMPLE.name in rows:
+            samples = rows.loc[is_used, SAMPLE.name]
+            # Samples of a grid can have this Q in common if the table lacks an input.
+            lacks_inputs = input_count < len(self.study.mechanism.inputs)
+            several = ""
+            if samples.duplicated().any():
+                several = "several for one sample"
+            elif lacks_inputs and len(samples) > 1:
+                several = "several, as it has one of the inputs"
+            if several:
+                raise DesignError(
+                    f"{merit.name}: at(EXPRESSION, Q) needs one row at Q, but the table "
+                    f"has {several}; select one by COLUMN=TEXT"
+                )
         # "argmin" and "argmax" return a value of one input, which the user names. Other
         # reductions get the first input.
         index_of_input = self._index_of_input(merit, rows)
@@ -596,10 +621,45 @@ class DesignRuns:
         The reductions "argmin" and "argmax" return the input at which an expression is
         smallest or largest. With several inputs the user names the pair of one input, which
         is stored as `place`. In all other cases the index is 0.
+
+        Raises
+        ------
+        DesignError
+            If the figure is the value of an input that the table does not have, or of one
+            of several inputs without a name.
         """
         names = self._input_columns(rows)
         named_column = f"q_{merit.place}"
-        return names.index(named_column) if named_column in names else 0
+        if named_column in names:
+            return names.index(named_column)
+        if REDUCTION_BY_NAME[merit.reduction].returns_input:
+            fault = ""
+            has_several_inputs = len(self.study.mechanism.inputs) > 1
+            if not names:
+                fault = "the table has no column of an input"
+            elif merit.place and has_several_inputs:
+                fault = f"the table has no column {named_column}"
+            elif len(names) > 1:
+                fault = "name the input whose value you need"
+            if fault:
+                raise DesignError(
+                    f"{merit.name}: {merit.reduction} returns an input: {fault}"
+                )
+        return 0
+
+
+def _row_numbers_by_label(labels: "pd.Series[str]") -> dict[str, list[int]]:
+    """Return the numbers of the rows of each mode, by the label of the mode.
+
+    `labels` (rows,) are the texts of the column of modes. Working modes have other texts
+    than the ``0+1`` of rows at which the assembly modes 0 and 1 meet.
+    """
+    numbers: dict[str, list[int]] = {}
+    for number, text in enumerate(labels):
+        is_meeting = _MEETING_MODES.fullmatch(text) is not None
+        for label in text.split("+") if is_meeting else [text]:
+            numbers.setdefault(label, []).append(number)
+    return numbers
 
 
 def _are_rows_used(merit: FigureOfMerit, inputs: Array) -> Bools:
@@ -631,8 +691,11 @@ def _has_overflow(values: Floats, rows: "pd.DataFrame") -> bool:
 
 
 def _assembly_number(mode: TableMode) -> float:
-    """Return the number of an assembly mode in a run, or NaN for another kind of mode."""
-    if mode.column != ASSEMBLY:
+    """Return the number of an assembly mode in a run, or NaN for another kind of mode.
+
+    Rows of no known assembly mode have an empty label, so the number is NaN.
+    """
+    if mode.column != ASSEMBLY or not mode.label.isdigit():
         return NAN
     return float(mode.label)
 

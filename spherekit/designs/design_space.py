@@ -77,7 +77,8 @@ def parse_variation(
     Raises
     ------
     DesignError
-        If the text has another form, if there is no value, or if a value is not finite.
+        If the text has another form, if there is no value or more than `MAX_DESIGNS`, if a
+        value is not finite, or if ``LOW:HIGH`` is no range (see `range_variation`).
     """
     has_angle_unit = False
 
@@ -96,13 +97,18 @@ def parse_variation(
             high = read_number(high_text)
             if not count:
                 return range_variation(key, low, high, has_angle_unit)
-            (number,) = count
-            numbers = np.linspace(low, high, int(number)).tolist()
+            (count_text,) = count
+            value_count = int(count_text)
+            if value_count > MAX_DESIGNS:
+                raise DesignError(
+                    f"{key}: found {value_count} values; at most {MAX_DESIGNS} are possible"
+                )
+            numbers = np.linspace(low, high, value_count).tolist()
         elif isinstance(values, str):
             numbers = [read_number(number) for number in values.split(",")]
         else:
             numbers = [float(number) for number in values]
-    except ValueError as problem:
+    except (ValueError, OverflowError) as problem:
         why = f"{problem}. Write" if isinstance(problem, QuantityError) else "write"
         raise DesignError(
             f"{key}={values}: {why} LOW:HIGH:COUNT, such as 10:40:31, a list such as "
@@ -127,9 +133,13 @@ def range_variation(
     Raises
     ------
     DesignError
-        If `low` is not less than `high`, or one of them is not finite.
+        If `low` is not less than `high`, or one of them or their difference is not finite.
     """
-    if not -math.inf < low < high < math.inf:
+    if not math.isfinite(high - low):
+        raise DesignError(
+            f"{key}: {low:g} to {high:g} is not a finite range; give two finite numbers"
+        )
+    if not low < high:
         raise DesignError(
             f"{key}: {low:g} to {high:g} is not a range; give the lower end first"
         )
@@ -238,7 +248,8 @@ class DesignSpace:
         """
         values = []
         # (variables, n) numbers from 0 to 1: the relative position in each range.
-        unit_points = self._compute_unit_points(start, min(stop, self.count))
+        stop = max(start, min(stop, self.count))
+        unit_points = self._compute_unit_points(start, stop)
         for variation, fractions in zip(self.variations, unit_points, strict=True):
             if variation.values is None:
                 # All numbers of the range are possible.
@@ -270,8 +281,14 @@ class DesignSpace:
             # All combinations of listed values. Each value has an equal interval, and the
             # point is in its middle.
             shape = [len(variation.values or ()) for variation in self.variations]
-            indices = np.unravel_index(np.arange(start, stop), shape)
-            return (np.array(indices) + 0.5) / np.reshape(shape, (-1, 1))
+            points = np.empty((variable_count, stop - start))
+            # The last variable changes from design to design. `np.unravel_index` does the
+            # same, but for at most 64 variables.
+            quotients = np.arange(start, stop)
+            for k in reversed(range(variable_count)):
+                quotients, indices = np.divmod(quotients, shape[k])
+                points[k] = (indices + 0.5) / shape[k]
+            return points
         from scipy.stats import qmc
 
         if self.scheme == "sobol":
@@ -282,13 +299,13 @@ class DesignSpace:
                 # SciPy warns that points are less evenly spread if their number is not a
                 # power of 2. For parts this cannot be avoided.
                 warnings.simplefilter("ignore", UserWarning)
-                points = sobol.random(stop - start)
+                points = sobol.random(stop - start).T
         elif self.scheme == "latin":
             # A Latin hypercube can be computed only as a whole.
             hypercube = qmc.LatinHypercube(variable_count, rng=self.seed)
-            points = hypercube.random(self.count)[start:stop]
+            points = hypercube.random(self.count)[start:stop].T
         else:
             # Random points. The generator skips the numbers of the designs before `start`.
             bits = np.random.PCG64(self.seed).advance(start * variable_count)
-            points = np.random.Generator(bits).random((stop - start, variable_count))
-        return np.transpose(points)
+            points = np.random.Generator(bits).random((stop - start, variable_count)).T
+        return points

@@ -103,6 +103,9 @@ BACKWARD_STENCIL: Stencil = tuple(
 )
 """Backward difference quotient of the eighth order."""
 
+_DIRECTION_KEYS_OF_POSES = frozenset({"xyz", "lonlat", "through_xyz", "through_lonlat"})
+"""Keys of pairs with an axis in a file that states a reference pose."""
+
 _FILE_LOCATION = re.compile(r"^[^\s:]+\.toml(?::\d+)?: ", re.MULTILINE)
 """The name of a file, and perhaps a line number, at the beginning of an error message."""
 
@@ -202,6 +205,7 @@ def design_variable(document: Document, key: str) -> DesignVariable:
             "are the same for all designs; vary numbers in the sections "
             f"{listing(DESIGNED)}"
         )
+    _check_form_of_geometry(document, key, path)
     # If the number is an angle of a link, pair or output, it is stored as such. Functions
     # that compute many designs at once take these angles as arguments.
     geometric_angle = _find_geometric_angle(document, path)
@@ -211,6 +215,28 @@ def design_variable(document: Document, key: str) -> DesignVariable:
         value=number_at(document, path),
         geometric_angle=geometric_angle,
     )
+
+
+def _check_form_of_geometry(document: Document, key: str, path: KeyPath) -> None:
+    """Raise `DesignError` if a number belongs to the form of geometry of other files.
+
+    A file states either dimensions, with the ``zero`` of a pair, or a reference pose, with
+    the ``value`` of a pair. Files may leave out both, so keys of both exist.
+    """
+    match path:
+        case ("pairs", _, "zero" | "value" as number):
+            has_pose = any(
+                not _DIRECTION_KEYS_OF_POSES.isdisjoint(pair)
+                for pair in document.data["pairs"].values()
+            )
+            if has_pose != (number == "value"):
+                form, other = "dimensions of links", "zero"
+                if has_pose:
+                    form, other = "a reference pose", "value"
+                raise DesignError(
+                    f"{document.name}: {key} cannot be varied, because the file states "
+                    f"{form}; vary {key.removesuffix(number)}{other} instead"
+                )
 
 
 def _find_geometric_angle(document: Document, path: KeyPath) -> GeometricAngle | None:
@@ -270,7 +296,7 @@ def make_design(
 
     Raises
     ------
-    FileError
+    FileError, ModelError
         If a mechanism with these values is impossible.
     """
     value_by_path = dict(zip([v.path for v in variables], map(float, values), strict=True))
@@ -329,7 +355,8 @@ def default_size_keys(mechanism: Mechanism) -> Names:
     """Return the keys of the sizes that vary by default, such as ``"links.2.arc"``.
 
     A mechanism file describes its links in one of two ways: by arcs between pair axes and
-    angles between arcs, or by the pair axes in a reference pose. All these numbers vary.
+    angles between arcs, or by the pair axes in a reference pose. All these numbers vary,
+    except the sizes of `coaxial_links`.
     """
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry):
@@ -346,8 +373,8 @@ def _arc_and_angle_keys(geometry: SizeGeometry) -> Names:
     """Return the keys of the arcs and angles of links, as far as they vary by default.
 
     A link with one arc has the key ``links.LINK.arc``. A link with several arcs has a key
-    ``links.LINK.arcs.PAIR`` for each of them. The keys of angles have the same form. Links
-    with two axes on one line are left out, because other sizes would move the axes apart.
+    ``links.LINK.arcs.PAIR`` for each of them. The keys of angles have the same form.
+    `coaxial_links` are left out, because other sizes would move the axes apart.
     """
     keys = []
     coaxial = coaxial_links(geometry)
@@ -363,7 +390,7 @@ def _arc_and_angle_keys(geometry: SizeGeometry) -> Names:
 
 
 def coaxial_links(geometry: SizeGeometry) -> Names:
-    """Return the links that have an axis on one line with their first axis."""
+    """Return the links that have another axis on one line with their first axis."""
     return tuple(
         link
         for link, sizes in geometry.links.items()

@@ -36,7 +36,8 @@ class FigureValues:
         configurations in this mode cannot be computed.
     gradients
         (figures, variables) derivatives with respect to the design variables, each variable
-        in the unit in which the mechanism file states it.
+        in the unit in which the mechanism file states it. NaN for reductions that return an
+        input, such as ``"argmin"``.
     closing_fraction
         Fraction of the samples of the inputs at which the mechanism can be assembled in
         this mode.
@@ -132,8 +133,10 @@ class FigureGradients:
             # computed.
             if weights is None:
                 continue
-            weighted = np.flatnonzero(weights)
-            if len(weighted):
+            # Without a finite value, derivatives are NaN. If all weights are zero, such as
+            # those of a root mean square of zeros, the derivatives are zero.
+            if np.any(np.isfinite(sample_values)):
+                weighted = np.flatnonzero(weights)
                 rows = rows[weighted]
                 # Indices: c column, v variable, n sample.
                 gradients[k] = np.einsum(

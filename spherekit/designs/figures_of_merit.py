@@ -26,7 +26,7 @@ from spherekit.errors import (
 )
 from spherekit.files.study import Crossings, Study
 from spherekit.files.time_law import ConstantSpeed
-from spherekit.geometry.vectors import all_finite, nans
+from spherekit.geometry.vectors import all_finite, max_abs, nans
 from spherekit.mechanism.joint import ContactProfile
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import return_after_revolutions
@@ -46,6 +46,12 @@ DESIGNS_PER_BLOCK = 4096
 
 Larger: intermediate values do not fit the cache of the processor. Smaller: more calls.
 """
+
+POINT_TOLERANCE_RAD = 1e-9
+"""Inputs (rad) that differ by less belong to the same sample."""
+
+MOVING = ("kinetic_energy", *LOAD_DEPENDENT_PREFIXES)
+"""Beginnings of the names of quantities that depend on rates of the inputs or the time."""
 
 INERTIAL = ("B", "dB_dq", "kinetic_energy", *LOAD_DEPENDENT_PREFIXES)
 """Beginnings of the names of quantities that depend on masses or loads."""
@@ -84,6 +90,8 @@ class DesignSamples:
     search
         Whether modes other than that of the reference pose are searched. Without a
         reference pose they are always searched.
+    follows_laws
+        Whether inputs follow time laws that the study states.
     """
 
     inputs: Names
@@ -91,6 +99,7 @@ class DesignSamples:
     shape: tuple[int, ...]
     crossings: Crossings = "end"
     search: bool = True
+    follows_laws: bool = False
 
     @staticmethod
     def from_study(study: Study) -> "DesignSamples":
@@ -103,7 +112,7 @@ class DesignSamples:
         - a path: a list of the inputs at every sample;
         - neither: inputs run over the ranges that the mechanism states for them.
 
-        Inputs without a time law move at 1 rad/s.
+        Inputs without a time law move at 1 rad/s, and downwards if their range does.
 
         Raises
         ------
@@ -159,7 +168,7 @@ class DesignSamples:
         q, timing = evaluate_time_laws(names, {**default_laws, **study.laws}, t)
         # A row has the inputs (rad), their rates, their accelerations and the time.
         rows = np.column_stack([q, timing.dq, timing.ddq, t])
-        return DesignSamples(names, rows, shape=(len(t),))
+        return DesignSamples(names, rows, shape=(len(t),), follows_laws=bool(study.laws))
 
     @staticmethod
     def _sample_path(mechanism: Mechanism, study: Study) -> "DesignSamples":
@@ -210,11 +219,11 @@ class DesignSamples:
         sense: Floats,
         shape: tuple[int, ...] | None = None,
     ) -> "DesignSamples":
-        """Return samples at which every input has the rate 1 or -1 rad/s.
+        """Return samples at which every input has the rate 1, -1 or 0 rad/s.
 
         These rates are a convention for samples without a time law (prescribed motion).
         Accelerations are 0. The time of a sample is the change of the first input since
-        time 0, divided by its rate.
+        time 0, divided by its rate, or 0 if the rate is 0.
 
         Parameters
         ----------
@@ -225,7 +234,7 @@ class DesignSamples:
         q_at_time_zero
             (inputs,) inputs (rad) at time 0.
         sense
-            (inputs,) 1 for inputs that increase and -1 for inputs that decrease.
+            (inputs,) 1 for inputs that increase, -1 for inputs that decrease, 0 for rest.
         shape
             Number of samples along each axis of a grid. By default the samples form a path.
         """
@@ -483,7 +492,8 @@ class KernelFigures:
     Raises
     ------
     DesignError
-        If a figure refers to inputs that the mechanism does not have.
+        If a figure refers to inputs that the mechanism does not have, or needs the motion
+        at a point that is not exactly one sample of the time laws.
     AnalysisError
         If an expression contains a name that is not a quantity.
     """
@@ -508,7 +518,10 @@ class KernelFigures:
         Raises
         ------
         DesignError
-            If a figure refers to quantities or inputs that do not exist.
+            If a figure refers to inputs that do not exist, or needs the motion at a point
+            that is not exactly one sample of the time laws.
+        AnalysisError
+            If a figure refers to quantities that do not exist.
         """
         self.merits = merits
         self.inputs = samples.inputs
@@ -525,6 +538,8 @@ class KernelFigures:
 
         # Samples at the inputs of figures such as ``at(theta_41, 0.5)``.
         self.points = self._samples_at_points()
+        if samples.follows_laws:
+            self._take_motion_of_laws(mechanism)
         self.rows = np.concatenate([samples.rows, self.points])
 
     def _samples_at_points(self) -> Floats:
@@ -533,7 +548,8 @@ class KernelFigures:
         A figure of merit (number that rates a design) such as "at(theta_41, 0.5)" states
         its input, the point. Its expression may contain rates and the time, which are not
         stated. By convention the rate of each input (rad/s) is the sign (1, -1 or 0) of its
-        rate at the first sample. The time is 0 at the first sample.
+        rate at the first sample. The time is that of the first sample, plus the change of
+        the first input since then, divided by its rate (0 if the rate is 0).
 
         Returns
         -------
@@ -545,12 +561,44 @@ class KernelFigures:
         first_row = self.samples.rows[0]
         start_inputs = first_row[:count]
         start_rates = first_row[count : 2 * count]
-        return DesignSamples.at_unit_speed(
+        rows = DesignSamples.at_unit_speed(
             self.inputs,
             q=np.reshape(points, (-1, count)),
             q_at_time_zero=start_inputs,
             sense=np.sign(start_rates),
         ).rows
+        # The first sample of a path may have another time than 0.
+        rows[:, -1] += first_row[-1]
+        return rows
+
+    def _take_motion_of_laws(self, mechanism: Mechanism) -> None:
+        """Give the points the rates, accelerations and times of samples of time laws.
+
+        If not exactly one sample has the inputs of a point, the point keeps the rates of
+        `_samples_at_points`. A `DesignError` is then raised if a figure at the point
+        depends on the motion.
+        """
+        count = len(self.inputs)
+        motion_names = self.sample_names[count:]
+        samples = self.samples.rows
+        for point in self.points:
+            distances = max_abs(samples[:, :count] - point[:count], axis=1)
+            motions = samples[distances <= POINT_TOLERANCE_RAD, count:]
+            if len(motions) == 1:
+                point[count:] = motions[0]
+                continue
+            for merit, expression in zip(self.merits, self.expressions, strict=True):
+                if merit.point == tuple(point[:count]) and any(
+                    name in motion_names or name.startswith(MOVING)
+                    for name in expression.names
+                ):
+                    reason = "several samples have" if len(motions) else "no sample has"
+                    raise DesignError(
+                        f"{mechanism.name}: {merit.name}: the inputs follow time laws, and "
+                        f"{reason} the inputs {listing(f'{q:.6g}' for q in merit.point)} "
+                        "rad, so their rates and the time there are not known; state the "
+                        "inputs of one sample"
+                    )
 
     def _check_inputs(self, mechanism: Mechanism) -> None:
         """Raise `DesignError` if a figure of merit does not fit the inputs and samples.

@@ -23,8 +23,12 @@ from spherekit.positions.elimination_order import find_elimination_orders, has_e
 from spherekit.positions.mode_coalescence import ModeCoalescence
 from spherekit.positions.position_solver import PositionSolver
 
-SLOPE_FRACTION = 2.0**-8
-"""Fraction of a path at which the equations are first evaluated, for its direction."""
+SLOPE_FRACTION = 2.0**-16
+"""Fraction of a path at which the equations are first evaluated, for its direction.
+
+Larger: a path that starts near a singular configuration gets a wrong direction. Smaller:
+closure errors of the start make the direction inaccurate.
+"""
 
 MIN_PATH_STEP_FRACTION = 2.0**-20
 """A path is given up if its step is not longer than this fraction of the path.
@@ -73,7 +77,10 @@ MAX_FINAL_STEPS = 5
 """Largest number of Newton steps at the end of a path."""
 
 FINAL_STEP_RAD = 1e-10
-"""The last Newton step (rad) at the end of a path is smaller."""
+"""The last Newton step (rad) at the end of a path is smaller.
+
+For complex solutions the limit grows with the imaginary part, as does the next one.
+"""
 
 CLOSURE_TOLERANCE_RAD = 1e-11
 """Loops count as closed if the closure residual (rad) is smaller."""
@@ -141,7 +148,7 @@ class PathProfiles:
 
 @dataclass(frozen=True)
 class ClosureProblem:
-    """The loop-closure equations of m designs, with one configuration of each.
+    """The loop-closure equations of m designs.
 
     A design is one choice of sizes. Newton's method solves the equations for all designs
     together.

@@ -22,7 +22,8 @@ def is_same_linkage(mechanism: Mechanism, other_mechanism: Mechanism) -> bool:
 
     The links are compared by the directions of their axes. An axis has two opposite
     directions, and which one a file states does not matter. So all choices of directions
-    (signs) are tried. Reversing all axes gives the mirror image.
+    (signs) are tried. Reversing all axes gives the mirror image. Outputs, zero angles,
+    masses and loads are not compared.
 
     Parameters
     ----------

@@ -193,7 +193,8 @@ def track_assembly_modes(
 
 def is_real(solutions: Array) -> Bools:
     """Return a mask (...,) of the solutions (variables, ...) that are real; NaN is not."""
-    return np.all(solutions.imag == 0.0, axis=0)
+    # A complex NaN may have an imaginary part of zero.
+    return np.all(np.isfinite(solutions) & (solutions.imag == 0.0), axis=0)
 
 
 def _merge_modes(mode_ids: Integers, mode: int, other_mode: int) -> None:
@@ -466,9 +467,9 @@ def _track_along_detour(
     inputs
         Two arrays (inputs, 1): inputs (rad) at the start and at the end of all paths.
     detour_ratio
-        Imaginary part of the inputs half-way between start and end, divided by their
-        change. Along the path the imaginary part is a parabola that is zero at start and
-        end.
+        Deviation of the inputs from the straight path half-way between start and end,
+        divided by 1j times their change. Along the path the deviation is a parabola that is
+        zero at start and end.
 
     Returns
     -------

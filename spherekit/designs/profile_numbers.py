@@ -154,8 +154,9 @@ class DesignProfiles:
         geodesic curvature and its derivative with respect to arc length.
 
         The arc length of the point of contact is a pair variable plus the start of the
-        profile. In a file with a reference pose (known configuration), the start is at the
-        contact in this pose. If a design variable changes a profile, the start moves too.
+        profile. The start is 0 if the contact slides. If it rolls and the file has a
+        reference pose (known configuration), the start is at the contact in this pose. If a
+        design variable changes one of its profiles, this start moves too.
 
         Parameters
         ----------

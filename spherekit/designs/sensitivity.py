@@ -44,6 +44,7 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import driven_at, plan_assembly
 from spherekit.progress import ProgressReporter
+from spherekit.symbolic.expression_evaluation import array_function
 from spherekit.velocities.design_expressions import DesignExpressions
 from spherekit.velocities.equivalent_linkage import (
     EquivalentLinkage,
@@ -69,13 +70,14 @@ class Sensitivity:
         A mechanism with its inputs.
     keys
         Sizes, or numbers of masses and loads, as keys of its file. By default these are the
-        arcs and angles of all links. For a file with contacts and a reference pose, the
-        default is the directions of the axes of all R pairs, or without R pairs the numbers
-        of the contact profiles.
+        arcs and angles of all links, except those of links with two axes on one line
+        (`left_out`). For a file with contacts and a reference pose, the default is the
+        directions of the axes of all R pairs. If there are no such numbers, the default is
+        the radii and Fourier coefficients of the contact profiles.
     quantities
         Names of the quantities, see `row_quantities`. By default these are the angles of
         pairs between an output and the link from which it is seen, or else of all passive
-        pairs.
+        R pairs. Without passive R pairs, these are the velocity coefficients of outputs.
 
     Attributes
     ----------
@@ -89,8 +91,10 @@ class Sensitivity:
     Raises
     ------
     DesignError
-        If a key is not a size of an R pair, nor a number of a profile, mass or load, or if
-        a quantity is unknown.
+        If a key is not a size of a link or R pair, nor a number of a contact, mass or load,
+        or if a quantity is unknown.
+    FileError
+        If the file has no number of a key.
     """
 
     def __init__(
@@ -375,9 +379,15 @@ class Sensitivity:
         key
             Key of the number in the file, such as ``links.2.arc``.
         """
-        # On the unit sphere all sizes are angles. A few numbers of loads are angles, too.
-        is_size = not self._is_mass_or_load[self.keys.index(key)]
-        return is_size or is_angle_of_load(self.document, key)
+        index = self.keys.index(key)
+        # A few numbers of loads are angles.
+        if self._is_mass_or_load[index]:
+            return is_angle_of_load(self.document, key)
+        # On the unit sphere sizes are angles. Exceptions are the distance (m) of a contact
+        # from the centre, and the components of the centre of a profile, a unit vector:
+        # ("pairs", PAIR, "distance"), ("pairs", PAIR, "profiles", LINK, "centre_xyz", k).
+        path = self.variables[index].path
+        return path[2] != "distance" and "centre_xyz" not in path[4:]
 
     @cached_property
     def links(self) -> frozenset[int]:
@@ -516,6 +526,11 @@ class Sensitivity:
             (sizes, quantities, n) derivatives of the quantities with respect to the sizes,
             in rad and SI units.
         """
+        if not len(samples):
+            quantity_count = len(self.quantities)
+            return np.zeros((quantity_count, 0)), np.zeros(
+                (len(self.keys), quantity_count, 0)
+            )
         # Torques can be tables over time. An error is raised if a time is outside them.
         times_in_s = samples[:, -1]
         self._check_times(times_in_s)
@@ -566,6 +581,8 @@ class Sensitivity:
         units. NaN where a mechanism cannot be assembled.
         """
         draw_count = deviations.shape[1]
+        if not (len(samples) and draw_count):
+            return np.zeros((len(self.quantities), len(samples), draw_count))
         design = self._nominal_design
         numbers_of_draws = design.values[:, None] + deviations
         # (sizes, draws) the sizes in the closure equations follow from the numbers of the
@@ -623,20 +640,23 @@ class Sensitivity:
         sample_count = len(samples)
         draw_count = draw_sizes.shape[1]
         # In all arrays below, column s * draw_count + d is draw d of sample s.
+        nominal_sizes = self._nominal_design.sizes[:, None]
         nominal_configurations = np.repeat(
-            self._kernel_variables(values).T, draw_count, axis=1
+            self._count_wheel_revolutions(self._kernel_variables(values).T, nominal_sizes),
+            draw_count,
+            axis=1,
         )
         sizes = np.tile(draw_sizes, sample_count)
-        size_changes = sizes - self._nominal_design.sizes[:, None]
-        # The first sizes are angles at which wheels are put together. Whole revolutions of
-        # these angles are no deviation.
-        angle_count = len(self._varied_mechanism.varied_contact_numbers)
-        size_changes[:angle_count] = wrap(size_changes[:angle_count])
+        # The first sizes are numbers of contacts: Euler angles, and ratios and angles of
+        # wheels. Whole revolutions of the angles are no deviation. Ratios deviate less.
+        contact_count = len(self._varied_mechanism.varied_contact_numbers)
+        sizes[:contact_count] = nominal_sizes[:contact_count] + wrap(
+            sizes[:contact_count] - nominal_sizes[:contact_count]
+        )
         configurations, is_closed = track_solutions(
             self._path_kernel,
             nominal_configurations,
-            # From the nominal sizes, up to whole revolutions, to the sizes of the draw.
-            sizes=(sizes - size_changes, sizes),
+            sizes=(nominal_sizes, sizes),
             profiles=profiles,
             contraction=SHORT_PATH_CONTRACTION,
         )
@@ -656,3 +676,42 @@ class Sensitivity:
             )
         quantities = np.where(is_closed, quantities, np.nan)
         return quantities.reshape(-1, sample_count, draw_count)
+
+    def _count_wheel_revolutions(self, configurations: Floats, sizes: Floats) -> Floats:
+        """Add whole revolutions to the angles of pairs that the inputs drive by wheels.
+
+        The equations state each of these angles as a linear function of the inputs, with
+        all revolutions. The position analysis returns angles from -pi to pi.
+
+        Parameters
+        ----------
+        configurations
+            (variables, n) pair variables (rad) of the mechanism that the equations
+            describe.
+        sizes
+            (k, 1) sizes, as the equations have them.
+
+        Returns
+        -------
+        (variables, n) pair variables that differ by whole revolutions.
+        """
+        expressions = self._expressions
+        symbols = expressions.configuration_symbols
+        # All variables are symbols, except those that wheels drive.
+        function_by_variable = {
+            k: variable
+            for k, variable in enumerate(expressions.variables)
+            if variable is not symbols[k]
+        }
+        if not function_by_variable:
+            return configurations
+        followers = [*function_by_variable]
+        evaluate = array_function(
+            [*function_by_variable.values()], [*symbols, *expressions.size_symbols]
+        )
+        n = configurations.shape[1]
+        angles = evaluate(np.concatenate([configurations, np.repeat(sizes, n, axis=1)]))
+        revolutions = np.round((angles - configurations[followers]) / (2.0 * np.pi))
+        configurations = configurations.copy()
+        configurations[followers] += 2.0 * np.pi * revolutions
+        return configurations

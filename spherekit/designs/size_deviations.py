@@ -42,8 +42,8 @@ class SizeDeviations:
     Raises
     ------
     DesignError
-        If the distribution is unknown, a deviation is negative or not finite, or all are
-        zero.
+        If the distribution is unknown, a deviation is negative or not finite, all are zero,
+        or `count` is negative.
     """
 
     size: float | tuple[float, ...]

@@ -30,6 +30,7 @@ from spherekit.designs.profile_numbers import DesignProfiles, has_shaped_profile
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.mechanism_reader import replace_actions
 from spherekit.files.number_change import with_numbers
+from spherekit.files.schema import check_numbers
 from spherekit.files.toml_document import Document
 from spherekit.geometry.vectors import all_finite, nans
 from spherekit.mechanism.coaxial_links import SAME_AXIS_RAD
@@ -72,6 +73,13 @@ A shorter step is used if the file does not allow the numbers of a longer one.
 SAME_NUMBER = 1e-14
 """Numbers (rad, SI) of files that differ by at most this count as equal."""
 
+MAX_DIFFERENCE_RAD = 1.0
+"""Largest change of an angle of a contact within a difference quotient.
+
+The Euler angles of a rotation jump where its second angle is zero. Larger: quotients across
+such a jump are accepted. Smaller: shorter steps are used, with fewer digits.
+"""
+
 CONSTANT_SLOPE_TOLERANCE = 1e-10
 """Largest relative difference of derivatives that count as the same at all designs.
 
@@ -91,7 +99,8 @@ class ColumnGradients:
     Attributes
     ----------
     closes
-        (n,) whether the mechanism can be assembled at the sample.
+        (n,) whether the mechanism can be assembled at the sample. Always true if positions
+        have no closed form.
     columns
         (columns, n) values of the quantities in rad and SI units.
     gradients
@@ -207,7 +216,8 @@ class VariedMechanism:
     A kernel is a function that evaluates many designs at once. Its *sizes* are the
     arguments that depend on the design, in this order:
 
-    1. the variables that are sizes of R pairs, unless contacts are replaced by links,
+    1. the variables that are angles of links, R pairs and outputs, unless contacts are
+       replaced by links,
     2. numbers that are read from the file of each design and follow the variables: angles
        of replaced contacts, then numbers of masses and loads.
 
@@ -282,7 +292,8 @@ class VariedMechanism:
         expressions describe the equivalent linkage of R pairs. The sizes are then the
         numbers of the linkage that change with the variables (`varied_contact_numbers`). If
         contacts are not replaced, the sizes are those variables that are sizes of R pairs,
-        or of directions of outputs.
+        or of directions of outputs. In both cases, varied numbers of masses and loads
+        follow.
 
         Parameters
         ----------
@@ -585,11 +596,12 @@ class VariedMechanism:
         if self._trials:
             return True
         # Some variables are whole numbers, and some can be changed only one at a time.
-        unit_steps = np.eye(len(self.nominal_values))
+        # If a variable is zero, its steps are relative to 1.
+        values = self.nominal_values
+        unit_steps = np.diag(np.where(values == 0.0, 1.0, values))
         steps = np.concatenate([size * unit_steps for size in (1.0, *TRIAL_DEVIATIONS)])
         return any(
-            self._read_numbers_if_possible(self.nominal_values * (1.0 + step)) is not None
-            for step in steps
+            self._read_numbers_if_possible(values + step) is not None for step in steps
         )
 
     @cached_property
@@ -671,6 +683,7 @@ class VariedMechanism:
             if variable.path[0] in ACTIONS
         }
         changed_document = with_numbers(self.document, numbers_by_path)
+        check_numbers(changed_document, numbers_by_path)
         return replace_actions(self.mechanism, changed_document)
 
     def _contact_numbers(self, mechanism: Mechanism) -> list[float]:
@@ -723,7 +736,11 @@ class VariedMechanism:
             a design.
         """
         numbers = self._read_numbers(values)
-        differences = np.delete(numbers - self._nominal_numbers, self.varied_numbers)
+        differences = numbers - self._nominal_numbers
+        # An Euler angle of pi can also be read as -pi.
+        contact_count = self._contact_number_count
+        differences[:contact_count] = wrap(differences[:contact_count])
+        differences = np.delete(differences, self.varied_numbers)
         if not np.all(np.abs(differences) <= SAME_NUMBER):
             raise _OtherFormError(OTHER_FORM)
         return numbers[self.varied_numbers]
@@ -805,7 +822,7 @@ class VariedMechanism:
         Returns
         -------
         (varied numbers,) derivatives, NaN if no difference quotient is possible because
-        designs with other values are impossible.
+        designs with other values are impossible, or because angles of a contact jump.
         """
         no_slopes = nans(len(self.varied_numbers))
         try:
@@ -821,11 +838,19 @@ class VariedMechanism:
             # far below pi, so `wrap` leaves them.
             contact_count = len(self.varied_contact_numbers)
             change[:contact_count] = wrap(change[:contact_count])
+            # The angles are not differentiable across a jump.
+            if np.any(np.abs(change[:contact_count]) > MAX_DIFFERENCE_RAD):
+                raise _OtherFormError(OTHER_FORM)
             return change
 
         # The longest step is tried first. A shorter one is used if a design within it is
-        # impossible. If the variable is zero, steps are relative to 1.
-        steps = RELATIVE_DIFFERENCE_STEPS * (abs(values[k]) or 1.0)
+        # impossible. If the variable is zero, steps are relative to 1. Sizes and contact
+        # numbers can be zero up to rounding. Masses and loads can really be tiny.
+        magnitude = abs(values[k])
+        is_action = self.variables[k].path[0] in ACTIONS
+        if magnitude <= (0.0 if is_action else SAME_NUMBER):
+            magnitude = 1.0
+        steps = RELATIVE_DIFFERENCE_STEPS * magnitude
         slopes = differentiate_by_variable(read_change, values, k, steps)
         return no_slopes if slopes is None else slopes
 

@@ -95,11 +95,14 @@ def _take_standard_output() -> BinaryIO:
     File descriptor 1 is redirected to standard error, so that printed text cannot get
     between the pickled answers.
     """
-    answers = os.fdopen(os.dup(1), "wb")
     try:
-        os.dup2(2, 1)
-    except OSError:  # there is no standard error: printed text is dropped
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        os.fstat(2)
+    except OSError:
+        # There is no standard error, so printed text is dropped. This comes before `dup`,
+        # which could otherwise return 2 for the answers.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
     return answers
 
 
