@@ -330,3 +330,28 @@ def test_sizes_without_effect_in_one_configuration_only_are_not_idle(name, pair)
 def test_masses_along_axes_of_wheels_are_arguments():
     """Their terms have numbers of the contacts in them, which are no arguments."""
     assert check_argument("planetary_bevel", "mass.output.tensor.2.2")
+
+
+@pytest.mark.parametrize("exponent", [-170, 90])
+@pytest.mark.parametrize("axes", ["ground", "link"])
+def test_exported_moments_of_forces_do_not_depend_on_the_size_of_the_arm(axes, exponent):
+    """A tiny arm with a huge force has the same moment as an ordinary arm and force."""
+    arm = (0.3, -0.2, 0.5)
+    mechanism = sk.load("four_bar")
+
+    def exported_forces(power):
+        """Return the generalised force with the arm times 10^power, in all modes."""
+        scaled_arm = tuple(float(f"{x}e{power}") for x in arm)
+        force = f"2e{-power}", f"1e{-power}", f"-3e{-power}"
+        load = sk.PointForce("push", "3", scaled_arm, force, axes)
+        formulas_of_force = formulas(
+            replace(mechanism, loads=(load,)), ["generalized_force"]
+        )
+        evaluate = formulas_of_force.numpy_function(formulas_of_force.outputs)
+        motion = np.full((len(formulas_of_force.motion), 1), 0.7)
+        return [
+            evaluate(motion, np.array(mode.values)[:, None], formulas_of_force.size_values)
+            for mode in formulas_of_force.modes
+        ]
+
+    assert np.allclose(exported_forces(exponent), exported_forces(0), rtol=1e-12, atol=0.0)

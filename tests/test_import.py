@@ -11,6 +11,7 @@ from helpers.refusals import HERE, TABLES, check_call, mechanism_text
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.errors import FileError
+from spherekit.exchange.axis_intersection import find_common_point
 from spherekit.exchange.exported_pose import find_pose
 from spherekit.exchange.mjcf import MujocoModel
 from spherekit.files.mechanism_reader import load, loads
@@ -458,3 +459,34 @@ def test_a_model_whose_joints_are_all_locked_is_refused(tmp_path):
     )
     with pytest.raises(FileError, match="all joints are locked"):
         sk.import_mechanism(path)
+
+
+PARALLEL_HINGES = """<mujoco><worldbody>
+<body><joint name="a" axis="{axis}"/><geom size=".1"/>
+<body pos="{second}"><joint name="b" axis="{axis}"/><geom size=".1"/>
+<body pos="{third}"><joint name="c" axis="{axis}"/><geom size=".1"/></body></body></body>
+</worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("axis", ["1 1 0", "1 2 3", "-0.3 0.7 0.1", "0.9 -0.2 0.4"])
+def test_parallel_axes_in_any_direction_are_refused_as_parallel(axis, tmp_path):
+    text = PARALLEL_HINGES.format(axis=axis, second="0.4 -0.1 0.3", third="0.2 0.5 -0.7")
+    with pytest.raises(FileError, match="all 3 axes are parallel"):
+        sk.import_mechanism(write_model(tmp_path, text, "model.xml"))
+
+
+def test_the_common_point_of_axes_that_are_nearly_parallel_is_exact():
+    # Unit vectors at 1e-6 rad to (2, 1, 2) / 3, through a known point.
+    centre = np.array([0.3, 0.2, -0.1])
+    sideways = np.array([[0.0, 0.0, 0.0], [1.0, -2.0, 0.0], [2.0, 0.0, -2.0]]) * 1e-6
+    axes = np.array([2.0, 1.0, 2.0]) / 3.0 + sideways
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+    points = centre + axes * [[0.7], [-0.4], [1.1]]
+    assert find_common_point(points, axes, 1e-6) == pytest.approx(centre, abs=1e-8)
+
+
+def test_the_common_point_of_lines_that_coincide_is_nearest_to_the_origin():
+    axis = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
+    points = np.array([0.0, 0.0, 0.5]) + np.outer([0.2, -0.7, 1.9], axis)
+    point = find_common_point(points, np.tile(axis, (3, 1)), 1e-6)
+    assert point == pytest.approx([0.0, 0.0, 0.5], abs=1e-12)

@@ -10,6 +10,8 @@ evaluated with vectors, in 40 digits.
 
 import functools
 import re
+from itertools import pairwise
+from pathlib import Path
 
 import mpmath
 import numpy as np
@@ -18,10 +20,11 @@ import sympy
 from sympy.parsing.latex import parse_latex
 
 import spherekit as sk
-from spherekit.exchange.latex import latex
+from spherekit.exchange.latex import _break_sum, latex
 from spherekit.exchange.latex_text import latex_of
 from spherekit.symbolic.expression_graph import function, symbols, vector_product
 
+MECHANISMS = Path(__file__).parents[1] / "mechanisms"
 ALIGNED = re.compile(r"\\begin\{align\}\n(.*?)\n\\end\{align\}", re.DOTALL)
 CONTINUED = " \\nonumber \\\\\n&\\quad {}"
 VALUE = re.compile(r"^\$([^$]+)\$ & .+ & \$([^$]+)\$( \\\\)?$", re.MULTILINE)
@@ -569,6 +572,86 @@ def test_sizes_that_vary_stay_symbols():
 def test_what_has_no_formula_is_refused_by_name(made, quantities, told):
     with pytest.raises(sk.SpherekitError, match=told):
         latex(made, quantities)
+
+
+def test_components_have_the_names_of_row_quantities():
+    """The name of a component stands for its vector; a number has no components."""
+    five_bar = sk.load("five_bar")
+    assert latex(five_bar, ["pole_3_1_x_by_21"]) == latex(five_bar, ["pole_3_1_by_21"])
+    assert latex(five_bar, ["orientation_3_xy"]) == latex(five_bar, ["orientation_3"])
+    for name in ("torque_41", "theta_41_rate", "pole_3_1_q", "orientation_3_x"):
+        with pytest.raises(sk.SpherekitError, match=f'"{name}" cannot be exported'):
+            latex(sk.load("four_bar"), [name])
+
+
+def renamed(name, folder, names):
+    """Return a shipped mechanism with other names of links."""
+    lines = (MECHANISMS / f"{name}.toml").read_text().splitlines()
+    for index, line in enumerate(lines):
+        if line.startswith(("ground =", "link", "relative_to =", "[links.", "[mass.")):
+            lines[index] = re.sub(r"\w+", lambda word: names.get(word[0], word[0]), line)
+    path = folder / "renamed.toml"
+    path.write_text("\n".join(lines))
+    return sk.load(path)
+
+
+def test_no_symbol_has_two_formulas(tmp_path):
+    """Link 21 and the pair of links 2 and 1 have different symbols."""
+    zeros = {"21": 20.0}
+    usual = sk.load("five_bar").with_sizes(angle_unit="deg", zeros=zeros)
+    mechanism = renamed("five_bar", tmp_path, {"3": "21"})
+    printed = formulas(latex(mechanism.with_sizes(angle_unit="deg", zeros=zeros)))
+    assert len(printed) == len(formulas(latex(usual)))
+    assert r"\mathbf{A}_{21}" not in printed[r"\mathbf{z}_{21}"]
+
+
+def test_coefficients_of_pairs_do_not_depend_on_names(tmp_path):
+    """The links "a_b", "c" and the links "a", "b_c" join to the same text."""
+    mechanism = renamed("four_bar", tmp_path, {"1": "c", "2": "a_b", "3": "a", "4": "b_c"})
+    torque, usual = (latex(x, ["torque"]) for x in (mechanism, sk.load("four_bar")))
+    assert formulas(torque) == formulas(usual)
+
+
+def test_a_name_of_two_quantities_stands_for_both(tmp_path):
+    mechanism = renamed("four_bar", tmp_path, {"1": "c", "2": "a", "3": "b_c", "4": "a_b"})
+    printed = formulas(latex(mechanism, ["velocity_coefficient_a_b_c"]))
+    assert {"m_{23}", "m_{41}"} <= {*printed}
+
+
+def test_all_links_and_omitted_loads_are_listed(tmp_path):
+    text = (MECHANISMS / "twelve_bar.toml").read_text()
+    names = ["2", "p13", "q14", "11"]  # another dyad, between the links 2 and 11
+    text += "[links.p13]\n[links.q14]\n"
+    for pair, (a, b) in enumerate(pairwise(names)):
+        text += f'[pairs.n{pair}]\ntype = "R"\nlinks = ["{a}", "{b}"]\n'
+        text += f"lonlat = [{20.0 * pair}, {30.0 - 25.0 * pair * pair}]\n"
+    path = tmp_path / "fourteen.toml"
+    path.write_text(text)
+    mechanism = sk.load(path)
+    bearings = [
+        sk.Bearings(f"b{pair.name}", pair.name, (0.1, 0.2), 0.01, 0.1)
+        for pair in mechanism.pairs
+    ]
+    text = latex(mechanism.with_loads(*bearings), ["torque"])
+    assert "13 is p13, 14 is q14; the first is the ground" in text
+    assert "bn2 depends on reactions" in text and "more" not in text
+
+
+def test_long_sums_break_between_summands():
+    """A row ends before a summand that does not fit, not within it or before the first."""
+    torque = " + ".join(f"({k} + sin({k}*t)*cos({k}*theta_21))" for k in range(100, 112))
+    load = sk.PairTorque("long", "21", f"t*({torque})*exp(t)")
+    mechanism = sk.load("four_bar").with_loads(load)
+    assert r"&= \nonumber" not in latex(mechanism)
+    summand = r"\left(" + "a" * 100 + " + " + "b" * 100 + r"\right)"
+    assert _break_sum(f"{'c' * 100} - {summand}") == f"{'c' * 100}{CONTINUED} - {summand}"
+    assert _break_sum("a" * 300 + " + b") == "a" * 300 + f"{CONTINUED} + b"
+
+
+def test_only_negatives_of_symbols_are_inserted():
+    """The formula of a torque -1 + theta_41 is printed, as that of -2 + theta_41."""
+    mechanism = sk.load("four_bar").with_loads(sk.PairTorque("p", "41", "-1 + theta_41"))
+    assert formulas(latex(mechanism))["T_{3}"] == r"-1 + \theta_{41}"
 
 
 def test_brackets_follow_from_what_an_expression_is():

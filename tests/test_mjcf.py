@@ -437,3 +437,54 @@ def test_what_cannot_be_exported_is_refused(call, tmp_path, monkeypatch):
     """Each call of the table "exports" of `refusals.toml` raises the error stated there."""
     monkeypatch.chdir(tmp_path)
     check_call(call, globals(), TABLES["exports"][call])
+
+
+def test_the_inertia_of_a_link_without_mass_does_not_depend_on_the_mass_of_the_ground(
+    tmp_path,
+):
+    text = dumps(sk.load("four_bar"))
+    text = re.sub(r"\[mass\.3\]\n(\w.*\n)+", "", text)
+    heavy_ground = "\n[mass.1]\ntensor = [[1e8, 0, 0], [0, 1e8, 0], [0, 0, 1e8]]\n"
+    inertias = []
+    for mechanism in (read_text(text, "x.toml"), read_text(text + heavy_ground, "x.toml")):
+        sk.export(mechanism, tmp_path / "x.xml")
+        model, _ = load_model((tmp_path / "x.xml").read_text(encoding="utf-8"))
+        inertias.append(model.body("3").inertia)
+    assert np.all(inertias[0] < 1e-7)
+    assert inertias[1] == pytest.approx(inertias[0], rel=1e-12)
+
+
+POINT_MASSES = """
+[mass.2]
+mass = 1.0
+centre = [0.0, 0.0, 0.2]
+tensor = [[0.04, 0.0, 0.0], [0.0, 0.04, 0.0], [0.0, 0.0, 0.0]]
+[mass.4]
+mass = 2.0
+centre = [0.0, 0.3, 0.0]
+tensor = [[0.18, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.18]]
+"""
+
+
+def exported_four_bar(tmp_path, masses):
+    """Return the exported model of the four-bar with other masses."""
+    text = re.sub(r"\[mass\.\d\]\n(\w.*\n)+", "", dumps(sk.load("four_bar")))
+    mechanism = read_text(text + masses, "x.toml")
+    sk.export(mechanism, tmp_path / "x.xml")
+    model, _ = load_model((tmp_path / "x.xml").read_text(encoding="utf-8"))
+    return model
+
+
+def test_a_link_with_a_point_mass_has_its_inertia_about_the_centre_of_the_sphere(tmp_path):
+    model = exported_four_bar(tmp_path, POINT_MASSES)
+    for link, mass, distance in (("2", 1.0, 0.2), ("4", 2.0, 0.3)):
+        body = model.body(link)
+        assert body.mass[0] == mass
+        assert np.linalg.norm(body.ipos) == pytest.approx(distance, rel=1e-12)
+        assert np.all(body.inertia > 0.0) and np.all(body.inertia < 1e-9)
+
+
+def test_a_small_mechanism_with_a_link_without_mass_is_read_by_mujoco(tmp_path):
+    small = "\n[mass.2]\ntensor = [[2e-6, 0, 0], [0, 2e-6, 0], [0, 0, 2e-6]]\n"
+    model = exported_four_bar(tmp_path, small + small.replace("mass.2", "mass.4"))
+    assert np.all(model.body("3").inertia < 1e-6 * model.body("2").inertia)

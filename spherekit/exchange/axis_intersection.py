@@ -53,16 +53,20 @@ def find_common_point(points: Floats, axes: Floats, max_distance: float) -> Floa
     common_point = None
     projections = np.eye(3) - axes[:, :, None] * axes[:, None]
     while len(used_lines) > 1:
-        matrix = np.sum(projections[used_lines], axis=0)
-        # The smallest eigenvalue is 0 for parallel lines. For n lines at small angles to
-        # each other the eigenvalue is about n times the square of the angles.
-        if np.linalg.eigvalsh(matrix)[0] < PARALLEL_SINE**2 * len(used_lines):
+        # The smallest eigenvalue of sum(P) is 0 for parallel lines. For n lines at small
+        # angles to each other it is about n times the square of the angles. The squares of
+        # the smaller singular values of the axes add up to it, with less rounding.
+        smaller_values = np.linalg.svd(axes[used_lines], compute_uv=False)[1:]
+        if np.sum(smaller_values**2) < PARALLEL_SINE**2 * len(used_lines):
             # The remaining lines are parallel. A point that was found with more lines is
             # kept.
             break
+        # Least squares of all P c = P p: the sum would square the condition number.
         projected_points = projections[used_lines] @ points[used_lines, :, None]
-        right_side = np.sum(projected_points, axis=0)[:, 0]
-        common_point = np.linalg.solve(matrix, right_side)
+        least_squares = np.linalg.lstsq(
+            np.concatenate(projections[used_lines]), projected_points.ravel()
+        )
+        common_point = least_squares[0].astype(np.float64)
         distances = distances_to_lines(common_point, points[used_lines], axes[used_lines])
         if np.max(distances) <= max_distance:
             break

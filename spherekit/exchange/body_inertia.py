@@ -1,7 +1,7 @@
 """Masses and inertia tensors of the bodies of exported models.
 
 Links without mass are given a small inertia, since general physics engines cannot move a
-link without inertia. If no link of the mechanism has mass, links are taken as wires.
+link without inertia. If no moving link has inertia, links are taken as wires.
 """
 
 from collections.abc import Mapping
@@ -15,10 +15,18 @@ from spherekit.mechanism.inertia import point_mass_inertia
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.scenes.link_scenes import link_shapes
 
-LEAST_INERTIA_KG_M2 = 1e-14
-"""Smallest moment of inertia (kg m2) of a link.
+LEAST_INERTIA_KG_M2 = 1e-13
+"""Smallest moment of inertia (kg m2) that is given to a link without inertia.
 
-Smaller: MuJoCo refuses less than 1e-15; larger: tiny mechanisms move too slowly.
+A point mass gets the same about its centre of mass. Smaller: MuJoCo refuses less than 1e-14
+about the centre of mass, where a link without inertia has 7/8 of this, which bodies may
+share; larger: tiny mechanisms move too slowly.
+"""
+
+MAX_ADDED_INERTIA_RATIO = 1e-3
+"""Largest inertia that is added to a point mass, relative to its inertia about O.
+
+Smaller: MuJoCo refuses more of the small point masses; larger: they move too slowly.
 """
 
 CENTRE_RADIUS_RATIO = 1e-9
@@ -100,11 +108,11 @@ class LinkInertias:
     Attributes
     ----------
     by_link
-        Inertia by the name of the link. A link without a mass in the mechanism file is not
-        in this mapping; a stated mass may be zero.
+        Inertia by the name of the moving link. A link without a mass in the mechanism file
+        is not in this mapping, unless the inertia is made up; a stated tensor may be zero.
     are_made_up
-        True if the file has no masses, and links are taken as wires of 1 kg/m on a sphere
-        of 1 m. Forces in such a model mean nothing.
+        True if no moving link has inertia in the file, and links are taken as wires of 1
+        kg/m on a sphere of 1 m. Forces in such a model mean nothing.
     """
 
     by_link: Mapping[str, LinkInertia]
@@ -116,27 +124,26 @@ class LinkInertias:
 
 
 def find_link_inertias(mechanism: Mechanism) -> LinkInertias:
-    """Return the inertia of all links that have a mass in the mechanism file.
+    """Return the inertia of all moving links that have a mass in the mechanism file.
 
     Other programs can't move a mechanism without inertia. If no moving link has inertia,
-    all links are taken as wires of 1 kg/m on a sphere of 1 m radius. The wires run along
-    the arcs of a link, and from the centre of the sphere to the axis of each of its pairs
-    (joints).
+    all moving links are taken as wires of 1 kg/m on a sphere of 1 m radius. The wires run
+    along the arcs of a link, and from the centre of the sphere to the axis of each of its
+    pairs (joints).
     """
     inertia_by_link = {
         mass.link: LinkInertia(mass.tensor, mass.mass, mass.centre)
         for mass in mechanism.masses
+        if mass.link != mechanism.ground
     }
     # A point mass at the centre of the sphere has a zero tensor, and does not count.
-    has_moving_mass = any(
-        np.any(inertia.tensor)
-        for link, inertia in inertia_by_link.items()
-        if link != mechanism.ground
-    )
+    has_moving_mass = any(np.any(inertia.tensor) for inertia in inertia_by_link.values())
     if has_moving_mass:
         return LinkInertias(inertia_by_link, are_made_up=False)
     shapes = link_shapes(mechanism)
     for link, shape in zip(mechanism.links, shapes, strict=True):
+        if link == mechanism.ground:
+            continue
         wires = [*shape.curves, *radial_lines(shape.joints)]
         inertia_by_link[link] = _wire_inertia(wires)
     return LinkInertias(inertia_by_link, are_made_up=True)
@@ -188,13 +195,13 @@ def make_body_inertia(
     Parameters
     ----------
     link_inertias
-        Inertia of all links.
+        Inertia of the moving links.
     link
         Name of the body: a link, or a body without mass that replaces a sliding contact.
     rotation
         (3, 3) rotation from the axes of the link to ground axes.
     light_ratio
-        Inertia of a link without mass, relative to the largest of all links.
+        Inertia of a link without mass, relative to the largest of all moving links.
 
     Returns
     -------
@@ -223,7 +230,8 @@ def _make_light_tensor(link_inertias: LinkInertias, light_ratio: float) -> Float
     """Return the inertia tensor (3, 3) about O of a body without inertia (kg m2).
 
     Simulation programs cannot move a body without inertia, so such a body gets a small one.
-    All its moments are `light_ratio` times the largest trace of the tensors of all links.
+    All its moments are `light_ratio` times the largest trace of the tensors of all moving
+    links, but at least `LEAST_INERTIA_KG_M2`.
     """
     largest_trace = max(
         np.trace(inertia.tensor) for inertia in link_inertias.by_link.values()
@@ -294,6 +302,9 @@ def _make_body_about_centre(
 ) -> BodyInertia:
     """Return the inertia of a body, with its tensor moved from O to the centre of mass.
 
+    A moment below `LEAST_INERTIA_KG_M2` is raised to it, unless this changes the inertia
+    about O by more than `MAX_ADDED_INERTIA_RATIO`.
+
     Parameters
     ----------
     link
@@ -310,4 +321,8 @@ def _make_body_about_centre(
     tensor = tensor_about_O - point_mass_inertia(mass, centre)
     # Rounding errors can make the tensor slightly asymmetric.
     symmetric_tensor = 0.5 * (tensor + tensor.T)
+    # MuJoCo refuses the tensors of point masses, and of rods through O.
+    added_moment = LEAST_INERTIA_KG_M2 - np.linalg.eigvalsh(symmetric_tensor)[0]
+    if 0.0 < added_moment < MAX_ADDED_INERTIA_RATIO * np.trace(tensor_about_O):
+        symmetric_tensor = symmetric_tensor + added_moment * np.eye(3)
     return BodyInertia(link, mass, centre, symmetric_tensor, is_stated)

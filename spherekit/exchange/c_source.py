@@ -454,9 +454,9 @@ def _smooth_mode_head(source: FormulaSource, scalar: str) -> str:
     """Return the head of the C function that selects an assembly mode at an input.
 
     An assembly mode (way to assemble the mechanism) is selected by numbers, the mode
-    values, which may change with the input. The C function takes the number ``k`` of the
-    mode, the input ``q`` (rad), and an array to which it writes the mode values at this
-    input.
+    values, which may change with the input. The C function takes the row ``k`` of the mode
+    in the array of modes, the input ``q`` (rad), and an array to which it writes the mode
+    values at this input.
 
     If positions have a closed form, the mode values are the signs of the dyads (groups of
     two links), and the function returns nothing. Otherwise the mode values are the pair
@@ -498,8 +498,9 @@ def _write_smooth_modes(source: FormulaSource, scalar: str) -> Iterator[str]:
                 mode[n] = q == q ? places[interval][k][n] : NAN;
         }
 
-    Its arguments are the number k of the mode and the input q (rad). The mode values in the
-    interval of q are written to the last argument. Two parts are added if necessary:
+    Its arguments are the row k of the mode in the array of modes and the input q (rad). The
+    mode values in the interval of q are written to the last argument. Two parts are added
+    if necessary:
 
     - If configurations repeat after a period of the input, q is first moved into the range
       of the input.
@@ -542,8 +543,8 @@ def _array_elements(values: Floats) -> str:
 def _mode_value_expression(scalar: str) -> str:
     """Return the C expression for one of the numbers that select an assembly mode.
 
-    In the C code, n is the index of the number, k the mode and q the input. The result is
-    NaN if q is NaN, in which case q == q is false.
+    In the C code, n is the index of the number, k the row of the mode and q the input. The
+    result is NaN if q is NaN, in which case q == q is false.
     """
     value = "q == q ? places[interval][k][n] : NAN"
     # In C++ the number type may be a class, which is constructed from the double.

@@ -122,7 +122,7 @@ def _write_function(source: FormulaSource, function: SourceFunction) -> str:
     formulas = source.formulas
     # The three arguments are vectors: inputs and their rates (`motion`), the values that
     # select an assembly mode (way to assemble the links), and numbers of the mechanism file
-    # (`sizes`). A mode is selected by signs of groups of two links, or by pair variables.
+    # (`size`). A mode is selected by signs of groups of two links, or by pair variables.
     lengths = (len(formulas.motion), len(formulas.mode_value_names), len(formulas.sizes))
     symbol_lines = [
         f'    {argument} = ca.SX.sym("{argument}", {length})'

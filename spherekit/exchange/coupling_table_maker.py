@@ -188,6 +188,8 @@ def _choose_node_counts(
         # The default depends on the number of inputs: one, two, or more.
         default = FIRST_NODE_COUNTS[min(input_count, len(FIRST_NODE_COUNTS)) - 1]
         return (default,) * input_count
+    # Arrays and numbers of NumPy become lists and numbers of Python.
+    samples = np.asarray(samples).tolist()
     counts = tuple(samples) if isinstance(samples, Sequence) else (samples,) * input_count
     if len(counts) != input_count or min(counts) < 2:
         raise SolveError(

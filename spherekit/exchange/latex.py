@@ -36,7 +36,8 @@ NOTATION = r"""
 The axes of link $j$ are $\mathbf{i}_j$, $\mathbf{j}_j$ and $\mathbf{k}_j$: $\mathbf{k}_j$
 is its first axis, and $\mathbf{j}_j$ leads from there toward the second. At the axis
 $\mathbf{u}_{ik}$ of a pair $\mathbf{t}^j_{ik}$ is the tangent to the arc of link $j$, and
-$\mathbf{z}_{ik}$ is where that of the pair's second link is at the angle 0.
+$\mathbf{z}_{ik}$ is where that of the pair's second link is at the angle 0. The formulas
+give the angles of passive pairs from $-\pi$ to $\pi$, without whole revolutions.
 """
 SECTION_INTRODUCTIONS = {
     "Positions": r"""The links of a dyad follow from three axes. Two of them are known. The
@@ -99,9 +100,9 @@ def latex(
     Raises
     ------
     EngineError
-        If positions or poles have no closed form, a quantity is not written as LaTeX, a key
-        belongs to a load (numbers of loads are never symbols), or no quantity depends on
-        the number of a key.
+        If positions or poles have no closed form, the formulas cannot place a link, a
+        quantity is not written as LaTeX, a key belongs to a number that is never a symbol
+        (such as those of loads), or no quantity depends on the number of a key.
     FileError, DesignError
         If the file has no number of a key.
     """
@@ -150,8 +151,8 @@ def _select_expressions(
     latex_formulas
         The formulas of the mechanism.
     names
-        Names of quantities, or patterns such as ``theta_*``. The name of a component of a
-        vector, such as ``..._x``, stands for the whole vector. By default the angles of
+        Names of quantities, or patterns such as ``theta_*``. The name of a component, such
+        as ``axis_21_x``, stands for the whole vector. By default the angles of
         pairs (``theta_``), poles (axes of relative rotation of two links), torques, and
         the velocity and acceleration coefficients of links relative to the ground.
 
@@ -175,12 +176,18 @@ def _select_expressions(
                 ("velocity", "acceleration"),
             )
         ]
+    # The quantities by their names and by the names of their components.
+    quantities_by_name: dict[str, list[str]] = {}
+    for quantity in quantities:
+        components = _name_components(quantity, latex_formulas.input_suffixes)
+        for quantity_name in (quantity, *components):
+            quantities_by_name.setdefault(quantity_name, []).append(quantity)
     expressions: list[Expr] = []
     for name in names:
-        # Try the name, then the vector of which it may be a component.
-        vector_name, _, _ = name.rpartition("_")
-        matching_names = fnmatch.filter(quantities, name) or fnmatch.filter(
-            quantities, vector_name
+        matching_names = dict.fromkeys(
+            quantity
+            for quantity_name in fnmatch.filter(quantities_by_name, name)
+            for quantity in quantities_by_name[quantity_name]
         )
         if not matching_names:
             # Text such as '; did you mean "theta_21"?', empty if no name is similar.
@@ -193,6 +200,29 @@ def _select_expressions(
         for matching_name in matching_names:
             expressions += quantities[matching_name]
     return expressions
+
+
+def _name_components(quantity: str, input_suffixes: Sequence[str]) -> list[str]:
+    """Return the names of the components of a quantity; none if it is a number.
+
+    The names are those of `spherekit.velocities.row_quantities.row_quantities`, such as
+    ``pole_3_1_x_by_21`` for the vector ``pole_3_1_by_21``.
+
+    Parameters
+    ----------
+    quantity
+        Name of the quantity.
+    input_suffixes
+        Ends of the names of quantities that belong to an input.
+    """
+    if quantity.startswith("orientation_"):
+        return [f"{quantity}_{row}{column}" for row, column in product("xyz", repeat=2)]
+    if quantity.startswith("axis_"):
+        return [f"{quantity}_{axis}" for axis in "xyz"]
+    if quantity.startswith(("pole_", "angular_velocity_")):
+        suffix = max(filter(quantity.endswith, input_suffixes), key=len)
+        return [f"{quantity.removesuffix(suffix)}_{axis}{suffix}" for axis in "xyz"]
+    return []
 
 
 def _document_lines(
@@ -216,7 +246,8 @@ def _document_lines(
     link_texts: list[str] = []
     for label, link in zip(formula_list.link_labels, mechanism.links, strict=True):
         link_texts.append(label if label == link else f"{label} is {latex_text(link)}")
-    yield f"Links: {listing(link_texts)}; the first is the ground. Pairs, axes and angles:"
+    links = ", ".join(link_texts)
+    yield f"Links: {links}; the first is the ground. Pairs, axes and angles:"
     positions = latex_formulas.positions
     pair_rows = [
         (latex_text(pair.name), _math(axis), _math(angle))
@@ -255,7 +286,7 @@ def _document_lines(
         ]
         yield "\\begin{align}\n" + " \\\\\n".join(rows) + "\n\\end{align}"
     if latex_formulas.omitted_loads:
-        friction = latex_text(listing(latex_formulas.omitted_loads))
+        friction = latex_text(", ".join(latex_formulas.omitted_loads))
         yield f"Friction of {friction} depends on reactions and is left out."
     yield "\\end{document}\n"
 
@@ -280,16 +311,19 @@ def _break_sum(text: str) -> str:
     ends at such a sign if the next summand would make the row longer than
     `MAX_ROW_CHARACTERS`.
     """
+    summands = [""]
+    open_count = 0  # braces and brackets that are open behind the last piece
+    for piece in re.split(r"(?= [+-] )", text):
+        if open_count == 0:
+            summands.append("")
+        summands[-1] += piece
+        open_count += piece.count("{") - piece.count("}")
+        open_count += piece.count(r"\left") - piece.count(r"\right")
     rows = [""]
-    text_before = ""  # all summands so far, in which open brackets are counted
-    for summand in re.split(r"(?= [+-] )", text):
-        open_braces = text_before.count("{") - text_before.count("}")
-        open_brackets = text_before.count(r"\left") - text_before.count(r"\right")
-        is_outside = open_braces + open_brackets == 0
-        if is_outside and len(rows[-1] + summand) > MAX_ROW_CHARACTERS:
+    for summand in summands:
+        if rows[-1] and len(rows[-1] + summand) > MAX_ROW_CHARACTERS:
             rows.append("")
         rows[-1] += summand
-        text_before += summand
     return ROW_BREAK.join(rows)
 
 

@@ -126,6 +126,10 @@ class CoefficientFormulas:
         # Coefficients of two links that both move relative to the ground. The method also
         # names all coefficients, such as "velocity_coefficient_2_1".
         formula_list.section = "Coefficients between moving links"
+        # The velocity coefficient of each two links, by their numbers.
+        self._coefficients_by_links: list[dict[tuple[int, int], Expr]] = [
+            {} for _ in input_indices
+        ]
         for index in input_indices:
             self._name_coefficients(index)
 
@@ -147,10 +151,8 @@ class CoefficientFormulas:
 
     def pair_coefficient(self, input_index: int, pair: int) -> Expr:
         """Return the derivative of the variable of a pair with respect to an input."""
-        first, second = self._mechanism.pairs[pair].links
-        suffix = self._input_suffixes[input_index]
-        name = f"velocity_coefficient_{second}_{first}{suffix}"
-        return self._formula_list.quantities[name][0]
+        first, second = self._mechanism.ends[pair]
+        return self._coefficients_by_links[input_index][second, first]
 
     def _write_poles(self, input_index: int) -> dict[Pole, Expr]:
         """Write formulas of the poles while one input moves and the others are locked.
@@ -422,6 +424,7 @@ class CoefficientFormulas:
                         formula_list.derivative_symbol(coefficient, input_index),
                         inner_product(change, axis),
                     )
+            self._coefficients_by_links[input_index][a, b] = coefficient
             owner = f"{links[a]}_{links[b]}{suffix}"
             formula_list.name_quantity("pole", owner, axis)
             formula_list.name_quantity("velocity_coefficient", owner, coefficient)

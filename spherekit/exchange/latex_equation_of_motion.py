@@ -2,16 +2,16 @@ r"""Printed formulas of the equation of motion: inertia, generalized forces, inp
 
 The inertia matrix B has the elements B_ki = sum over links of x_k . (I x_i), where I is the
 inertia tensor of the link about the centre of the sphere, and x_k its angular velocity per
-unit rate of input k. Vectors x, y, z and I are in link axes. The torque of input k is
+unit rate of input k. Vectors x, y, b and I are in link axes. The torque of input k is
 
     tau_k = sum_i B_ki qdd_i + r_k - Q_k,
 
 where Q_k are the generalized forces, and r_k are the inertia forces at constant rates of
 the inputs. For one input, r = (1/2) B' qd^2. For several inputs
 
-    r_k = sum over links of x_k . (I z + y x (I y)),
+    r_k = sum over links of x_k . (I b + y x (I y)),
 
-where y is the angular velocity of the link, and z its angular acceleration at qdd = 0.
+where y is the angular velocity of the link, and b its angular acceleration at qdd = 0.
 """
 
 from collections.abc import Collection, Sequence
@@ -211,10 +211,10 @@ class LatexEquationOfMotion:
     ) -> Expr:
         """Return the torque h that a link needs at constant rates of the inputs.
 
-        h = I z + y x (I y), with the inertia tensor I of the link. y and z are the angular
+        h = I b + y x (I y), with the inertia tensor I of the link. y and b are the angular
         velocity W and the angular acceleration A of the link, in its own axes. In ground
         axes, W = sum_k rate_k w_k, with the angular velocity w_k per unit rate of input k,
-        and A = sum_ki rate_k rate_i dw_k/dq_i. Formulas of W, y, A, z and h are added to
+        and A = sum_ki rate_k rate_i dw_k/dq_i. Formulas of W, y, A, b and h are added to
         the list; each `write...` returns the symbol of its formula.
 
         Parameters
@@ -242,7 +242,9 @@ class LatexEquationOfMotion:
             derivative = self._coefficients.derivative(velocities[k], i)
             acceleration = acceleration + rates[k] * rates[i] * derivative
         acceleration = formula_list.write_indexed(r"\mathbf{A}", link_label, acceleration)
-        acceleration = self._resolve_in_link("z", link, acceleration)
+        # The letter z is that of the zero directions of pairs: z_21 would be ambiguous if
+        # there is a link 21.
+        acceleration = self._resolve_in_link("b", link, acceleration)
         torque = tensor * acceleration + cross_product(velocity, tensor * velocity)
         return formula_list.write_indexed(r"\mathbf{h}", link_label, torque)
 

@@ -17,6 +17,7 @@ from spherekit.symbolic.expression_graph import (
     ExpressionNode,
     function,
     iterate_nodes,
+    negated_operand,
     vector_product,
 )
 
@@ -63,7 +64,8 @@ class FormulaList:
     quantities
         Expressions of each quantity, by the names of
         `spherekit.velocities.row_quantities.row_quantities` without components of vectors.
-        An orientation has three expressions, the axes of the link, others have one.
+        An orientation has three expressions, the axes of the link, others have one. A name
+        that two quantities share has the expressions of both.
     link_labels
         Label of each link.
     input_count
@@ -171,7 +173,9 @@ class FormulaList:
     def name_quantity(self, kind: str, owner: str, *expressions: Expr) -> None:
         """Store the expressions of a quantity, so that users can ask for it by its name.
 
-        The name is ``kind_owner``, such as ``velocity_coefficient_2_1``.
+        The name is ``kind_owner``, such as ``velocity_coefficient_2_1``. Names of links can
+        contain underscores, so two quantities can have the same name. Then it stands for
+        both.
 
         Parameters
         ----------
@@ -182,7 +186,7 @@ class FormulaList:
         expressions
             One expression, or the three axes of an orientation.
         """
-        self.quantities[f"{kind}_{owner}"] = [*expressions]
+        self.quantities.setdefault(f"{kind}_{owner}", []).extend(expressions)
 
     def select_required(self, expressions: Sequence[Expr]) -> dict[ExpressionNode, Formula]:
         """Return the formulas that some expressions need, in the order of printing.
@@ -231,4 +235,4 @@ def inner_product(a: Expr, b: Expr) -> Expr:
 
 def is_negated(expression: Expr) -> bool:
     """Return whether an expression is -1 times another one, which is its last argument."""
-    return isinstance(expression, ExpressionNode) and expression.arguments[0] == -1.0
+    return negated_operand(expression) is not None

@@ -58,7 +58,8 @@ class LatexFormulas:
     Raises
     ------
     EngineError
-        If there is no closed form, or an arc is 0 or 180 degrees or signed.
+        If there is no closed form, a link has only one axis, an arc is 0 or 180 degrees or
+        signed, or an input is on a link that no other inputs join to the ground.
     """
 
     def __init__(

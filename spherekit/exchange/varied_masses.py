@@ -48,7 +48,7 @@ def express_masses(
     document
         The mechanism file. Its table "mass" has the mass of each link.
     mechanism
-        The mechanism of this file.
+        The mechanism of this file, or its equivalent linkage.
     pair_rotations
         The pairs as rotations between their links, with sizes of links as symbols. The axes
         of pairs in link axes follow from these rotations.
@@ -79,8 +79,9 @@ def _express_mass(
     """Return the mass of one link with expressions in place of numbers that vary.
 
     The mass of a link includes its inertia tensor, amount (kg) and centre of mass. The
-    inertia tensor about the centre of the sphere is computed from expressions by the same
-    steps as from numbers. The mass is returned unchanged if none of its numbers varies.
+    inertia tensor about the centre of the sphere is computed from expressions as the file
+    reader computes it from numbers. The mass is returned unchanged if none of its numbers
+    varies.
 
     Parameters
     ----------
