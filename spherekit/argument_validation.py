@@ -88,7 +88,10 @@ def _annotated_values(parameter: inspect.Parameter, value: Any) -> tuple[Any, ..
 def checked_class(
     error: type[SpherekitError], *methods: str
 ) -> Callable[[type[Class]], type[Class]]:
-    """Return a class decorator that applies `checked` to the constructor and to methods."""
+    """Return a class decorator by which methods check the types of their arguments.
+
+    The constructor and the named methods then raise `error` for a wrong argument.
+    """
 
     def decorate(cls: type[Class]) -> type[Class]:
         for name in ("__init__", *methods):

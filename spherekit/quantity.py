@@ -98,7 +98,7 @@ DURATION = Dimension("a time", None)
 
 
 def angle_by_time(power: int) -> Dimension:
-    """Return the dimension of an angle divided by a power of time, from 0 on.
+    """Return the dimension of an angle divided by time to the power 0, 1, 2, ...
 
     The coefficients of a polynomial in time have these dimensions.
     """

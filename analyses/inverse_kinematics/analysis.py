@@ -26,9 +26,9 @@ from .tables import FORWARD, INVERSE, PAIRS
 
 @dataclass(frozen=True, kw_only=True)
 class InverseKinematicsAnalysis(AbstractAnalysis):
-    """Inputs of poses of an output in every working mode, or all poses at given inputs.
+    """Computes the inputs for given poses of an output, or all poses for given inputs.
 
-    A working mode is one of the ways to assemble the legs at a given pose of the output.
+    Inputs are computed in every working mode (way to assemble the legs at a given pose).
     Poses are given in one of three ways: `poses`, `file` or `window`. A pose consists of
     numbers with one of these sets of names:
 
@@ -36,8 +36,9 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     - an orientation: ``azimuth``, ``tilt``, ``torsion``; a quaternion ``qx``, ``qy``,
       ``qz``, ``qw``; a rotation vector ``rx``, ``ry``, ``rz``; or a matrix ``r11`` to
       ``r33``,
-    - the plane about which base and output link are mirror images of each other, in a
-      mid-plane symmetric architecture: its angles ``phi``, ``gamma``,
+    - in a mid-plane symmetric architecture, the plane in which base and output link are
+      mirror images of each other. Its unit normal (x, y, z) in mirror axes has the angles
+      ``phi`` = -2 arcsin(x) and ``gamma`` = 2 arcsin(y),
     - inputs: the names of all driven pairs. The poses at these inputs are computed.
 
     Attributes
@@ -60,8 +61,9 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     working_mode
         Label or number of one working mode of given poses. By default all modes.
     graph
-        Whether to solve the closure equations of all links, even if there is a closed form
-        for some of their solutions or for all.
+        Whether to solve the closure equations of the whole graph of links numerically, even
+        if there is a closed form for some of their solutions or for all. Mechanisms of
+        dyads (two links with three R pairs) alone are always solved in closed form.
     pairs
         Pairs whose variables at given poses are listed in the table `pairs`, or ``all``.
     nearest

@@ -459,7 +459,7 @@ class DesignEvaluator:
 
     @property
     def has_unsigned_modes(self) -> bool:
-        """Whether modes are identified by configurations and not by signs of dyads."""
+        """Whether pair variables identify a mode, and not how its dyads are assembled."""
         return self.tracks_solutions or self.varied_mechanism.has_shaped_profiles
 
     @cached_property

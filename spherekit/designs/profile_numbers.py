@@ -153,10 +153,12 @@ class DesignProfiles:
         (columns) describe it at the point of contact: the tangent (3), the point (3), the
         geodesic curvature and its derivative with respect to arc length.
 
-        The arc length of the point of contact is a pair variable plus the start of the
-        profile. The start is 0 if the contact slides. If it rolls and the file has a
-        reference pose (known configuration), the start is at the contact in this pose. If a
-        design variable changes one of its profiles, this start moves too.
+        The arc length of the point of contact is a pair variable plus a constant, the start
+        of the profile. The start is 0 if the contact slides. If the contact rolls and the
+        file has a reference pose (known configuration), the pair variable is the length
+        rolled from this pose, and the start is the arc length of the contact point in this
+        pose. A design variable that changes one of both profiles then changes the start,
+        too. In all other cases the start is treated as constant.
 
         Parameters
         ----------
@@ -202,9 +204,8 @@ class DesignProfiles:
         """Return how the starts of rolling profiles change with a design variable.
 
         A profile is the curve along which a link touches another link. Its start is the arc
-        length at which rolling begins. If the file states a reference pose, the contact
-        starts where both profiles are nearest in this pose. This point moves if a profile
-        changes.
+        length at which the pair variable is 0. If the file states a reference pose, this is
+        where both profiles are nearest in this pose. This point moves if a profile changes.
 
         Parameters
         ----------
@@ -681,7 +682,7 @@ class ContactFrame:
 
 
 def _contact_frame(profile: ContactProfile) -> ContactFrame:
-    """Return the moving frame of a profile at the start of the contact."""
+    """Return the moving frame of a profile where the variable of the contact is 0."""
     curve_point = profile.curve.evaluate(np.array([profile.start]))
     tangent, normal, point = curve_point.frame[0].T
     curvature = curve_point.curvature[0]

@@ -1,8 +1,8 @@
 """Friction that depends on reactions, and changes these reactions.
 
-A pair k with friction carries loads at one or two places j: the forces on its bearings, or
-the push of a contact. Each load is a_kj + sum_l b_kjl f_l, where f_l are the friction
-torques of all such pairs. So the friction torques satisfy
+A pair k with friction carries one or two loads, numbered by j: the forces on its bearings,
+or the moment of the normal force of a contact. Each load is a_kj + sum_l b_kjl f_l, where
+f_l are the friction torques of all such pairs. So the friction torques satisfy
 
     f_k = r_k sum_j |a_kj + sum_l b_kjl f_l|,   r_k = -mu_k tanh(v_k / v0_k)
 
@@ -182,8 +182,9 @@ class CarriedLoads:
     ----------
     carried
         (n, k) loads of k pairs with friction. The load of a revolute pair is the sum of the
-        sizes of the forces (N) on its bearings. The load of a contact is the moment (N m)
-        of the normal force about the centre of the sphere. NaN in rows without a motion.
+        magnitudes of the forces (N) on its bearings. The load of a contact is the moment
+        (N m) of the normal force about the centre of the sphere. NaN in rows without a
+        motion.
     is_unknown
         (n,) whether the friction is not known: the iteration has not converged, there may
         be no single solution, so that bearings may lock, or the sides on which gear teeth
@@ -206,10 +207,10 @@ def solve_bearing_friction(
     """Return the loads that pairs with friction carry, from the motion without friction.
 
     The friction torques f of all such pairs depend on the loads that they carry, and change
-    these loads. At place j of pair k (a bearing, or a contact) the load is the vector
-    a_kj + sum_l b_kjl f_l. The vectors a and b are computed here. `_solve_friction` then
-    solves f_k = r_k sum_j |a_kj + sum_l b_kjl f_l|, where r_k is the friction coefficient
-    times the law of friction at the rate of pair k.
+    these loads. The load j of pair k (force on a bearing, or moment of a contact) is the
+    vector a_kj + sum_l b_kjl f_l. The vectors a and b are computed here. `_solve_friction`
+    then solves f_k = r_k sum_j |a_kj + sum_l b_kjl f_l|, where r_k is the friction
+    coefficient times the law of friction at the rate of pair k.
 
     The vectors depend on the sides on which gear teeth press. Where friction reverses a
     side, the equation is solved again with the other side.
@@ -456,14 +457,17 @@ class FrictionEquation:
     factors: Floats
 
     def compute_loads(self, friction: Floats) -> Floats:
-        """Return the load vectors (n, pairs, 2, 3) for friction torques f (n, pairs)."""
-        # The letters are: n rows, k and l pairs, j places, a components.
+        """Return the load vectors (n, pairs, 2, 3) for friction torques (n, pairs), N m."""
+        # The letters are: n rows, k and l pairs, j loads of a pair, a components.
         return self.without_friction + np.einsum(
             "nkjal,nl->nkja", self.per_friction, friction
         )
 
     def sum_loads(self, friction: Floats) -> Floats:
-        """Return the sums (n, pairs) of the sizes of the loads of each pair."""
+        """Return, for each pair, the sum (n, pairs) of the magnitudes of its loads.
+
+        The loads depend on the friction torques `friction` (n, pairs), N m.
+        """
         return np.sum(np.linalg.norm(self.compute_loads(friction), axis=3), axis=2)
 
     def find_contracting_rows(self) -> Bools:

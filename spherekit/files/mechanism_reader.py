@@ -323,7 +323,7 @@ class _MechanismReader:
         )
         # A file can state the phase of wheels: angles of the shafts at which the wheels
         # mesh. From the phase and all sizes follows the start of the contact: the arc
-        # lengths on the two circles at which the wheels touch.
+        # lengths on the two circles at which the variable of the contact is 0.
         pairs = tuple(self.with_start(mechanism, pair) for pair in mechanism.pairs)
         return replace(mechanism, pairs=pairs) if pairs != mechanism.pairs else mechanism
 
@@ -456,8 +456,9 @@ class _MechanismReader:
 
         The file can state a phase: the angles of the shafts of two wheels in one
         configuration in which they mesh. The start consists of two arc lengths, which
-        locate the contact point on both pitch circles in this configuration. Pairs without
-        a phase are returned unchanged.
+        locate the contact point on both pitch circles where the variable of the contact is
+        0. This is the configuration of the phase or, if a shaft is driven, the one in which
+        this shaft is at 0. Pairs without a phase are returned unchanged.
 
         Parameters
         ----------

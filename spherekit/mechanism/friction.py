@@ -98,7 +98,7 @@ class Bearings(BearingFriction):
 
         A pair (hinge) has one or two bearings along its axis, at the distances `positions`
         from the centre of the sphere. Two bearings exert the moment and the force that the
-        pair transmits. A single one exerts the moment, and the force along the axis.
+        pair transmits. A single bearing exerts the moment, and the force along the axis.
         Without `forces`, the force is taken to be zero.
 
         Parameters
@@ -106,7 +106,7 @@ class Bearings(BearingFriction):
         moments
             (..., 3) moment about the centre (N m) that the pair transmits, in pair axes.
         forces
-            (..., 3) force through the centre (N) that it transmits, in pair axes.
+            (..., 3) force through the centre (N) that the pair transmits, in pair axes.
 
         Returns
         -------
@@ -252,12 +252,12 @@ class ContactFriction(BearingFriction):
         return self.coefficient
 
     def supported_loads(self, moments: Floats, forces: Floats | None = None) -> Floats:
-        """Return the push of the contact, as a vector (N m).
+        """Return the moment (N m) of the contact's normal force about the sphere's centre.
 
-        The push is the moment of the normal force about the centre of the sphere. Friction
-        of the contact follows from it. The pair axes x, y, z are the tangent, the normal
-        and the direction to the contact point. A force along y at a point on z has a moment
-        about x, so the push is the x component of the whole moment.
+        The friction of the contact follows from this moment, the *push*. The pair axes x,
+        y, z are the tangent, the normal and the direction to the contact point. A force
+        along y at a point on z has a moment about x. The push is therefore the x component
+        of the moment that the contact transmits.
 
         Parameters
         ----------
@@ -268,7 +268,8 @@ class ContactFriction(BearingFriction):
 
         Returns
         -------
-        (..., 1, 3) push (N m) in pair axes. The axis of length 1 counts the supports.
+        (..., 1, 3) push (N m) as a vector in pair axes. The array axis of length 1 numbers
+        the loads of the pair: a contact has one load, a hinge one for each bearing.
         """
         push = moments * [1.0, 0.0, 0.0]
         return push[..., None, :]

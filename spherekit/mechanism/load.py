@@ -289,7 +289,7 @@ class BearingFriction(Load):
     @property
     @abstractmethod
     def friction_coefficient(self) -> float:
-        """The friction (N m) divided by the sum of the sizes of the `supported_loads`.
+        """The friction (N m) divided by the sum of magnitudes of the `supported_loads`.
 
         For bearings, which support forces (N), the coefficient is a length (m). For a
         contact, where the normal force is stated as a moment (N m), it has no unit.
@@ -318,8 +318,8 @@ class BearingFriction(Load):
         moments
             (..., 3) moment about the centre (N m) that the pair transmits, in pair axes.
         forces
-            (..., 3) force through the centre (N) that it transmits, in pair axes. None if
-            it is unknown or has no influence.
+            (..., 3) force through the centre (N) that the pair transmits, in pair axes.
+            None if this force is unknown or has no influence.
 
         Returns
         -------

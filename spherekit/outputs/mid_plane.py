@@ -29,11 +29,12 @@ can be missed. Smaller: more time.
 
 @dataclass(frozen=True)
 class ElbowFeet:
-    """The two possible elbows of each leg at m poses, described by their middle.
+    """The two possible elbows of each leg at m poses, by the point half-way between them.
 
-    A leg has two links, and its elbow is the axis between them. Base and end effector
-    mirror each other in the mid-plane. The elbow is in the mid-plane, at the arc of a link
-    from the base axis of the leg. Two unit vectors fulfil both conditions:
+    A leg has two links of equal arcs. Its elbow is the unit vector of the axis between
+    them. Base and end effector mirror each other in the mid-plane. The elbow lies in the
+    mid-plane, and its angle to the base axis of the leg is the arc of a link. Two unit
+    vectors fulfil both conditions:
 
         elbow = foot + triple_product * direction.
 
@@ -157,9 +158,9 @@ class MidPlane:
         """Return the points half-way between both possible elbows of each leg.
 
         An elbow is the axis between the two links of a leg, as a point of the unit sphere.
-        Both links have equal arcs. The elbow is in the mid-plane, at this arc from the base
-        axis of the leg. Two points fulfil both conditions. The foot is half-way between
-        them.
+        Both links have equal arcs. The elbow lies in the mid-plane, and its angle to the
+        base axis of the leg is this arc. Two points fulfil both conditions. The foot is
+        half-way between them.
 
         Parameters
         ----------

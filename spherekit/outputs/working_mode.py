@@ -872,12 +872,12 @@ class WorkingMode:
 
     @_shared_between_modes
     def input_rate(self, pair: int) -> RateFraction:
-        """Return the rate of an input per unit angular velocity of the output.
+        """Return the rate of an input as a linear function of the angular velocity w.
 
-        The result is a fraction ``numerator . w / denominator`` with the angular velocity w
-        of the output. A closing link (a link with two joints) can determine the turn of the
-        output about its direction. The component of w along this direction then has no
-        influence.
+        The result is the fraction ``numerator . w / denominator``, where w belongs to the
+        output link. If the output link only has to point in a direction, a closing link (a
+        link with two joints) can determine its rotation about this direction. The component
+        of w along the direction then has no influence.
         """
         rate = self.pair_rate(pair)
         if self.closing_link is None:

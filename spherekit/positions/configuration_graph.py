@@ -93,7 +93,8 @@ class NodeEdges(NamedTuple):
     """Edges of the configuration graph, by the nodes that they join.
 
     A node is one configuration of the mechanism at one sample of the inputs. An edge is a
-    verified path between configurations at neighbouring samples, or joins two of a sheet.
+    verified path between configurations at neighbouring samples, or joins two nodes of a
+    sheet (see `ConfigurationGraph.add_sheet`).
 
     Attributes
     ----------
@@ -109,7 +110,8 @@ class NodeTable:
     """The samples of all nodes, and the nodes of all samples.
 
     A node is one configuration of the mechanism at one sample (choice of the inputs). A
-    sample can have several. Nodes are numbered from 0 in the order in which they are added.
+    sample can have several nodes. Nodes are numbered from 0 in the order in which they are
+    added.
 
     Attributes
     ----------
@@ -148,8 +150,8 @@ class NodePieces:
 
     A node is one configuration at one sample of the inputs. An assembly mode (one way to
     assemble the links) has at most one node per sample. A piece is a set of nodes that
-    paths join, at most one per sample. A new node is a piece of its own. Pieces that a path
-    joins are united, unless both have a node at the same sample.
+    paths join, with at most one node per sample. A new node is a piece of its own. Pieces
+    that a path joins are united, unless both have a node at the same sample.
 
     Attributes
     ----------
@@ -176,8 +178,8 @@ class NodePieces:
     def have_nodes_at(self, piece: Indices | int, sample: Indices) -> Bools:
         """Return whether pieces have nodes at samples (m,).
 
-        A piece is a set of joined nodes (configurations), at most one per sample of the
-        inputs. Pieces with nodes at the same sample cannot be united.
+        A piece is a set of joined nodes (configurations) with at most one node per sample
+        of the inputs. Pieces with nodes at the same sample cannot be united.
 
         `piece` is the identifier of one piece, or of a piece (m,) for each sample.
         """
@@ -220,11 +222,11 @@ class NodePieces:
 class ConfigurationGraph:
     """Configurations at the n samples of an input grid, and the paths that join them.
 
-    Joined configurations become assembly modes (ways to assemble the links), with at most
-    one at each sample. Each configuration is a node. Nodes are numbered 0 to k - 1 as they
-    are added. A direction is a row of `InputGrid.neighbours`: 2 a leads to the next sample
-    along axis a (an input), and 2 a + 1 to the previous one. The opposite direction is
-    ``direction ^ 1``.
+    A sample is one choice of the inputs. Each configuration at a sample is a node. Joined
+    nodes become assembly modes (ways to assemble the links). A mode has at most one node at
+    each sample. Nodes are numbered 0 to k - 1 as they are added. A direction is a row of
+    `InputGrid.neighbours`: row 2 a leads to the next sample along axis a (an input), and
+    row 2 a + 1 to the previous sample. The opposite direction is ``direction ^ 1``.
 
     Parameters
     ----------
@@ -239,7 +241,8 @@ class ConfigurationGraph:
         (k, variables) configuration of each node (rad).
     is_complete
         (n,) whether all configurations of a sample are nodes already; False until the
-        caller sets it. Only paths to samples that are not complete can lead to new nodes.
+        caller sets it to True. Only paths to samples that are not complete can lead to new
+        nodes.
     """
 
     def __init__(self, solver: PositionSolver, input_grid: InputGrid) -> None:

@@ -203,7 +203,10 @@ class CurveLimits:
         return LimitMargins(margins, gradients)
 
     def describe(self, number: int) -> str:
-        """Return a phrase that names a limit, for messages."""
+        """Return a phrase that names one of the limits of a curve, for messages.
+
+        `number` is the index of the limit: bounds of variables first, then contacts.
+        """
         if number >= len(self.bounds):
             pair = self.contacts[number - len(self.bounds)].pair
             return f"equal curvatures of the profiles of pair {pair}"

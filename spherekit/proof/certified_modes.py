@@ -93,7 +93,7 @@ class CertifiedModes:
     roots
         Complex roots that are proven to be different, real roots among them.
     precision_bits
-        Bits of the ball centres with which they were proven.
+        Bits of the ball centres with which the roots were proven.
     systems
         The parts of the equations, solved one after another, by which the real roots were
         counted. Each system has all its solutions, including solutions at infinity. Empty
@@ -116,12 +116,12 @@ class CertifiedModes:
 
     @property
     def is_counted(self) -> bool:
-        """Whether all complex modes are proven."""
+        """Whether as many real and complex roots are proven as there can be."""
         return len(self.roots) == self.mode_bound
 
     @property
     def mode_bound(self) -> int:
-        """Largest possible number of isolated complex modes."""
+        """Largest possible number of isolated roots, real and complex ones together."""
         return self.construction.mode_bound
 
     @property
@@ -131,13 +131,13 @@ class CertifiedModes:
 
     @property
     def is_complete(self) -> bool:
-        """Whether it is proven that no real mode is missing."""
+        """Whether it is proven that no real root (assembly mode) is missing."""
         is_excluded = self.undecided_boxes is not None and not len(self.undecided_boxes)
         return self.is_counted or bool(self.systems) or is_excluded
 
     @property
     def clusters(self) -> list[tuple[Floats, Floats]]:
-        """Regions with undecided modes: centre and half widths (unknowns,) rad of each."""
+        """Regions that may have more real roots: centre, half widths (unknowns,) rad."""
         if self.undecided_boxes is None:
             return []
         unknown_count = self.construction.unknown_count

@@ -34,10 +34,11 @@ AXIS_KEYS = {"through_xyz", "through_lonlat", "xyz", "lonlat"}
 """Keys of a pair in a file that state where its axis is."""
 
 PHASE_ERROR_RAD = 1e-13
-"""Error bound (rad) of a start of a contact that the file reader computes from a phase.
+"""Error bound (rad) of an arc length `start` that the reader computes from a phase.
 
-It holds for a phase of up to one turn and equal wheels. For more turns, or unequal wheels,
-the bound grows in proportion to the length that the wheels have rolled.
+At this arc length the variable of the contact is 0. The bound is valid for a phase of up to
+one turn and equal wheels. For more turns, or unequal wheels, the bound grows in proportion
+to the length that the wheels have rolled.
 """
 
 
@@ -325,11 +326,12 @@ class DecimalGeometry:
         return frames[pair][side][2]
 
     def contact_starts(self, contact: int) -> Array:
-        """Return the arc lengths (2,) rad along both circles at which a contact starts."""
+        """Return the arc lengths (2,) rad on both circles where the pair variable is 0."""
         pair = self.mechanism.pairs[contact]
         table = self.pair_table(pair.name)
         if "phase" in table:
-            # The file has no start: its reader computed one in float64 from the phase.
+            # The file has no key `start`. The file reader computed both arc lengths in
+            # float64 from the phase.
             turn = 360.0 if self.in_degrees else TURN
             turns = max(map(abs, table["phase"].values())) / turn
             # A great circle has no radius.

@@ -33,8 +33,8 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
     - ``ratio``: unit of the entries that end with ``_ratio``; empty for velocity ratios.
     - ``outputs``: their labels, links, whether they turn about a fixed axis, and the pair
       at which their transmission angle is taken.
-    - ``modes``: for each mode, keyed by index: the places between which the mechanism
-      closes, the places with statuses other than OK, the numbers of spans of samples that
+    - ``modes``: for each mode, keyed by index: the spans, from place to place, in which the
+      mechanism closes, the spans with statuses other than OK, the numbers of spans that
       these lists leave out, the least transmission angle of all dyads, and for each output
       the range of its angle, its velocity ratios, its least transmission angle and measure,
       how near it is to singularities of type I, and where it comes to rest.
@@ -53,7 +53,10 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
     place_name, place_unit = names[plan.place_kind]
 
     def place_spans(spans: Sequence[Sequence[int]]) -> list[list[float]]:
-        """Return spans of samples by the places of their first and last samples."""
+        """Convert the sample numbers of spans [first, last] to the places of the samples.
+
+        The place of a sample is its time, its first input or its number.
+        """
         return [[float(places[first]), float(places[last])] for first, last in spans]
 
     sample_count = len(places)
@@ -136,7 +139,11 @@ def summarize_overview(overview: MotionOverview, plan: OverviewPlan) -> Facts:
 def _summarize_transmission(
     plan: OverviewPlan, angle: float, pair: str, place: float
 ) -> Facts:
-    """Return a least transmission angle (rad) with its pair, its place and the inputs."""
+    """Return a least transmission angle (rad), its pair, and where it occurs in the run.
+
+    `place` is the time, the first input or the number of the sample; see `place_kind` of
+    the plan.
+    """
     return {
         "angle_rad": angle,
         "pair": pair,

@@ -421,7 +421,9 @@ def compare_with_rates(
     """Return a relation c y' = d q' at n singularities, compared with the rates.
 
     y' is the rate of the output and q' the rate of the input. c and d follow from pole
-    axes.
+    axes. The relation has one of two forms. In form "i", y' is the rate of the output link
+    relative to its own reference link. In form "ii", y' is its rate relative to the
+    reference link of the input.
 
     The type of a singularity can be decided in two ways. According to the relation, it is
     type I if d = 0, and type II if c = 0. According to the rates, it is type I if the
@@ -435,12 +437,12 @@ def compare_with_rates(
     names
         The names of all links of the mechanism.
     output_rate, input_rate
-        (n,) rates of its output and of its input.
+        (n,) rates y' and q' of the relation.
     axis_errors
         (n,) error bounds (rad) of the pole axes.
     output
-        Links of the output whose singularities these are. In form "ii" the output of the
-        relation may be another one.
+        Output link and its own reference link, which define the singularities. In form
+        "ii", y' is in general not their relative rate.
     types_by_rates
         Type of each singularity according to the rates of `output` and of the input.
     is_resting

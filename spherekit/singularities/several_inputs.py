@@ -265,18 +265,19 @@ class _InputCoefficients:
 def coefficients(
     motion: Motion, output: OutputStationary, by_rank: bool = False
 ) -> OutputCoefficients:
-    """Return the coefficients of an output, and the type of every row of a motion.
+    """Return the coefficients c_i, d_i of an output, and the singularity type of each row.
 
-    The coefficients are those of c_i w_i = d_i q_i', if input i moves alone while all other
-    inputs are locked; see `OutputCoefficients`.
+    Let input i move at the rate q_i' while all other inputs are locked. The output link
+    then turns about a pole axis at the rate w_i, and the numbers c_i and d_i satisfy
+    c_i w_i = d_i q_i'; see `OutputCoefficients`.
 
     Parameters
     ----------
     motion
         Any motion of a mechanism with at least one input.
     output
-        The output whose rates count, as `spherekit.singularities.stationarity.output_of`
-        returns it.
+        The output link and its reference link, as
+        `spherekit.singularities.stationarity.output_of` returns them.
     by_rank
         Whether degrees of freedom are determined from the rank of the closure equations,
         instead of by counting links and pairs.

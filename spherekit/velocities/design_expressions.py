@@ -221,7 +221,7 @@ class DesignExpressions:
 
     @property
     def profile_symbols(self) -> list[ExpressionNode]:
-        """Symbols of the profile columns, which are arguments after the configuration."""
+        """Symbols of profiles at their contacts: arguments after the configuration."""
         return [
             symbol
             for side in self.structure.pairs.sides_with_symbols
@@ -235,9 +235,10 @@ class DesignExpressions:
         link, a mass or a number of a load. The inputs are constant. If a size grows, the
         pair variables have to change, so that the loops stay closed.
 
-        A profile that is not a circle is described by symbols at its contact, the profile
-        columns: tangent, point, curvature, and the derivative of the curvature. Profile
-        columns are treated like further sizes.
+        A profile is the curve along which a link touches another link. If the curve is not
+        a circle, symbols describe it at the point of contact: tangent, point, curvature,
+        and the derivative of the curvature. These symbols, the profile columns, are treated
+        like further sizes.
 
         Parameters
         ----------
@@ -246,9 +247,9 @@ class DesignExpressions:
 
         Returns
         -------
-        For each size, then for each profile column, the derivative of each expression. If
-        there are formulas for all pair variables (a closed form), there are no profile
-        columns.
+        For each size, then for each profile column, the derivative of each expression. In
+        closed form (with formulas for all pair variables), the result has the derivatives
+        by sizes only.
 
         Raises
         ------

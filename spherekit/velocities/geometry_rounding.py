@@ -6,9 +6,10 @@ w are the angular velocities of links per unit rate of the input, and dw their d
 with respect to the input. v and dv are the differences of these for two links, and u =
 v/|v|. The tilts act in three ways:
 
-1. The loops stay open by g. Each loop can open in three directions, about three axes. The
-   change of a quantity is g times the sum of its derivatives in all these directions. The
-   engine measures these derivatives; `spread` is the sum of their sizes.
+1. The loops fail to close by small rotations g. The rotation that opens a loop has three
+   components, about three axes. The change of a quantity is g times the sum of its
+   derivatives with respect to all these components, the opening angles. The engine
+   measures these derivatives; `spread` is the sum of their magnitudes.
 2. The velocity equations have other coefficients. Their residual is m1 = sum of d_k x w_k
    over the tilts d_k of the links of a loop. The residual of the acceleration equations is
    the derivative m2 of m1. m1 changes the angular velocities by the same factors by which
@@ -40,7 +41,7 @@ class GeometryRounding:
     Attributes
     ----------
     gap
-        (n,) bound (rad) of each component by which any loop may be open.
+        (n,) bound (rad) of each of the three angles by which any loop may be open.
     axis_error
         Bound (rad) of the sum of all tilts of axes on the path from the ground to a link.
     loop_error
@@ -49,14 +50,14 @@ class GeometryRounding:
         (links, 3, n) angular velocities of the links per unit rate of the input, and their
         derivatives with respect to the input.
     w_spread, dw_spread
-        (links, n) sums, over all directions in which loops can open, of the sizes of the
-        derivatives of `w` and `dw` (per rad of opening).
+        (links, n) sums of the magnitudes of the derivatives of `w` and `dw` with respect to
+        all opening angles (three angles by which each loop fails to close), per rad.
     link_rotations
-        (directions, links, 3, n) rotation vector of each link per unit opening of a loop in
-        each direction, rad per rad.
+        (opening angles, links, 3, n) rotation vector of each link per unit of each opening
+        angle, rad per rad.
     largest_movement
-        (n,) sum over these directions of the movement of one variable per unit opening, for
-        the variable with the largest sum.
+        (n,) sum over the opening angles of the movement of one variable per unit opening,
+        for the variable with the largest sum.
     profile_speed
         (n,) bound of the rates of variables if contacts have profiles whose sizes are
         rounded too. Otherwise 0.
@@ -101,8 +102,8 @@ class GeometryRounding:
     def _turn(self) -> Floats:
         """(links, n) angles by which links turn if loops open, per rad of opening.
 
-        Loops stay open by a small angle because sizes are rounded. The angles are summed
-        over all directions in which loops can open.
+        Loops fail to close by small rotations because sizes are rounded. Each loop has
+        three opening angles, about three axes. The result is summed over all of them.
         """
         return np.sum(norm_columns(self.link_rotations), axis=0)
 
@@ -158,32 +159,35 @@ class GeometryRounding:
         is_pair_axis: bool,
         second_order: Floats,
     ) -> dict[str, Floats]:
-        """Return bounds of the errors of the quantities of a pole.
+        """Return error bounds of the direction and the coefficients of a pole.
 
-        `docs/poles.md` (Conditioning and error bound) derives the bounds.
+        A pole is the axis of relative rotation of two links. `docs/poles.md` (Conditioning
+        and error bound) derives the bounds.
 
         Parameters
         ----------
         pole
             Indices of the two links.
         v, dv
-            (3, n) angular velocity of the second link relative to the first, and its
-            derivative.
+            (3, n) angular velocity of the second link relative to the first, per unit rate
+            of the input, and its derivative with respect to the input.
         direction_dq
-            (3, n) derivative of the direction u of the pole.
+            (3, n) derivative of the direction u of the pole with respect to the input.
         spreads
-            (n,) for each quantity in `SIGNED_COMPONENTS`, by name: sum of the sizes of its
-            derivatives in all directions in which loops can open.
+            (n,) for each quantity in `SIGNED_COMPONENTS`, by name: sum of the magnitudes of
+            its derivatives with respect to all opening angles. These are the three angles
+            by which each loop fails to close.
         is_pair_axis
             Whether the direction of the pole is the axis or contact line of a pair, and not
             the direction of v.
         second_order
-            (n,) bound of the terms of second order, relative to those of first order.
+            (n,) bound of the second-order terms of the errors, relative to the first-order
+            terms.
 
         Returns
         -------
-        (n,) bounds by their names in `PoleField`. The bound of the direction is infinite if
-        v and dv may both be zero within their errors.
+        (n,) error bounds by their names in `PoleField`. The bound of the direction is
+        infinite if v and dv may both be zero within their errors.
         """
         i, j = pole
         speed, dv_size = norm_columns(v), norm_columns(dv)

@@ -68,7 +68,8 @@ def evaluate(
         same numbers. On the route "equations", `PoleField.is_quad_precision` is set in all
         rows. "first" and "conditioned" follow a plan in which each pole is the intersection
         of two great circles. "first" uses the first two circles of the plan. "conditioned"
-        uses the two with the smallest error bounds.
+        uses the circle with the smallest error bound, and the one for which the
+        intersection then has the smallest error bound.
     engine
         "numpy", "compiled" (by heyoka), or "extended": quad precision for all rows.
 
