@@ -569,7 +569,7 @@ def test_an_error_of_exactly_zero_is_printed_as_zero(capsys, tmp_path):
     path.write_text(dumps(replace(sk.load("four_bar"), loads=())), "utf-8")
     start = ["--start", "q=0.3rad,dq=0rad/s", "--duration", 1]
     printed = print_run(capsys, path, "-a", "eksergian", *start)
-    assert ", 0 J in the energy (of 0 J)" in printed and "0e+00" not in printed
+    assert ", 0 J in the energy (largest: 0 J)" in printed and "0e+00" not in printed
 
 
 def test_stops_of_a_damped_motion_are_counted_but_not_listed(capsys):

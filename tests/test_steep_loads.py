@@ -224,12 +224,12 @@ def test_the_command_says_that_a_tolerance_is_missed(engine, tmp_path, capsys):
 
     status, output, error_text = run_command("1", "--strict")
     assert status == 0
-    assert "in the simulated input (tolerance 1e-09)," in output
+    assert "in the simulated input (tolerance 1e-09 rad)," in output
     assert "misses" not in error_text
     for flags, expected_status in (((), 0), (("--strict",), FAILED_SAMPLES)):
         status, output, error_text = run_command("7", *flags)
         assert status == expected_status
-        assert "in the simulated input (tolerance 1e-09, which was MISSED)," in output
+        assert "in the simulated input (tolerance 1e-09 rad, which was MISSED)," in output
         warning = "Warning: the simulation misses its tolerance of 1.0e-09 rad"
         assert warning in output
 

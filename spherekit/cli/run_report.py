@@ -773,8 +773,8 @@ def _accuracy(summary: Any) -> str:
         texts.insert(
             0,
             f"{bound_text(simulation['achieved_error_rad'])} rad in the simulated input "
-            f"(tolerance {simulation['tolerance']:.0e}{missed}), "
-            f"{bound_text(simulation['energy_imbalance_J'])} J in the energy (of "
+            f"(tolerance {simulation['tolerance']:.0e} rad{missed}), "
+            f"{bound_text(simulation['energy_imbalance_J'])} J in the energy (largest: "
             f"{simulation['energy_scale_J']:.2g} J)",
         )
     if not texts:  # no error bound is known

@@ -106,6 +106,18 @@ def _extent(summary: Any) -> str:
     return "on this path" if len(summary["inputs"]) > 1 else "in this range"
 
 
+def _sample_extent(summary: Any) -> str:
+    """Return words for all samples of a run, such as ``at the samples of this path``.
+
+    They are for statements that hold at the samples and were not tested between them.
+    """
+    extent = _extent(summary)
+    if "simulation" in summary or not summary["overview"]["is_path"]:
+        return extent
+    path_or_range = extent.split(maxsplit=1)[1]
+    return f"at the samples of {path_or_range}"
+
+
 def _describe_type_2(summary: Any) -> _Statement:
     """Return sentences on singularities of type II of a mechanism with several inputs.
 
@@ -156,7 +168,7 @@ def _describe_type_2(summary: Any) -> _Statement:
             if is_nearly_met:
                 beginning = f"A singularity of {meaning} is nearly met"
             nearest_text = f"; {_describe_nearest(nearest, nearest_samples, summary)}"
-        lines.append(f"{beginning} {extent}{nearest_text}.")
+        lines.append(f"{beginning} {_sample_extent(summary)}{nearest_text}.")
     return _Statement(lines, is_nearly_met)
 
 
@@ -418,5 +430,5 @@ def _describe_type_1(summary: Any, number: int) -> _Statement:
                 f"; {_closest_text(noun, summary, equally_near)}, where "
                 f"{quantity} is {number_text(least_value, RATIO_ERROR, 2)}{explanation}"
             )
-        lines.append(f"{beginning} {extent}{end}.")
+        lines.append(f"{beginning} {_sample_extent(summary)}{end}.")
     return _Statement(lines, is_nearly_met or bool(modes_by_place))
