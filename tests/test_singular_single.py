@@ -20,6 +20,7 @@ from spherekit.positions.curve_continuation import follow_arc
 from spherekit.positions.curve_crossing import find_crossing, find_outgoing_points
 from spherekit.positions.curve_segment import curve_points
 from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.singularities.curve_velocities import OTHER_PROJECTIONS, PROJECTION
 from spherekit.singularities.geometric_conditions import compare_with_rates
 from spherekit.singularities.input_output_relation import FourLinks, Type, make_relation
 from spherekit.singularities.single_freedom import (
@@ -281,6 +282,41 @@ def test_rest_points_of_all_poles_are_where_relative_rates_vanish(chain, seed):
         if len(rest_points):
             w_at_rest = curve_motion.links_at(rest_points).w
             assert np.max(np.abs(w_at_rest[:, j] - w_at_rest[:, i])) < 1e-12
+
+
+@pytest.mark.parametrize("normal", OTHER_PROJECTIONS)
+def test_no_singularity_is_lost_if_the_output_axis_is_normal_to_the_projection(normal):
+    """A four-bar has two singularities of its output on a curve, however it is turned.
+
+    Zeros of the output rate are first located by its component along `PROJECTION`. Here the
+    fixed axis of the output is at right angles to `PROJECTION`, so this component is zero
+    on the whole curve. The component along one of the two other directions is zero as well.
+    """
+    # The axes of the pairs 12, 23, 34 and 14 in the frame of the output axis 14. The arcs
+    # of the links 1 to 4 are 60, 20, 66 and 40 degrees: a crank-rocker with crank 2.
+    crank_angle, coupler_angle, rocker_angle = np.radians([60.0, 80.0, 40.0])
+    x = np.cos(rocker_angle)
+    y = (np.cos(np.radians(66.0)) - x * np.cos(coupler_angle)) / np.sin(coupler_angle)
+    axes = np.array(
+        [
+            [np.cos(crank_angle), np.sin(crank_angle), 0.0],
+            [np.cos(coupler_angle), np.sin(coupler_angle), 0.0],
+            [x, y, np.sqrt(1.0 - x**2 - y**2)],
+            [1.0, 0.0, 0.0],
+        ]
+    )
+    # The frame is turned as a whole. Its first axis becomes the one at right angles to both
+    # directions.
+    output_axis = np.cross(PROJECTION, normal)
+    axes = axes @ np.array([output_axis, PROJECTION, np.cross(output_axis, PROJECTION)])
+
+    mechanism = mechanism_from_chain("1-2 2-3 3-4 1-4", axes)
+    position_analysis = PositionAnalysis(mechanism, samples=7)
+    # The configuration curve through the reference pose, where all variables are zero.
+    curve = follow_arc(position_analysis.solver.closure, np.zeros(4))
+    report = SingleFreedomSingularities(position_analysis, [curve], ["4/1"])
+    assert [point.type for point in report.points] == [Type.I, Type.I]
+    assert all(point.output_turns and point.certain for point in report.points)
 
 
 @pytest.mark.parametrize("chain", [EIGHT_BARS[1], EIGHT_BARS[10]])

@@ -38,8 +38,17 @@ CROSSING_DISTANCE_FACTOR = 4.0
 """Least distance of a zero of a rate from a crossing of curves, as a multiple of its error.
 Larger: zeros near crossings are lost; smaller: rounding near crossings counts as a zero."""
 PROJECTION = np.array([0.5257311, 0.3090170, 0.7925405])
-"""Direction on which relative rates are projected to find their zeros. It is at right
-angles to no axis, except by chance."""
+"""Direction (unit vector) on which relative rates are projected to find their zeros. It is
+at right angles to no axis, except by chance."""
+OTHER_PROJECTIONS = np.array(
+    [[0.7288269, -0.6440732, -0.2323382], [0.4386565, 0.6997705, -0.5638278]]
+)
+"""Two directions (unit vectors, rows) at right angles to `PROJECTION` and to each other.
+One of them replaces `PROJECTION` for a pole axis that is nearly at right angles to it."""
+LEAST_PROJECTED_RATIO = 0.1
+"""Least ratio of the largest component of a relative rate along `PROJECTION` to its largest
+size. Below it another direction is used. Larger: the direction is replaced without need;
+smaller: rounding of the component can hide double zeros."""
 REST_NEWTON_STEPS = 3
 """Number of Gauss-Newton steps from a zero of the projected rate to the least rate."""
 ZERO_ROUNDING_FACTOR = 16.0
@@ -316,6 +325,32 @@ def bound_velocity_rounding(
     return EPS * largest_w * amplification
 
 
+def _choose_projection(w: Floats) -> Floats:
+    """Return the direction along which a component of a relative rate is examined.
+
+    The direction is `PROJECTION`, unless the pole axis is nearly at right angles to it on
+    the whole curve. For such an axis the component along `PROJECTION` is zero or lost in
+    rounding, and no zero of w could be located by it.
+
+    Parameters
+    ----------
+    w
+        (n, 3) angular velocity of one link relative to another at n configurations of a
+        curve.
+
+    Returns
+    -------
+    (3,) unit vector, constant on the curve.
+    """
+    largest_speed = np.max(np.linalg.norm(w, axis=1))
+    if np.max(np.abs(w @ PROJECTION)) >= LEAST_PROJECTED_RATIO * largest_speed:
+        return PROJECTION
+    # The two other directions span the plane at right angles to `PROJECTION`, and w is
+    # nearly in this plane. So the larger component is at least 0.7 times the largest |w|.
+    largest_components = np.max(np.abs(w @ OTHER_PROJECTIONS.T), axis=0)
+    return OTHER_PROJECTIONS[np.argmax(largest_components)]
+
+
 @dataclass(frozen=True)
 class RestPoints:
     """The k points of a curve at which two links rest relative to each other.
@@ -544,9 +579,10 @@ class CurveMotion:
         """Return all points of a curve at which two links rest relative to each other.
 
         First the zeros of one component of their relative angular velocity are located. The
-        component is along `PROJECTION`, a constant vector that is hardly ever at right
-        angles to the velocity. The result has those zeros at which the whole vector
-        vanishes within its rounding error, or is None if the links rest on the whole curve.
+        component is along a constant vector, which is not at right angles to the velocity
+        on the whole curve (`_choose_projection`). The result has those zeros at which the
+        whole vector vanishes within its rounding error, or is None if the links rest on the
+        whole curve.
 
         Zeros very near to an end at a crossing with other curves are left out. Rounding
         errors are large there, so any velocity may seem to be zero.
@@ -557,18 +593,20 @@ class CurveMotion:
         # Links rest where their relative velocity is zero within its rounding error.
         if np.all(node_links.rests(pole)):
             return None
+        node_w, _ = node_links.relative(*pole)
+        projection = _choose_projection(node_w)
 
         def projected_rate(s: Floats) -> tuple[Floats, Floats]:
             """Return one component of the relative angular velocity, and its derivative.
 
             The velocity is the angular velocity of the second link of `pole` relative
             to the first, at arc lengths s (n,) of the curve. The component (n,) is
-            along the constant vector `PROJECTION`. Where the links rest, it is zero
+            along the constant vector `projection`. Where the links rest, it is zero
             too, and a zero of one number is easy to find. The derivative is with
             respect to s.
             """
             w, dw = self.links_at(s).relative(*pole)
-            return w @ PROJECTION, dw @ PROJECTION
+            return w @ projection, dw @ projection
 
         zeros = find_zeros(projected_rate, curve.s)
         if curve.closed:
@@ -582,7 +620,7 @@ class CurveMotion:
         # Bounds of the errors of the arc lengths s.
         errors = self._bound_zero_errors(s, is_double, pole)
         # The links rest where the whole vector vanishes. At other zeros only the component
-        # along `PROJECTION` vanishes.
+        # along `projection` vanishes.
         vanishes = self.links_at(s).rests(pole)
         is_rest = vanishes & self._is_apart_from_crossings(s, errors)
         return RestPoints(s[is_rest], is_double[is_rest], errors[is_rest])
@@ -667,10 +705,10 @@ class CurveMotion:
         """Move zeros of one component of a velocity to nearby minima of the whole vector.
 
         The vector w is the relative angular velocity of two links along a curve. The
-        component is along the constant vector `PROJECTION`. Where all components of w
-        vanish, the minimum of |w| is a more accurate zero than that of one component.
-        Gauss-Newton steps change the arc length by -(w . w') / (w' . w'), with the
-        derivative w' with respect to arc length.
+        component is along a constant vector, and any such vector may be used. Where all
+        components of w vanish, the minimum of |w| is a more accurate zero than that of one
+        component. Gauss-Newton steps change the arc length by -(w . w') / (w' . w'), with
+        the derivative w' with respect to arc length.
 
         Parameters
         ----------
