@@ -13,10 +13,12 @@ from helpers.refusals import TABLES, check_call
 
 import spherekit as sk
 from spherekit.designs.design_variables import DESIGNED, design_variable, make_design
+from spherekit.designs.varied_mechanism import VariedMechanism
 from spherekit.display.pages.page import PageMaker
-from spherekit.errors import SpherekitError
+from spherekit.errors import DesignError, SpherekitError
 from spherekit.exchange.formula_maker import formulas
 from spherekit.exchange.size_arguments import idle_arguments
+from spherekit.files.library import find
 from spherekit.files.number_change import document_of
 
 FILES = Path(__file__).parent / "files"
@@ -230,6 +232,51 @@ def test_numbers_of_a_profile_are_refused_by_name(key, language, tmp_path):
     """The formulas have the profile as a series, which does not follow them."""
     with pytest.raises(SpherekitError, match=f"{key}: cannot be an argument.*profiles"):
         sk.export("shaped_cam", tmp_path / "x.c", vary=[key])
+
+
+def test_a_coordinate_that_acts_nonlinearly_is_refused(tmp_path):
+    """The file allows only small changes of one coordinate of a unit vector.
+
+    Other changes, which are tried first, are impossible. Formulas that are linear in the
+    coordinate would be wrong by 6e-6 rad within the values that the file allows.
+    """
+    text = find("roller_cam").read_text()
+    angles = "centre_lonlat = [90.0, 80.0]"
+    assert text.count(angles) == 1
+    coordinates = "centre_xyz = [0.0, 0.17364817766693033, 0.984807753012208]"
+    path = tmp_path / "cam.toml"
+    path.write_text(text.replace(angles, coordinates))
+    key = "pairs.contact.profiles.cam.centre_xyz.1"
+    with pytest.raises(DesignError, match=f"{key}: .* linearly .*centre_lonlat"):
+        sk.export(path, tmp_path / "cam.py", vary=[key])
+    # The advice in the message works.
+    key = "pairs.contact.profiles.cam.centre_lonlat.1"
+    sk.export("roller_cam", tmp_path / "cam.py", vary=[key])
+
+
+def test_arguments_that_allow_only_small_changes_are_accepted():
+    """A tensor of inertia allows no large change of one component."""
+    assert check_argument("planetary_bevel", "mass.planet.tensor.1.1")
+
+
+def test_whole_numbers_are_arguments_if_they_act_linearly(tmp_path):
+    """The ratio of two wheels is proportional to the teeth of one wheel only."""
+    text = find("bevel_pair").read_text()
+    old = "teeth = [20, 40]"
+    assert text.count(old) == 1
+    path = tmp_path / "wheels.toml"
+    path.write_text(text.replace(old, "teeth = [200, 400]"))
+    assert check_argument(str(path), "pairs.12.teeth.0")
+    with pytest.raises(DesignError, match="pairs.12.teeth.1: .* linearly"):
+        sk.export(path, tmp_path / "wheels.py", vary=["pairs.12.teeth.1"])
+
+
+def test_arguments_that_cannot_be_compared_are_refused(tmp_path, monkeypatch):
+    """A formula is only written after a comparison with the slope of another design."""
+    monkeypatch.setattr(VariedMechanism, "_designs_near_file", [])
+    key = "mass.planet.tensor.1.1"
+    with pytest.raises(DesignError, match=f"{key}: .* too few other values .*vary other"):
+        sk.export("planetary_bevel", tmp_path / "train.py", vary=[key])
 
 
 @pytest.mark.slow

@@ -64,6 +64,14 @@ Each variable x is replaced by x (1 + change) + change, in the unit of the file.
 digits have no meaning.
 """
 
+TRIAL_FACTORS = (1.0, 1e-2, 1e-4)
+"""Factors of `TRIAL_DEVIATIONS` in the order of the trials, if larger trials fail.
+
+The smallest factor gives trials within the reach of the shortest difference quotients. With
+larger factors only, some designs that are possible are missed. With smaller factors, the
+derivatives at a trial differ from those in the file by little more than rounding.
+"""
+
 RELATIVE_DIFFERENCE_STEPS = np.array([1e-2, 1e-4, 1e-6])
 """Steps of difference quotients, relative to a variable, in the order of the trials.
 
@@ -784,10 +792,10 @@ class VariedMechanism:
         (varied numbers,) derivatives in the design of the file; None if they differ in a
         trial design, or if all trial designs are impossible.
         """
+        if not self._trials:
+            return None
         # The first item belongs to the design of the file.
         nominal_slopes, *trial_slopes = self.trial_slopes(k)
-        if not trial_slopes:
-            return None
         # The tolerance is relative, because the numbers have different units.
         agrees = all(
             np.allclose(nominal_slopes, slopes, rtol=CONSTANT_SLOPE_TOLERANCE, atol=0.0)
@@ -800,10 +808,44 @@ class VariedMechanism:
 
         The numbers describe contacts, masses and loads. The designs are the design in the
         file and some designs near it. If the derivatives (varied numbers,) are the same at
-        all of these designs, they count as constant.
+        all of these designs, they count as constant. There is only one item, that of the
+        file, if all designs that are tried near it are impossible.
         """
-        designs = [self.nominal_values, *(design for design, _ in self._trials)]
+        designs = [self.nominal_values, *self._designs_near_file]
         return [self._differentiate_numbers(design, k) for design in designs]
+
+    @cached_property
+    def _designs_near_file(self) -> list[Floats]:
+        """Possible designs (variables,) near the one in the file.
+
+        They are the trials. If all trials are impossible, all variables are changed by
+        smaller amounts. The file may allow only small changes: it refuses an inertia tensor
+        with one component that is far too large, and coordinates of a unit vector whose
+        length is not 1 within a tolerance. Whole numbers are doubled. The list is empty if
+        these changes are impossible too.
+        """
+        if self._trials:
+            return [design for design, _ in self._trials]
+        step_scales = np.array(
+            [self._step_scale(value, k) for k, value in enumerate(self.nominal_values)]
+        )
+        for factor in TRIAL_FACTORS:
+            designs = [
+                self.nominal_values + factor * deviation * step_scales
+                for deviation in TRIAL_DEVIATIONS
+            ]
+            possible_designs = [
+                design
+                for design in designs
+                if self._read_numbers_if_possible(design) is not None
+            ]
+            if possible_designs:
+                return possible_designs
+        # Numbers of teeth are whole, so that only a larger change may be possible.
+        doubled_design = self.nominal_values + step_scales
+        if self._read_numbers_if_possible(doubled_design) is not None:
+            return [doubled_design]
+        return []
 
     def _differentiate_numbers(self, values: Floats, k: int) -> Floats:
         """Return derivatives of the varied numbers with respect to a variable, at a design.
@@ -844,15 +886,20 @@ class VariedMechanism:
             return change
 
         # The longest step is tried first. A shorter one is used if a design within it is
-        # impossible. If the variable is zero, steps are relative to 1. Sizes and contact
-        # numbers can be zero up to rounding. Masses and loads can really be tiny.
-        magnitude = abs(values[k])
-        is_action = self.variables[k].path[0] in ACTIONS
-        if magnitude <= (0.0 if is_action else SAME_NUMBER):
-            magnitude = 1.0
-        steps = RELATIVE_DIFFERENCE_STEPS * magnitude
+        # impossible.
+        steps = RELATIVE_DIFFERENCE_STEPS * self._step_scale(values[k], k)
         slopes = differentiate_by_variable(read_change, values, k, steps)
         return no_slopes if slopes is None else slopes
+
+    def _step_scale(self, value: float, k: int) -> float:
+        """Return the number to which steps of variable k from `value` are relative.
+
+        It is the magnitude of the value, or 1 if the value is zero. Sizes and contact
+        numbers can be zero up to rounding. Masses and loads can really be tiny.
+        """
+        is_action = self.variables[k].path[0] in ACTIONS
+        is_zero = abs(value) <= (0.0 if is_action else SAME_NUMBER)
+        return 1.0 if is_zero else abs(value)
 
 
 def _without_values(actions: Any) -> Any:

@@ -12,6 +12,7 @@ from copy import copy
 import numpy as np
 
 from spherekit.arrays import Floats
+from spherekit.designs.design_variables import DesignVariable
 from spherekit.designs.varied_mechanism import CONSTANT_SLOPE_TOLERANCE, VariedMechanism
 from spherekit.errors import DesignError
 from spherekit.exchange.varied_masses import express_masses
@@ -63,8 +64,8 @@ def express_dependent_numbers(
     Raises
     ------
     DesignError
-        If a number is no linear function of the numbers that vary, or if no number can
-        vary.
+        If a number is no linear function of the numbers that vary, if this cannot be
+        checked because the file allows too few other values, or if no number can vary.
     """
     # The list has the symbols of sizes first, then the symbols of dependent numbers.
     number_symbols = design_expressions.size_symbols[len(varied_mechanism.size_variables) :]
@@ -99,7 +100,7 @@ def express_dependent_numbers(
     ]
     file_numbers = [*contact_numbers, *list_numbers(masses_and_loads(mechanism))]
     # (variables, designs, numbers) slopes of all numbers with respect to each variable, at
-    # the design of the file and at some trial designs.
+    # the design of the file and at some designs near it.
     trial_slopes = np.stack(
         [varied_mechanism.trial_slopes(k) for k in range(len(variables))]
     )
@@ -150,17 +151,45 @@ def _check_linear(varied_mechanism: VariedMechanism, slopes: Floats) -> None:
         (variables, designs) slopes of the dependent number with respect to each variable. A
         design is a set of values of the variables; the first one has the values of the
         file.
+
+    Raises
+    ------
+    DesignError
+        If the dependence is not linear, or if there is no second design to compare with.
     """
+    file_name = varied_mechanism.document.name
+    variables = varied_mechanism.variables
     differences = np.abs(slopes - slopes[:, :1])
     # A relative tolerance would be too strict for zero slopes, which have rounding errors.
     tolerance = CONSTANT_SLOPE_TOLERANCE * np.abs(slopes) + ZERO_SLOPE
     is_nonlinear = ~np.all(differences <= tolerance, axis=1)
     if np.any(is_nonlinear):
-        variables = varied_mechanism.variables
-        keys = [variables[index].key for index in np.flatnonzero(is_nonlinear)]
+        refused = [variables[index] for index in np.flatnonzero(is_nonlinear)]
         raise DesignError(
-            f"{varied_mechanism.document.name}: {listing(keys)}: cannot be varied, because "
-            "the formulas contain values that were computed from "
-            f"{'this number' if len(keys) == 1 else 'these numbers'} and do not depend "
-            f"linearly on {'it' if len(keys) == 1 else 'them'}; vary other keys"
+            f"{file_name}: {listing(variable.key for variable in refused)}: cannot be "
+            "varied, because the formulas contain values that were computed from "
+            f"{'this number' if len(refused) == 1 else 'these numbers'} and do not depend "
+            f"linearly on {_vary_other_keys(refused)}"
         )
+    # Without a second design, nothing was compared above.
+    if slopes.shape[1] == 1:
+        raise DesignError(
+            f"{file_name}: {listing(variable.key for variable in variables)}: cannot be "
+            "varied, because the file allows too few other values to check that values in "
+            f"the formulas depend linearly on {_vary_other_keys(variables)}"
+        )
+
+
+def _vary_other_keys(refused: Sequence[DesignVariable]) -> str:
+    """Return the end of a message about numbers that cannot be arguments of formulas.
+
+    It refers to the numbers as "it" or "them", and says what to vary instead.
+    """
+    pronoun = "it" if len(refused) == 1 else "them"
+    advice = f"{pronoun}; vary other keys"
+    # A single coordinate changes the length of the unit vector, which angles do not.
+    if any("centre_xyz" in variable.path for variable in refused):
+        advice += (
+            ", or write centre_lonlat in place of centre_xyz and vary one of its angles"
+        )
+    return advice
